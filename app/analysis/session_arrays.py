@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.analysis.totals import Totals
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.samples import FieldSamples
 
@@ -46,7 +46,7 @@ class TotalsCollector:
         """
         series = {name: _joined(parts) for name, parts in self._pieces.items()}
         time_s = series["i_fs"][0] if "i_fs" in series else _longest(series)
-        column = {name: _onto(time_s, *series[name]) if name in series else _none(time_s) for name in TOTALS_FIELDS}
+        column = {name: latest_at(time_s, *series[name]) if name in series else _none(time_s) for name in TOTALS_FIELDS}
         for name, cell in (("v_min", "v_min_id"), ("t_max", "t_max_id")):
             column[cell] = np.where((column[cell] < self._n_cells) & np.isfinite(column[name]), column[cell], np.nan)
         measured = column["v_min"] > 0.0  # 0 V: no cell was measured
@@ -85,11 +85,3 @@ def _longest(series: dict[str, tuple[FloatArray, FloatArray]]) -> FloatArray:
 
 def _none(time_s: FloatArray) -> FloatArray:
     return np.full(len(time_s), np.nan)
-
-
-def _onto(time_s: FloatArray, own_s: FloatArray, values: FloatArray) -> FloatArray:
-    """The latest value at each time, which is its own where both were sampled together; NaN before the first."""
-    if len(own_s) == len(time_s) and np.array_equal(own_s, time_s):
-        return values
-    at = np.searchsorted(own_s, time_s, side="right") - 1
-    return np.where(at >= 0, values[np.maximum(at, 0)], np.nan) if len(own_s) else _none(time_s)

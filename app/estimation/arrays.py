@@ -1,4 +1,4 @@
-"""The array types of the product: one spelling for all that compute with cells."""
+"""The array types of the product, one spelling for all that compute with cells, and samples read at other times."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,3 +6,20 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
+
+
+def latest_at(times_s: FloatArray, at_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the latest value at each time, NaN before the first.
+
+    Args:
+        times_s: (n,) in any order [s].
+        at_s: (m,) when each value was measured, ascending [s].
+        values: (m, ...) a number, or a row, of each.
+
+    Returns:
+        (n, ...)
+    """
+    place = np.searchsorted(at_s, times_s, side="right") - 1
+    found = np.full((len(times_s), *values.shape[1:]), np.nan)
+    found[place >= 0] = values[place[place >= 0]]
+    return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
-from app.season.cells.history import CellHistory
+from app.season.cells.history import CellHistory, newest_median
 
 NEWEST = 5  # sessions
 
@@ -41,9 +41,9 @@ def modules_of(history: CellHistory) -> Modules:
         weights = 1.0 / history.capacity_sigma_ah[rows, cell] ** 2
         capacity[cell] = float(weights @ history.capacity_ah[rows, cell] / weights.sum())
         sigma[cell] = float(weights.sum() ** -0.5)
-    relative = _filled(_newest(resistance))
+    relative = _filled(newest_median(resistance, NEWEST))
     relative = relative / np.median(relative)
-    warm = _newest(history.temperature_degc)
+    warm = newest_median(history.temperature_degc, NEWEST)
     return Modules(
         np.full(history.n_cells, history.nominal_ah) if not known.any() else _filled(capacity),
         np.full(history.n_cells, 0.05 * history.nominal_ah) if not known.any() else _filled(sigma),
@@ -52,15 +52,6 @@ def modules_of(history: CellHistory) -> Modules:
         np.zeros(history.n_cells) if not np.isfinite(warm).any() else _filled(warm) - np.nanmean(warm),
         bool(known.any()),
     )
-
-
-def _newest(values: FloatArray) -> FloatArray:
-    found = np.full(values.shape[1], np.nan)
-    for cell, column in enumerate(values.T):
-        known = column[np.isfinite(column)][-NEWEST:]
-        if known.size:
-            found[cell] = np.median(known)
-    return found
 
 
 def _filled(values: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from app.analysis.passport.history import CAPACITY_LOW, RESISTANCE_HIGH, SELF_DI
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.season.cells.ageing import ageing
-from app.season.cells.history import DAY_S, CellHistory, row_median
+from app.season.cells.history import DAY_S, CellHistory, newest_median, row_median
 from app.season.cells.trend import Line, Step, lines, steps
 from app.season.trends import (
     MONTH_DAYS,
@@ -90,7 +90,7 @@ def overview_of(history: CellHistory, segments: Sequence[int]) -> SeasonOverview
         steps(history.days, values, sigmas) if len(history.sessions) else none
         for values, sigmas in ((relative, r_sigma), (c_relative, c_sigma))
     )
-    r_now, c_now = _newest(relative) - 1.0, _against(_newest(capacity))
+    r_now, c_now = newest_median(relative, NEWEST) - 1.0, _against(newest_median(capacity, NEWEST))
     leak = history.self_discharge_per_day
     made = [
         _rank(
@@ -183,16 +183,6 @@ def _rank(
 
 def _percent(fraction: float, digits: int = 1) -> Quantity:
     return Quantity(100.0 * float(fraction), "%", digits)
-
-
-def _newest(values: FloatArray) -> FloatArray:
-    """(n_cells,) median of the newest values of each cell."""
-    found = np.full(values.shape[1], np.nan)
-    for k, column in enumerate(values.T):
-        known = column[np.isfinite(column)]
-        if known.size:
-            found[k] = np.median(known[-NEWEST:])
-    return found
 
 
 def _against(values: FloatArray) -> FloatArray:

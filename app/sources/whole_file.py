@@ -18,6 +18,7 @@ def replace_file(path: Path, content: bytes, *, is_private: bool = False) -> Non
     """
     draft = path.with_name(f".{path.name}.new")
     try:
+        draft.unlink(missing_ok=True)  # of a crash: it may have been readable by all
         handle = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600 if is_private else 0o666)
         with os.fdopen(handle, "wb") as file:
             file.write(content)

@@ -172,10 +172,11 @@ def session(data: bytes) -> None:
             if kind & 0x80:
                 del raw[max(512, start) :]
     path.write_bytes(raw)
-    _look(path)
+    read_session(path)
 
 
-def _look(path: Path) -> None:
+def read_session(path: Path) -> None:
+    """Read all that a session file holds, or be told why not."""
     with contextlib.suppress(SessionError), SessionFile(path) as found:
         looks = (
             lambda: found.info,

@@ -17,7 +17,7 @@ from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
@@ -152,5 +152,4 @@ def _onto(time_s: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]], wi
     if not parts:
         return np.full((len(time_s), width), np.nan)
     own_s, values = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-    at = np.searchsorted(own_s, time_s, side="right") - 1
-    return np.where((at >= 0)[:, None], values[np.maximum(at, 0)], np.nan)
+    return latest_at(time_s, own_s, values)

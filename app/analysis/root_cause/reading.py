@@ -11,7 +11,7 @@ from app.analysis.incidents import Trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording, row_median
 from app.battery.shape import N_PACKS
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.samples import FieldSamples
 from app.sessions.storage.battery_fields import IS_NEW
@@ -85,8 +85,7 @@ def _onto(time_s: FloatArray, parts: Sequence[FieldSamples], width: int) -> Floa
     if not parts:
         return np.full((len(time_s), width), np.nan)
     own_s, values = np.concatenate([part.time_s for part in parts]), np.concatenate([part.values for part in parts])
-    at = np.searchsorted(own_s, time_s, side="right") - 1
-    return np.where((at >= 0)[:, None], values[np.maximum(at, 0)], np.nan)
+    return latest_at(time_s, own_s, values)
 
 
 def _boards(found: dict[str, list[FieldSamples]], n_packs: int) -> Boards:

@@ -6,7 +6,6 @@ all, also by the command beside a running service, which notices.
 
 import hashlib
 import json
-import os
 import re
 import secrets
 import threading
@@ -21,6 +20,7 @@ from filelock import FileLock
 
 from app.errors import ConfigError
 from app.service.settings import MOST_CHARACTERS, check_password
+from app.sources.whole_file import replace_file
 from app.words import Message
 
 FILE = "accounts.json"
@@ -203,7 +203,7 @@ class Accounts:
                 "accounts": [asdict(each) for each in changed.accounts.values()],
                 "tokens": [asdict(each) for each in changed.tokens.values()],
             }
-            _write(self._path, json.dumps(lists, indent=1).encode())
+            replace_file(self._path, json.dumps(lists, indent=1).encode(), is_private=True)
         return result
 
     def _read(self, *, strict: bool = False) -> _Held:
@@ -238,16 +238,6 @@ def _needs_chief(held: _Held, before: Account | None) -> None:
     """Whoever was the last chief stays one."""
     if before is not None and before.role == "chief" and all(each.role != "chief" for each in held.accounts.values()):
         raise ConfigError("role", before.name, Message("last-chief"))
-
-
-def _write(path: Path, content: bytes) -> None:
-    part = path.with_suffix(".part")
-    part.unlink(missing_ok=True)
-    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
 
 
 def _folded(name: str) -> str:

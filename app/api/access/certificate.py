@@ -5,7 +5,6 @@ before it holds on, so a laptop that comes back to an earlier network shows the 
 """
 
 import hashlib
-import os
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from app.errors import ConfigError
+from app.sources.whole_file import replace_file
 from app.words import Message
 
 CERTIFICATE, KEY = "tls-certificate.pem", "tls-key.pem"
@@ -29,7 +29,6 @@ WARNED_BEFORE_DAYS = 14
 MADE_BEFORE = timedelta(days=1)  # for clients whose clock is behind
 NOT_BEFORE = datetime(2026, 1, 1, tzinfo=UTC)  # the clock of a computer without a battery may stand in 1970
 MOST_NAMES = 50  # that it held before
-_PRIVATE = 0o600
 
 
 @dataclass(slots=True)
@@ -90,8 +89,12 @@ def own_certificate(folder: Path, addresses: Sequence[str], now_s: float) -> Cer
     made = _sign(key, names[:MOST_NAMES], now)
     private = serialization.PrivateFormat.PKCS8
     try:
-        _write(paths[1], key.private_bytes(serialization.Encoding.PEM, private, serialization.NoEncryption()))
-        _write(paths[0], made.public_bytes(serialization.Encoding.PEM))
+        replace_file(
+            paths[1],
+            key.private_bytes(serialization.Encoding.PEM, private, serialization.NoEncryption()),
+            is_private=True,
+        )
+        replace_file(paths[0], made.public_bytes(serialization.Encoding.PEM), is_private=True)
     except OSError as error:
         raise ConfigError("data", folder, _reason(error)) from error
     return _described(made, *paths, is_own=True)
@@ -154,17 +157,6 @@ def _general_name(name: str) -> x509.GeneralName:
         return x509.IPAddress(ip_address(name))
     except ValueError:
         return x509.DNSName(name)
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file that only its owner may read: the whole of it, or nothing."""
-    part = path.with_name(path.name + ".part")
-    part.unlink(missing_ok=True)
-    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE), "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
 
 
 def _described(found: x509.Certificate, certificate: Path, key: Path, *, is_own: bool) -> Certificate:

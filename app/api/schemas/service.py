@@ -4,7 +4,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from app.api.schemas.snapshot import Number, Severity
+from app.api.schemas.sessions import SessionEventOut
+from app.api.schemas.snapshot import Number
 from app.api.schemas.words import WordsOut
 from app.configuration.calibration import Measured, Proposal
 from app.configuration.history import Action
@@ -68,21 +69,10 @@ class TrendOut(BaseModel):
     balanced_s: float
 
 
-class LogEventOut(BaseModel):
+class LogEventOut(SessionEventOut):
     """An entry of the event log."""
 
-    id: int
-    time: float
     uptime_s: Number
-    severity: Severity
-    code: str
-    text: str
-    text_words: WordsOut | None
-    cell: int | None
-    value: Number
-    limit: Number
-    unit: str
-    who: str | None
     acknowledged_by: str | None
 
 

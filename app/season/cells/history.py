@@ -229,3 +229,9 @@ def _per_day(lost: FloatArray, days: FloatArray) -> FloatArray:
 def row_median(values: FloatArray) -> FloatArray:
     """Return (n,) medians of the known values of each row of (n, cells)."""
     return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])
+
+
+def newest_median(values: FloatArray, n_sessions: int) -> FloatArray:
+    """Return (n_cells,) the median of each cell's newest values that are known; NaN where none is."""
+    newest = [column[np.isfinite(column)][-n_sessions:] for column in values.T]
+    return np.array([np.median(each) if each.size else np.nan for each in newest])

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, latest_at
 from app.sources.recordings.bad_rows import EARLY, BadRows
 from app.sources.recordings.candump import MOST_S, candump_frame
 from app.sources.recordings.kind import CAN_LOGS, kind_of
@@ -359,7 +359,4 @@ def _in_order(times_s: "array[float]", values: "array[float]") -> tuple[FloatArr
 
 def _held(times_s: FloatArray, at_s: FloatArray, values: FloatArray, hold_s: float) -> FloatArray:
     """The last value at each time, NaN before the first and where it is older than `hold_s`."""
-    index = np.searchsorted(at_s, times_s, side="right") - 1
-    found = np.where(index >= 0, values[index], np.nan)
-    found[times_s - at_s[index] > hold_s] = np.nan
-    return np.asarray(found, np.float64)
+    return np.where(times_s - latest_at(times_s, at_s, at_s) <= hold_s, latest_at(times_s, at_s, values), np.nan)

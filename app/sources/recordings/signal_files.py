@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import AppError, ExtraMissing
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, latest_at
 from app.sources.recordings.csv_table import TableUnreadable
 from app.words import Message
 
@@ -70,7 +70,7 @@ def _mf4(path: Path) -> tuple[FloatArray, Columns, bool]:
     if not found:
         return np.array([]), {}, is_ours
     time_s = max((times for times, _ in found.values()), key=len)
-    return time_s, {name: _held(time_s, *each) for name, each in found.items()}, is_ours
+    return time_s, {name: latest_at(time_s, *each) for name, each in found.items()}, is_ours
 
 
 def _mcap(path: Path) -> tuple[FloatArray, Columns, bool]:
@@ -154,11 +154,3 @@ def _ld_start_s(raw: bytes) -> float:
 
 def _with_unit(name: str, unit: str) -> str:
     return f"{name} ({unit})" if unit and unit != "1" else name
-
-
-def _held(time_s: FloatArray, at_s: FloatArray, values: FloatArray) -> FloatArray:
-    """The last value at each time, NaN before the first."""
-    if len(at_s) == len(time_s) and np.array_equal(at_s, time_s):
-        return values
-    index = np.searchsorted(at_s, time_s, side="right") - 1
-    return np.asarray(np.where(index >= 0, values[index], np.nan), np.float64)

@@ -1250,7 +1250,6 @@ export interface LoadResult {
 export interface LogEvent {
   id: number;
   time: number;
-  uptime_s: number | null;
   severity: 'info' | 'watch' | 'warning' | 'trip';
   code: string;
   text: string;
@@ -1260,6 +1259,7 @@ export interface LogEvent {
   limit: number | null;
   unit: string;
   who: string | null;
+  uptime_s: number | null;
   acknowledged_by: string | null;
 }
 
