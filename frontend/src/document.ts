@@ -3,6 +3,7 @@
 import { mount } from 'svelte';
 import './theme/tokens.css';
 import './theme/base.css';
+import './theme/controls.css';
 import './theme/print.css';
 import Document from './views/Document.svelte';
 import type {

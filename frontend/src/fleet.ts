@@ -3,6 +3,7 @@
 import { mount } from 'svelte';
 import './theme/tokens.css';
 import './theme/base.css';
+import './theme/controls.css';
 import Fleet from './views/Fleet.svelte';
 import { fleet } from './store/fleet.svelte';
 import { user } from './store/user.svelte';

@@ -3,6 +3,7 @@
 import { mount } from 'svelte';
 import './theme/tokens.css';
 import './theme/base.css';
+import './theme/controls.css';
 import './theme/print.css';
 import App from './App.svelte';
 import { alertSound } from './store/alert_sound.svelte';
