@@ -1,6 +1,7 @@
 """Brings the sessions of another voltwall, a recorder in the car, into this folder; goes on where it was cut off."""
 
 import base64
+import contextlib
 import hashlib
 import http.client
 import json
@@ -125,7 +126,7 @@ class Remote:
 
         Raises:
             FetchFailed: the connection broke again and again, or the bytes are not those that the other side has. What
-                came is kept for the next time, unless it is wrong.
+                came is kept for the next time, unless it is wrong. Or another session of this name is here.
         """
         try:
             _session_id(session.id)
@@ -155,10 +156,12 @@ class Remote:
             part.unlink()
             raise self._failed(session, Message("not-what-was-sent"))
         try:
-            SessionFile(part).close()
+            began_ns = _began_ns(part)
         except SessionError as error:
             part.unlink()
             raise self._failed(session, message_of(error)) from error
+        if _is_another(path, began_ns):
+            raise self._failed(session, Message("label-taken"))
         for beside in ("-wal", "-shm"):
             path.with_name(path.name + beside).unlink(missing_ok=True)
         part.replace(path)
@@ -293,6 +296,19 @@ def _session_id(answer: object) -> str:
     if not isinstance(answer, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,80}", answer):
         raise ValueError(answer)
     return answer
+
+
+def _began_ns(path: Path) -> int:
+    with contextlib.closing(SessionFile(path)) as session:
+        return session.info.started_mono_ns
+
+
+def _is_another(path: Path, began_ns: int) -> bool:
+    """Whether a session here began at another moment of its recorder's clock; one that is broken makes room."""
+    try:
+        return path.is_file() and _began_ns(path) != began_ns
+    except SessionError:
+        return False
 
 
 def _size(path: Path) -> int:

@@ -244,16 +244,19 @@ def remotes_of(setting: str | None, password: str | None, trust: str | None = No
     """Return the recorders of a setting like `red=http://red.local:8000,http://10.0.0.7:8000`.
 
     Raises:
-        ConfigError: one of them is no URL, its label cannot be one, or `trust` is no certificate's.
+        ConfigError: one of them is no URL, its label cannot be one or is another's, or `trust` is no certificate's.
     """
-    found = []
+    found: list[Remote] = []
     context_for(trust)
     for each in (setting or "").split(","):
         label, _, url = each.strip().rpartition("=")
         if not url:
             continue
         try:
-            found.append(Remote(url, label=label, password=password, trust=trust))
+            remote = Remote(url, label=label, password=password, trust=trust)
         except ConfigError as error:
             raise ConfigError("recorder", each.strip(), error.limit) from error
+        if any(remote.label == other.label for other in found):
+            raise ConfigError("recorder", each.strip(), Message("label-taken"))
+        found.append(remote)
     return found

@@ -4,14 +4,17 @@ import json
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
 from app.clock import Clock
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import FetchFailed
+from app.sessions.recording.recorder import Recorder
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fetch_jobs import FetchJobs
+from tests.fake_clock import FunctionClock
 from tests.http_stub import Answer, Asked, http_stub
 
 LISTED = {"id": "s1", "name": "run", "started": 1.0, "duration_s": 1.0, "bytes": 3, "recording": False}
@@ -123,3 +126,30 @@ def test_a_redirect_within_the_server_is_followed(serve):
     server.answers = {"sessions": (302, {"Location": "/api/v1/all"}, b""), "all": listing('{"sessions": []}')}
     assert Remote(server.url, password="of the car").sessions() == []
     assert server.authorizations[0] == server.authorizations[1] is not None
+
+
+def session_of(folder: Path, began_s: int) -> bytes:
+    """The file of a recorder whose clock showed so much at the start."""
+    recorder = Recorder(folder, FunctionClock(lambda: began_s * 10**9, lambda: 10**18), version="1")
+    recorder.start("run", {})
+    recorder.close()
+    (path,) = folder.glob("*.sqlite")
+    return path.read_bytes()
+
+
+def test_two_recorders_behind_one_label_do_not_overwrite_each_other(serve, tmp_path):
+    red, blue = (session_of(tmp_path / str(began_s), began_s) for began_s in (5, 7))
+    server = serve()
+    server.answers["sessions"] = listing(json.dumps({"sessions": [LISTED]}))
+
+    def fetched(body: bytes, label: str) -> bytes:
+        server.answers["file"] = (200, {}, body)
+        remote = Remote(server.url, label=label)
+        return remote.fetch(remote.sessions()[0], tmp_path / "here").read_bytes()
+
+    for _ in range(2):  # the same one again is no other
+        assert fetched(red, "car") == red
+    with pytest.raises(FetchFailed, match="another recorder has this label"):
+        fetched(blue, "car")
+    assert (tmp_path / "here" / "car-s1.sqlite").read_bytes() == red
+    assert fetched(blue, "blue") == blue

@@ -301,6 +301,11 @@ def test_recorders_are_named_by_url_and_label():
     assert remotes_of(None, None) == []
     with pytest.raises(ConfigError, match="recorder = ftp"):
         remotes_of("ftp://red", None)
+    for both in ("car=http://a,car=http://b", "http://car:8000,http://car:8001", "red=http://red,red"):
+        with pytest.raises(ConfigError, match="recorder = "):
+            remotes_of(both, None)
+    with pytest.raises(ConfigError, match="another recorder has this label"):
+        remotes_of("http://car:8000,http://car:8001", None)
 
 
 def test_a_piece_that_is_refused_names_the_session(tmp_path, pit):
