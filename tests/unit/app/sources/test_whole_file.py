@@ -36,3 +36,14 @@ def test_a_refused_file_leaves_the_old_one_and_nothing_beside_it(call, tmp_path,
 def test_a_private_file_is_its_owners(tmp_path):
     replace_file(tmp_path / "key", b"secret", is_private=True)
     assert (tmp_path / "key").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such mode")
+def test_a_private_file_takes_neither_a_draft_nor_an_old_file_that_all_may_read(tmp_path):
+    for name in ("key", ".key.new"):  # an earlier version's, and what a crash left
+        (tmp_path / name).write_bytes(b"readable by all")
+        (tmp_path / name).chmod(0o644)
+    replace_file(tmp_path / "key", b"secret", is_private=True)
+    assert (tmp_path / "key").read_bytes() == b"secret"
+    assert (tmp_path / "key").stat().st_mode & 0o077 == 0
+    assert [each.name for each in tmp_path.iterdir()] == ["key"]

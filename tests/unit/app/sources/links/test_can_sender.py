@@ -82,3 +82,13 @@ def test_a_sender_is_idle_before_and_between_its_lists():
         sender.start_list([Outgoing(1, who.encode())], who)
         assert (ended(sender).who, ended(sender).sent) == (who, 1)
     assert bus.frames == [(1, b"ada"), (1, b"bob")]
+
+
+def test_stopping_waits_for_no_frame_that_is_due_later():
+    bus = Bus(wanted=1)
+    sender = CanSender(bus.send, Clock())
+    sender.start_frames("session x", iter([(0.0, 7, b"1"), (3600.0, 8, b"2")]), 2, "ada")
+    assert bus.reached.wait(5)
+    status = sender.stop()
+    assert (status.sent, status.total, status.error) == (1, 2, None)
+    assert not sender.is_busy

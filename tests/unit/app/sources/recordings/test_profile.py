@@ -5,7 +5,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.errors import ImportFailed
-from app.sources.recordings.profile import ImportProfile, ProfileStore, parse_profile, profile_of, profile_text
+from app.sources.recordings.profile import (
+    ImportProfile,
+    ProfileStore,
+    parse_cells,
+    parse_profile,
+    profile_of,
+    profile_text,
+)
 from tests.campaign import examples
 
 ORION = ImportProfile(
@@ -69,6 +76,35 @@ def test_the_limits_of_a_number_are_part_of_it_and_nan_is_beyond(field: str, lim
     for value in (limit + 0.1, -0.1, float("nan"), float("inf")):
         with pytest.raises(ImportFailed, match=field):
             profile_of({field: value})
+
+
+@pytest.mark.parametrize("value", [0, 0.99, 1000.5, float("nan")])
+def test_a_column_is_measured_over_at_least_one_cell(value: float) -> None:
+    assert profile_of({"cells_in_series": 2}).cells_in_series == 2.0
+    with pytest.raises(ImportFailed, match="cells_in_series"):
+        profile_of({"cells_in_series": value})
+
+
+@pytest.mark.parametrize(
+    ("text", "spans"),
+    [
+        ("", []),
+        ("  ", []),
+        ("7", [(7, 7)]),
+        ("1-12,14", [(1, 12), (14, 14)]),
+        (" 1 - 12 , 14 ", [(1, 12), (14, 14)]),
+        ("14,1-2", [(14, 14), (1, 2)]),  # in the order that they are to be taken in
+    ],
+)
+def test_cells_are_named_by_numbers_and_spans(text: str, spans: list[tuple[int, int]]) -> None:
+    assert parse_cells(text) == spans
+    assert ImportProfile(cells=text).cells == text
+
+
+@pytest.mark.parametrize("text", ["1-", "-3", "1-2-3", "a", "1;2", "12345", "٣", "1.5"])
+def test_what_is_no_number_of_a_cell_is_refused_as_it_stands(text: str) -> None:
+    with pytest.raises(ImportFailed, match="numbers from 1"):
+        parse_cells(text)
 
 
 def test_names_that_toml_has_to_quote_come_back(tmp_path: Path) -> None:
