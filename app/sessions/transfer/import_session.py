@@ -132,7 +132,7 @@ def _read(
     bad = BadRows()
     if not is_can_log(path):
         return _of_table(battery_log(read_table(path), profile), path.name, spool, battery)
-    size = path.stat().st_size
+    size = max(path.stat().st_size, 1)
     frames = can_log.read_frames(path, bad, lambda at: on_progress(round(READING * PARTS * at / size), PARTS))
     if dbc is None:
         of_frames = _of_frames(path.name, frames, battery or team_battery(), spool)

@@ -140,6 +140,12 @@ def test_a_log_of_another_bus_is_refused_and_leaves_nothing(tmp_path: Path) -> N
     assert not list((tmp_path / "sessions").glob("*"))
 
 
+def test_an_empty_log_is_refused_as_one_without_frames(tmp_path: Path) -> None:
+    (tmp_path / "empty.log").write_bytes(b"")
+    with pytest.raises(ImportFailed, match=r"^empty\.log: .*frame"):
+        import_file(tmp_path / "empty.log", ImportProfile(), tmp_path / "sessions", pipeline)
+
+
 def test_cells_that_were_never_heard_are_counted(tmp_path: Path) -> None:
     done = imported(cell_number(), tmp_path, duration_s=3.05)
     assert (done.cells, done.notes) == (30, ("42 of 72 cells were never heard",))

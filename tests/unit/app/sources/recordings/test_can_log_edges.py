@@ -1,6 +1,9 @@
 """CAN logs where they are odd: every format, held and cut signals, cells by an index, broken files."""
 
 import contextlib
+import gc
+import gzip
+import warnings
 
 import can
 import numpy as np
@@ -136,3 +139,48 @@ def test_relative_times_of_an_asc_log_are_added_up(tmp_path):
     np.testing.assert_allclose(np.diff(times), [0.02, 0.03], atol=1e-6)
     log.write_text(log.read_text().replace("relative", "absolute"))
     np.testing.assert_allclose(np.diff([t_s for t_s, _, _ in read_frames(log)]), [0.01, 0.01], atol=1e-6)
+
+
+@pytest.mark.parametrize("ending", ["log", "blf", "asc", "trc"])
+def test_a_reader_tells_how_much_of_the_file_is_read(files, ending):
+    log, _ = files
+    path = log(*(pack(number / 10, 1.0) for number in range(50)), ending=ending)
+    positions = []
+    assert len(list(read_frames(path, on_read=positions.append))) == 50
+    assert positions == sorted(positions)
+    assert positions[-1] == path.stat().st_size
+
+
+def test_of_a_packed_log_it_tells_how_much_of_the_packed_file_is_read(files, tmp_path):
+    log, _ = files
+    path = log(*(pack(number / 10, 1.0) for number in range(50)))
+    packed = tmp_path / "drive.log.gz"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    positions = []
+    assert list(read_frames(packed, on_read=positions.append)) == list(read_frames(path))
+    assert positions[-1] == packed.stat().st_size < path.stat().st_size
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+@pytest.mark.parametrize("ending", ["log", "asc", "blf"])
+def test_a_log_of_which_only_the_beginning_is_read_is_closed(files, tmp_path, ending, is_packed):
+    """Else the end of the process, or of a test, warns of an open file."""
+    log, _ = files
+    path = log(*(pack(number / 10, 1.0) for number in range(50)), ending=ending)
+    if is_packed and ending != "blf":
+        packed = tmp_path / f"packed.{ending}.gz"
+        packed.write_bytes(gzip.compress(path.read_bytes()))
+        path = packed
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResourceWarning)
+        frames = read_frames(path)
+        assert next(frames)[1] == PACK
+        frames.close()
+        gc.collect()
+
+
+@pytest.mark.parametrize("text", ["", "\n"])
+def test_an_empty_log_has_no_frame(tmp_path, text):
+    path = tmp_path / "empty.log"
+    path.write_text(text)
+    assert list(read_frames(path)) == []
