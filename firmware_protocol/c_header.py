@@ -71,6 +71,7 @@ def _constants() -> Iterator[str]:
         ("CAN_ID_EXTENDED", f"0x{mm.CAN_ID_EXTENDED:08x}u"),
         ("BYTE_UNUSED", f"0x{mm.BYTE_UNUSED:04x}u"),
         ("NO_RESPONSE", f"0x{mm.NO_RESPONSE:02x}u"),
+        ("RESPONSE_CHARGES", f"0x{mm.RESPONSE_CHARGES:02x}u"),
         ("NO_OFFSET", f"0x{messages.NO_OFFSET:04x}u"),
         ("V_MISSING", mm.V_MISSING),
         ("T_MISSING", f"({mm.T_MISSING})"),

@@ -18,6 +18,7 @@ from firmware_protocol.memory_map import (
     MASTER_SIZE,
     N_CAN_MESSAGES,
     NO_RESPONSE,
+    RESPONSE_CHARGES,
     Field,
     element_name,
 )
@@ -52,7 +53,10 @@ class TxMessage:
 
 @dataclass(frozen=True, slots=True)
 class RxMessage:
-    """One message that the master listens for; `response` is the tx message it activates."""
+    """One message that the master listens for.
+
+    `response` is the tx message it activates; with `charges`, charging begins with it and ends with its silence.
+    """
 
     index: int
     enabled: bool
@@ -62,6 +66,7 @@ class RxMessage:
     length: int
     data_offsets: tuple[int, ...]
     response: int | None
+    charges: bool = False
 
 
 def tx_messages(config: Image) -> tuple[TxMessage, ...]:
@@ -99,10 +104,29 @@ def rx_messages(config: Image) -> tuple[RxMessage, ...]:
             timeouts[i],
             min(lengths[i], CAN_DATA_BYTES),
             rows[i],
-            responses[i] if responses[i] < N_CAN_MESSAGES else None,
+            *response_of(responses[i]),
         )
         for i in range(N_CAN_MESSAGES)
     )
+
+
+def response_of(code: int) -> tuple[int | None, bool]:
+    """Return the tx message that a response names, None for none, and whether charging begins and ends with it."""
+    index = code & ~RESPONSE_CHARGES
+    return (index, bool(code & RESPONSE_CHARGES)) if 0 <= index < N_CAN_MESSAGES else (None, False)
+
+
+def response_code(message: RxMessage) -> int:
+    """Return it as the configuration holds it.
+
+    Raises:
+        EncodeError: charging shall begin with a message that has no response.
+    """
+    if message.response is None:
+        if message.charges:
+            raise EncodeError("charges", True, "with a response only: a charger hears commands")
+        return NO_RESPONSE
+    return message.response | RESPONSE_CHARGES * message.charges
 
 
 def with_tx_messages(config: Image, messages: Iterable[TxMessage]) -> bytes:
@@ -136,7 +160,7 @@ def with_rx_messages(config: Image, messages: Iterable[RxMessage]) -> bytes:
     out = with_raw(out, "can_rx_msg_id", [_join_id(m.can_id, m.is_extended) for m in table])
     out = with_raw(out, "can_rx_msg_timeout", [m.timeout_ms for m in table])
     out = with_raw(out, "can_rx_msg_len", [m.length for m in table])
-    out = with_raw(out, "can_rx_msg_response", [NO_RESPONSE if m.response is None else m.response for m in table])
+    out = with_raw(out, "can_rx_msg_response", [response_code(m) for m in table])
     return with_raw(out, "can_rx_msg_data", [list(m.data_offsets) for m in table])
 
 

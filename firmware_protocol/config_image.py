@@ -16,6 +16,7 @@ from firmware_protocol.memory_map import (
     MASTER_SIZE,
     N_CAN_MESSAGES,
     NO_RESPONSE,
+    RESPONSE_CHARGES,
     Field,
     element_name,
 )
@@ -26,6 +27,7 @@ Value = Number | list["Value"]  # nested as the field's shape: a scalar, a list,
 
 MAX_ID_STANDARD = 0x7FF
 MAX_ID_EXTENDED = 0x1FFFFFFF
+RESPONSE_BOUNDS = f"0..{N_CAN_MESSAGES - 1}, {RESPONSE_CHARGES}..{RESPONSE_CHARGES + N_CAN_MESSAGES - 1}"
 
 ORDERED = (  # the first may not exceed the second; strict where True; why
     ("v_cell_min", "v_cell_max", True, "no voltage would be inside both limits"),
@@ -252,8 +254,8 @@ def _element_limit(field: Field, raw: int) -> tuple[str, str] | None:
     if field.name == "can_rx_msg_data" and raw != BYTE_UNUSED and not CONFIG_SIZE <= raw < MASTER_SIZE:
         limit = f"{CONFIG_SIZE}..{MASTER_SIZE - 1}, or {BYTE_UNUSED}"
         return limit, "a CAN message may not write the configuration"
-    if field.name == "can_rx_msg_response" and raw != NO_RESPONSE and raw >= N_CAN_MESSAGES:
-        return f"0..{N_CAN_MESSAGES - 1}, or {NO_RESPONSE}", "there are eight messages to answer with"
+    if field.name == "can_rx_msg_response" and raw != NO_RESPONSE and raw & ~RESPONSE_CHARGES >= N_CAN_MESSAGES:
+        return f"{RESPONSE_BOUNDS}, or {NO_RESPONSE}", "there are eight messages to answer with"
     return None
 
 

@@ -9,9 +9,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from firmware_protocol import elcon
-from firmware_protocol.can_tables import RxMessage, TxMessage, bit_rate, rx_messages, tx_messages
+from firmware_protocol.can_tables import RxMessage, TxMessage, bit_rate, response_code, rx_messages, tx_messages
 from firmware_protocol.config_image import Image
-from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, FLAGS, VALUES, Field, element_name, locate
+from firmware_protocol.memory_map import (
+    CAN_ID_EXTENDED,
+    CONFIG,
+    FLAGS,
+    N_CAN_MESSAGES,
+    RESPONSE_CHARGES,
+    VALUES,
+    Field,
+    element_name,
+    locate,
+)
 
 MASTER_NODE = "MASTER"
 CHARGER_NODE = "CHARGER"
@@ -27,7 +37,7 @@ _ATTRIBUTES = (
     f'BA_DEF_ BO_ "{TABLE_INDEX}" INT -1 7;',
     f'BA_DEF_ BO_ "{ENABLED}" INT 0 1;',
     f'BA_DEF_ BO_ "{TIMEOUT}" INT 0 65535;',
-    f'BA_DEF_ BO_ "{ANSWER}" INT -1 7;',
+    f'BA_DEF_ BO_ "{ANSWER}" INT -1 {RESPONSE_CHARGES + N_CAN_MESSAGES - 1};',
     f'BA_DEF_DEF_ "{CYCLE_TIME}" 0;',
     'BA_DEF_DEF_ "Baudrate" 500000;',
     f'BA_DEF_DEF_ "{TABLE_INDEX}" -1;',
@@ -140,7 +150,7 @@ def _attributes(message: TxMessage | RxMessage) -> dict[str, int]:
     shared = {TABLE_INDEX: message.index, ENABLED: int(message.enabled)}
     if isinstance(message, TxMessage):
         return {CYCLE_TIME: message.period_ms} | shared
-    answer = {} if message.response is None else {ANSWER: message.response}
+    answer = {} if message.response is None else {ANSWER: response_code(message)}
     return shared | {TIMEOUT: message.timeout_ms} | answer
 
 

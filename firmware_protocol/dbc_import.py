@@ -12,6 +12,7 @@ from firmware_protocol.can_tables import (
     RxMessage,
     TxMessage,
     offsets_of,
+    response_of,
     rx_messages,
     tx_messages,
     with_rx_messages,
@@ -105,7 +106,8 @@ def _answering(message: RxMessage, tx: Mapping[int, TxMessage], notes: list[str]
     answer = tx.get(message.response)
     if answer is None:
         notes.append(f"id {message.can_id:#x}: its answer, message {message.response + 1} sent, is not in the file")
-    return replace(message, response=None if answer is None else answer.index)
+    charges = message.charges and answer is not None
+    return replace(message, response=None if answer is None else answer.index, charges=charges)
 
 
 def _merged(table: Sequence[M], found: Sequence[M], words: str, notes: list[str]) -> dict[int, M]:
@@ -185,12 +187,11 @@ def _rx(message: _Message, notes: list[str]) -> RxMessage:
     longest = CONFIG["can_rx_msg_timeout"].maximum or 0
     silent_ms = min(longest, 5 * message.attributes.get(CYCLE_TIME, 0)) if TIMEOUT not in message.attributes else 0
     timeout_ms = _clamped(message, TIMEOUT, longest, max(0, silent_ms), notes)
-    answer = message.attributes.get(ANSWER, -1)
+    response, charges = response_of(message.attributes.get(ANSWER, -1))
     index = message.attributes.get(TABLE_INDEX, -1)
     length, offsets = _offsets(message, notes)
     enabled = message.attributes.get(ENABLED, 1) == 1
-    response = answer if 0 <= answer < N_CAN_MESSAGES else None
-    return RxMessage(index, enabled, can_id, is_extended, timeout_ms, length, offsets, response)
+    return RxMessage(index, enabled, can_id, is_extended, timeout_ms, length, offsets, response, charges)
 
 
 def _placed(found: list[M], table: str, notes: list[str]) -> list[M]:

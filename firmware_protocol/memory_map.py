@@ -18,6 +18,7 @@ CAN_DATA_BYTES = 8
 BYTE_UNUSED = 0xFFFF  # a CAN table entry: send 0, ignore on receipt
 CAN_ID_EXTENDED = 1 << 31  # in a table's id: this is a 29-bit id
 NO_RESPONSE = 0xFF
+RESPONSE_CHARGES = 0x40  # added to a response: charging begins with the message and ends with its silence
 BASE_ADDRESS = 0x200005A8  # where the debugger view found the struct
 
 
@@ -120,7 +121,7 @@ CONFIG_FIELDS = (
     Field("can_rx_msg_id", 228, "I", (8,), "", 1, 0, 0xFFFFFFFF, _RX_IDS, "can", "CAN id; bit 31 marks a 29-bit id"),
     Field("can_rx_msg_timeout", 260, "H", (8,), "ms", 1, 0, 60000, (5000, 0, 0, 0, 0, 0, 0, 0), "can", "silence after which the message counts as lost; 0 never"),
     Field("can_rx_msg_len", 276, "B", (8,), "byte", 1, 0, 8, (8, 0, 0, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
-    Field("can_rx_msg_response", 284, "B", (8,), "", 1, 0, 255, (0,) + (NO_RESPONSE,) * 7, "can", "tx message activated by this one; 255 none"),
+    Field("can_rx_msg_response", 284, "B", (8,), "", 1, 0, 255, (0,) + (NO_RESPONSE,) * 7, "can", "tx message activated by this one, plus 64 where charging begins and ends with it; 255 none"),
     Field("can_rx_msg_data", 292, "H", (8, 8), "", 1, 0, _U16, _RX_DATA, "can", "offset in this struct of each byte received; 65535 ignores it"),
 )
 CONFIG_SIZE = 420

@@ -24,6 +24,7 @@ class CanNode:
         self.rx_enabled = 0
         self.rx_active = 0
         self.is_off = False
+        self._charge: bool | None = None
         self.configure()
 
     def configure(self) -> None:
@@ -110,10 +111,17 @@ class CanNode:
         if rx is None or not self.rx_enabled >> rx.index & 1:
             return
         apply_received(rx, frame.data, self._memory.image)
+        if rx.charges and not self.rx_active >> rx.index & 1:
+            self._charge = True
         self._last_seen_s[rx.index] = now_s
         self.rx_active |= 1 << rx.index
         if rx.response is not None:
             self.tx_enabled |= 1 << rx.response
+
+    def take_charge(self) -> bool | None:
+        """Return once that a message to charge by was heard (True) or went silent (False), None otherwise."""
+        charge, self._charge = self._charge, None
+        return charge
 
     def expire(self, now_s: float) -> list[EventMessage]:
         """Mark the messages that have been silent for too long, stop their answers, and return an event for each."""
@@ -126,5 +134,7 @@ class CanNode:
                 self.rx_active &= ~(1 << rx.index)
                 if rx.response is not None:
                     self.tx_enabled &= ~(1 << rx.response)
+                if rx.charges:
+                    self._charge = False
                 events.append(EventMessage(EventCode.CAN_RX_TIMEOUT, 0, NO_OFFSET, rx.index, rx.timeout_ms))
         return events

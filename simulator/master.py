@@ -42,6 +42,7 @@ RESET_DELAY_S = 0.1  # so that the reply to the command leaves first
 SLAVE_REFRESH_S = 1.0
 NO_CHARGER = 255
 POWER_ON = 0
+_DRIVING = (RelayState.VEHICLE, RelayState.PRECHARGE)
 _FIT, _I2C1, _USART1, _CAN1, _CHARGER, _CHARGING, _BALANCING, _LOAD = (
     FLAG[name] for name in ("fit", "i2c1", "usart1", "can1", "charger", "charging", "balancing", "load")
 )
@@ -110,6 +111,7 @@ class VirtualMaster(TellsRelays):
         events = self.protection.judge(violations(config, reading), now_s) if is_ready else []
         events += self.can.expire(now_s)
         charger_alive = bool(self.can.rx_active & self._charger_mask)
+        events += self._follow_charger(now_s)
         if not self.protection.is_ok:
             self._stop_balancing()
             events += self.charging.stop(now_s, fault=True)
@@ -130,6 +132,19 @@ class VirtualMaster(TellsRelays):
         self._run_store(now_s)
         if now_s - self._last_byte_s > LINE_SILENCE_S:
             self._decoder.idle()
+
+    def _follow_charger(self, now_s: float) -> list[EventMessage]:
+        """Begin and end charging with the message that the configuration names; by hand it ends as ever."""
+        match self.can.take_charge():
+            case True if self._may_charge:
+                return self.charging.start(now_s)
+            case False:
+                return self.charging.stop(now_s)
+        return []
+
+    @property
+    def _may_charge(self) -> bool:
+        return self._relays.state not in _DRIVING and not self.drive_requested and self.protection.is_ok
 
     def _count_charge(self, now_s: float, dt_s: float, i_fc: int) -> None:
         if self._soc.is_started:
@@ -202,10 +217,10 @@ class VirtualMaster(TellsRelays):
 
     def command(self, command: CommandId, argument: int, now_s: float) -> bool:
         """Carry out a command with a checked argument; return False where the state forbids it."""
-        is_driving = self._relays.state in (RelayState.VEHICLE, RelayState.PRECHARGE)
+        is_driving = self._relays.state in _DRIVING
         match command:
             case CommandId.CHARGE_START:
-                if is_driving or self.drive_requested or not self.protection.is_ok:
+                if not self._may_charge:
                     return False
                 self._emit_all(self.charging.start(now_s))
             case CommandId.CHARGE_STOP:

@@ -293,7 +293,7 @@ def refused(image: bytes) -> int:
             elif name.endswith("msg_data"):
                 wrong |= one != NONE and not (0 if "_tx_" in name else 420) <= one <= 2983
             elif name.endswith("response"):
-                wrong |= one not in (*range(8), 255)
+                wrong |= one not in (*range(8), *range(64, 72), 255)
             if wrong:
                 faults.append(field.offset + i * field.size)
     for low, sign, high in re.findall(r"`(\w+)` (<=?)\s`(\w+)`", TEXT.split("limits the wrong way round:")[1]):

@@ -36,7 +36,7 @@ MAX_BYTES = 200_000
 _MASKS = ("can_tx_msg_en_startup", "can_rx_msg_en_startup")
 PLAIN = tuple(field for field in CONFIG_FIELDS if not field.shape and field.name not in _MASKS)
 _TX_KEYS = {"message", "on_from_start", "id", "extended", "period_ms", "length", "bytes"}
-_RX_KEYS = {"message", "on_from_start", "id", "extended", "timeout_ms", "answer", "length", "bytes"}
+_RX_KEYS = {"message", "on_from_start", "id", "extended", "timeout_ms", "answer", "charges", "length", "bytes"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,8 @@ def _tx_json(message: TxMessage) -> dict[str, Any]:
 
 def _rx_json(message: RxMessage) -> dict[str, Any]:
     answer = None if message.response is None else message.response + 1
-    return _shared_json(message) | {"timeout_ms": message.timeout_ms, "answer": answer} | _bytes_json(message)
+    own = {"timeout_ms": message.timeout_ms, "answer": answer} | ({"charges": True} if message.charges else {})
+    return _shared_json(message) | own | _bytes_json(message)
 
 
 def is_profile(document: object) -> bool:
@@ -255,7 +256,8 @@ def _tx(entry: object, index: int) -> TxMessage:
 def _rx(entry: object, index: int) -> RxMessage:
     row = _Row(entry, "can_received", index, _RX_KEYS)
     timeout_ms = row.number("timeout_ms", CONFIG["can_rx_msg_timeout"].maximum or 0)
-    return RxMessage(**row.shared(index), timeout_ms=timeout_ms, response=row.answer())
+    charges = isinstance(entry, dict) and "charges" in entry and row.truth("charges")
+    return RxMessage(**row.shared(index), timeout_ms=timeout_ms, response=row.answer(), charges=charges)
 
 
 def _shown(value: object) -> str:

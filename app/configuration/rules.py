@@ -13,8 +13,8 @@ from app.configuration.can_rules import can_findings
 from app.configuration.finding import Finding, Level, finding
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity, Text
-from firmware_protocol.config_image import ORDERED, FieldError, check, to_unit
-from firmware_protocol.memory_map import BYTE_UNUSED, CONFIG, CONFIG_SIZE, MASTER_SIZE, N_CAN_MESSAGES, NO_RESPONSE
+from firmware_protocol.config_image import ORDERED, RESPONSE_BOUNDS, FieldError, check, to_unit
+from firmware_protocol.memory_map import BYTE_UNUSED, CONFIG, CONFIG_SIZE, MASTER_SIZE, NO_RESPONSE
 from firmware_protocol.schedule import FAST_WINDOWS, data_frame_time_s
 
 RULES_T_MAX_DEGC = 60.0  # Formula Student rules, EV 5.8: 60 degC, or the data sheet's limit where that is lower
@@ -52,7 +52,7 @@ _WHY_OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
 _LIMITS_OF_MASTER = {  # the limits with words in them, by field
     "can_tx_msg_data": Message("or-unused", bounds=f"0..{MASTER_SIZE - 1}", unused=BYTE_UNUSED),
     "can_rx_msg_data": Message("or-unused", bounds=f"{CONFIG_SIZE}..{MASTER_SIZE - 1}", unused=BYTE_UNUSED),
-    "can_rx_msg_response": Message("or-unused", bounds=f"0..{N_CAN_MESSAGES - 1}", unused=NO_RESPONSE),
+    "can_rx_msg_response": Message("or-unused", bounds=RESPONSE_BOUNDS, unused=NO_RESPONSE),
 }
 
 

@@ -17,6 +17,7 @@
 #define VW_CAN_ID_EXTENDED 0x80000000u
 #define VW_BYTE_UNUSED 0xffffu
 #define VW_NO_RESPONSE 0xffu
+#define VW_RESPONSE_CHARGES 0x40u
 #define VW_NO_OFFSET 0xffffu
 #define VW_V_MISSING 0u
 #define VW_T_MISSING (-128)
@@ -178,7 +179,7 @@ typedef struct {  /* 420 bytes */
     uint32_t can_rx_msg_id[8];  /* CAN id; bit 31 marks a 29-bit id */
     uint16_t can_rx_msg_timeout[8];  /* silence after which the message counts as lost; 0 never [ms] */
     uint8_t can_rx_msg_len[8];  /* data bytes in the message [byte] */
-    uint8_t can_rx_msg_response[8];  /* tx message activated by this one; 255 none */
+    uint8_t can_rx_msg_response[8];  /* tx message activated by this one, plus 64 where charging begins and ends with it; 255 none */
     uint16_t can_rx_msg_data[8][8];  /* offset in this struct of each byte received; 65535 ignores it */
 } vw_config_t;
 

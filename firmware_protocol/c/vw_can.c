@@ -127,6 +127,18 @@ static void take_bytes(const vw_can_t *can, uint8_t index, const vw_can_frame_t 
     }
 }
 
+/* The tx message that a received one activates; VW_N_CAN_MESSAGES or more for none. */
+static uint8_t response_of(const vw_can_t *can, uint8_t index)
+{
+    return (uint8_t)(can->master->conf.can_rx_msg_response[index] & (uint8_t)~VW_RESPONSE_CHARGES);
+}
+
+static bool is_to_charge_by(const vw_can_t *can, uint8_t index)
+{
+    return response_of(can, index) < VW_N_CAN_MESSAGES &&
+           (can->master->conf.can_rx_msg_response[index] & VW_RESPONSE_CHARGES) != 0u;
+}
+
 void vw_can_received(vw_can_t *can, uint32_t now_ms, const vw_can_frame_t *frame)
 {
     uint8_t i = 0u;
@@ -134,8 +146,11 @@ void vw_can_received(vw_can_t *can, uint32_t now_ms, const vw_can_frame_t *frame
         i++;
     }
     if (i < VW_N_CAN_MESSAGES) {
-        uint8_t response = can->master->conf.can_rx_msg_response[i];
+        uint8_t response = response_of(can, i);
         take_bytes(can, i, frame);
+        if ((can->rx_active & BIT(i)) == 0u && is_to_charge_by(can, i)) {
+            can->charge = VW_CHARGE_BEGIN;
+        }
         can->seen_ms[i] = now_ms;
         can->rx_active |= BIT(i);
         if (response < VW_N_CAN_MESSAGES) {
@@ -152,8 +167,11 @@ uint8_t vw_can_expire(vw_can_t *can, uint32_t now_ms)
     for (i = 0u; i < VW_N_CAN_MESSAGES; i++) {
         uint16_t timeout_ms = conf->can_rx_msg_timeout[i];
         if ((can->rx_active & BIT(i)) != 0u && timeout_ms != 0u && (uint32_t)(now_ms - can->seen_ms[i]) > timeout_ms) {
-            uint8_t response = conf->can_rx_msg_response[i];
+            uint8_t response = response_of(can, i);
             can->rx_active &= (uint8_t)~BIT(i);
+            if (is_to_charge_by(can, i)) {
+                can->charge = VW_CHARGE_END;
+            }
             if (response < VW_N_CAN_MESSAGES) {
                 can->tx_enabled &= (uint8_t)~BIT(response);
             }
@@ -162,6 +180,13 @@ uint8_t vw_can_expire(vw_can_t *can, uint32_t now_ms)
         }
     }
     return (uint8_t)VW_N_CAN_MESSAGES;
+}
+
+enum vw_charge vw_can_take_charge(vw_can_t *can)
+{
+    enum vw_charge charge = can->charge;
+    can->charge = VW_CHARGE_UNCHANGED;
+    return charge;
 }
 
 void vw_can_enable(vw_can_t *can, uint8_t mask)

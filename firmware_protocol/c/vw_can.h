@@ -11,6 +11,8 @@ typedef struct {
     uint8_t data[VW_CAN_DATA_BYTES];
 } vw_can_frame_t;
 
+enum vw_charge { VW_CHARGE_UNCHANGED, VW_CHARGE_BEGIN, VW_CHARGE_END };
+
 typedef struct {
     const vw_board_t *board;
     vw_master_t *master;
@@ -23,6 +25,7 @@ typedef struct {
     uint8_t on_demand;
     uint8_t startup_tx; /* the masks of the configuration taken over last */
     uint8_t startup_rx;
+    enum vw_charge charge; /* not taken yet */
 } vw_can_t;
 
 /* Take over the tables and the start-up masks of the configuration in force, at boot. */
@@ -41,6 +44,11 @@ void vw_can_received(vw_can_t *can, uint32_t now_ms, const vw_can_frame_t *frame
  * stopped.
  */
 uint8_t vw_can_expire(vw_can_t *can, uint32_t now_ms);
+
+/* Once each: a message to charge by was heard, or went silent. Asked after vw_can_expire; the caller refuses what its
+ * command CHARGE_START would.
+ */
+enum vw_charge vw_can_take_charge(vw_can_t *can);
 
 /* Send exactly these from now on, or one of them once. */
 void vw_can_enable(vw_can_t *can, uint8_t mask);

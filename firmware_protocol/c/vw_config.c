@@ -81,7 +81,7 @@ static bool is_good(const rule_t *rule, int64_t value)
         return value == VW_BYTE_UNUSED || (value >= (int64_t)VW_CONFIG_SIZE && value < (int64_t)VW_MASTER_SIZE);
     }
     if (rule->offset == OFFSET(can_rx_msg_response)) {
-        return value == VW_NO_RESPONSE || value < (int64_t)VW_N_CAN_MESSAGES;
+        return value == VW_NO_RESPONSE || (value & ~(int64_t)VW_RESPONSE_CHARGES) < (int64_t)VW_N_CAN_MESSAGES;
     }
     return true;
 }

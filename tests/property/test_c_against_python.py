@@ -119,6 +119,7 @@ IDS = st.one_of(st.tuples(st.integers(0, 0x7FF), st.just(False)), st.tuples(st.i
 PERIODS = st.sampled_from((0, 20, 30, 70, 100))
 TIMEOUTS = st.sampled_from((0, 33, 57, 121))  # never on a step, where the last digit of a float would decide
 STEP_MS = 10
+CHARGES = (None, True, False)  # in the order of `enum vw_charge`
 
 
 @st.composite
@@ -133,10 +134,10 @@ def tables(draw):
             for i in range(8)
         ],
     )
-    response = st.none() | st.integers(0, 7)
+    response = st.just((None,)) | st.tuples(st.integers(0, 7), st.booleans())
     rx = [
         RxMessage(
-            i, draw(st.booleans()), *ids[i], draw(TIMEOUTS), draw(st.integers(1, 8)), draw(OFFSETS), draw(response)
+            i, draw(st.booleans()), *ids[i], draw(TIMEOUTS), draw(st.integers(1, 8)), draw(OFFSETS), *draw(response)
         )
         for i in range(8)
     ]
@@ -181,6 +182,7 @@ def test_both_can_nodes_send_and_take_the_same(driver, table, steps):
         elif kind == "x":
             words.append(f"x:{now_ms}")
             said += [f"lost:{event.value}" for event in node.expire(now_s)]
+            said.append(f"charge:{CHARGES.index(node.take_charge())}")
         words.append(f"n:{now_ms}")
         said += [f"{raw_id(f.can_id, f.is_extended)}:{f.data.hex() or '-'}" for f in node.due(now_s, 0.0)]
     said += [str(node.tx_enabled), str(node.rx_enabled), str(node.rx_active), memory.image[1884:].hex()]

@@ -99,6 +99,7 @@ class RxIn(MessageIn):
 
     timeout_ms: int = Field(ge=0, le=60000)
     response: int | None = Field(None, ge=0, le=7)
+    charges: bool = Field(False, description="charging begins with it and ends with its silence")
 
     def message(self) -> RxMessage:
         """As the protocol has it."""
@@ -111,6 +112,7 @@ class RxIn(MessageIn):
             self.length,
             self.offsets(),
             self.response,
+            self.charges,
         )
 
 

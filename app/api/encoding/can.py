@@ -72,6 +72,7 @@ def tables_json(image: bytes, rx_active: int | None, others: Iterable[Cyclic] = 
             | {
                 "timeout_ms": m.timeout_ms,
                 "response": m.response,
+                "charges": m.charges,
                 "active": None if rx_active is None else bool(rx_active >> m.index & 1),
             }
             for m in rx_messages(image)

@@ -243,6 +243,7 @@ class CanRxOut(CanMessageOut):
 
     timeout_ms: int
     response: int | None
+    charges: bool
     active: bool | None
 
 

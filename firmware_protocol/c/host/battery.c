@@ -39,6 +39,25 @@ void battery_init(battery_t *battery, vw_master_t *master, vw_link_t *link, bool
     master->t_max_id = 2u * VW_CELLS_PER_PACK;
 }
 
+static void set_charging(battery_t *battery, bool on)
+{
+    uint8_t state = on ? VW_CHARGER_STATE_WAITING : VW_CHARGER_STATE_OFF;
+    if (battery->master->charger.state != state) {
+        battery->master->charger.state = state;
+        vw_link_event(battery->link, VW_EVENT_CHARGER_STATE, VW_NO_OFFSET, state, 0);
+    }
+    set_flag(battery, VW_STATUS_CHARGING, on);
+}
+
+void battery_follow_charger(battery_t *battery, enum vw_charge charge)
+{
+    if (charge == VW_CHARGE_END) {
+        set_charging(battery, false);
+    } else if (charge == VW_CHARGE_BEGIN && !battery->is_driving && !battery->protection.is_open) {
+        set_charging(battery, true);
+    }
+}
+
 bool battery_measure(battery_t *battery, uint32_t now_ms)
 {
     vw_master_t *master = battery->master;
@@ -81,16 +100,6 @@ bool battery_measure(battery_t *battery, uint32_t now_ms)
 bool battery_may_configure(const battery_t *battery)
 {
     return (battery->master->status.flags & (VW_STATUS_LOAD | VW_STATUS_CHARGING)) == 0u;
-}
-
-static void set_charging(battery_t *battery, bool on)
-{
-    uint8_t state = on ? VW_CHARGER_STATE_WAITING : VW_CHARGER_STATE_OFF;
-    if (battery->master->charger.state != state) {
-        battery->master->charger.state = state;
-        vw_link_event(battery->link, VW_EVENT_CHARGER_STATE, VW_NO_OFFSET, state, 0);
-    }
-    set_flag(battery, VW_STATUS_CHARGING, on);
 }
 
 enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argument)

@@ -20,6 +20,9 @@ void battery_init(battery_t *battery, vw_master_t *master, vw_link_t *link, bool
 /* Every 20 ms: new measurements, judged; true when the protection has just opened the circuit. */
 bool battery_measure(battery_t *battery, uint32_t now_ms);
 
+/* Begin or end charging as a charger on CAN says, where the configuration lets it; before each measurement. */
+void battery_follow_charger(battery_t *battery, enum vw_charge charge);
+
 bool battery_may_configure(const battery_t *battery);
 
 /* The commands, for a board whose context points at `battery`. */

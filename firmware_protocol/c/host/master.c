@@ -184,6 +184,7 @@ static int run(const options_t *options, const pty_t *pty, int fd)
         }
         if (now_ms - measured_ms >= MEASURE_MS) {
             measured_ms = now_ms;
+            battery_follow_charger(&pc.battery, vw_can_take_charge(&can));
             if (battery_measure(&pc.battery, now_ms)) {
                 tell("open");
             }

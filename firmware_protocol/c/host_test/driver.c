@@ -181,6 +181,7 @@ static void drive_can_step(vw_can_t *can, const char *step)
         while ((index = vw_can_expire(can, (uint32_t)first)) < VW_N_CAN_MESSAGES) {
             printf("lost:%u ", (unsigned)index);
         }
+        printf("charge:%u ", (unsigned)vw_can_take_charge(can));
     }
 }
 

@@ -274,6 +274,7 @@ export interface CanRx {
   signals: CanSignal[];
   timeout_ms: number;
   response: number | null;
+  charges: boolean;
   active: boolean | null;
 }
 

@@ -28,4 +28,4 @@ export type RawValue = RawConfig[string];
 /** An entry of either CAN table, as it is edited. */
 export type CanMessage = Omit<CanTx, 'period_ms' | 'name' | 'signals' | 'latency_ms' | 'load'> &
   Partial<Pick<CanTx, 'period_ms' | 'name' | 'signals' | 'latency_ms' | 'load'>> &
-  Partial<Pick<CanRx, 'timeout_ms' | 'response' | 'active'>>;
+  Partial<Pick<CanRx, 'timeout_ms' | 'response' | 'charges' | 'active'>>;

@@ -4,7 +4,7 @@ import pytest
 
 from firmware_protocol import can_tables, config_image
 from firmware_protocol.errors import EncodeError
-from firmware_protocol.memory_map import BYTE_UNUSED, FIELDS, MASTER_SIZE
+from firmware_protocol.memory_map import BYTE_UNUSED, CONFIG, FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Window
 
 DEFAULT = config_image.default_image()
@@ -278,3 +278,12 @@ def test_bus_load_counts_cyclic_and_answering_messages():
     silent = can_tables.with_tx_messages(DEFAULT, [replace(TX[1], enabled=False)])
     silent = can_tables.with_rx_messages(silent, [replace(RX[0], enabled=False)])
     assert can_tables.bus_load(silent) == 0
+
+
+def test_a_message_to_charge_by_keeps_its_response_and_needs_one():
+    first = replace(RX[0], charges=True)
+    image = can_tables.with_rx_messages(DEFAULT, [first])
+    assert CONFIG["can_rx_msg_response"].unpack(image)[0] == 64
+    assert can_tables.rx_messages(image)[0] == first
+    with pytest.raises(EncodeError, match="charges"):
+        can_tables.with_rx_messages(DEFAULT, [replace(first, response=None)])

@@ -283,7 +283,8 @@ def test_hash_changes_with_any_byte_of_a_field():
          "an 11-bit id ends there"),
         ({"can_rx_msg_id": (CAN_ID_EXTENDED | 0x20000000,) + (1,) * 7}, "can_rx_msg_id", 0, 0xA0000000,
          "0..0x1fffffff", "a 29-bit id ends there"),
-        ({"can_rx_msg_response": (8,) + (255,) * 7}, "can_rx_msg_response", 0, 8, "0..7, or 255",
+        ({"can_rx_msg_response": (8,) + (255,) * 7}, "can_rx_msg_response", 0, 8,
+         "0..7, 64..71, or 255",
          "there are eight messages to answer with"),
     ],
 )  # fmt: skip

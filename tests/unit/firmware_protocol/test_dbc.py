@@ -132,7 +132,7 @@ BA_DEF_ "Baudrate" INT 0 1000000;
 BA_DEF_ BO_ "VoltwallIndex" INT -1 7;
 BA_DEF_ BO_ "VoltwallEnabled" INT 0 1;
 BA_DEF_ BO_ "VoltwallTimeout" INT 0 65535;
-BA_DEF_ BO_ "VoltwallAnswer" INT -1 7;
+BA_DEF_ BO_ "VoltwallAnswer" INT -1 71;
 BA_DEF_DEF_ "GenMsgCycleTime" 0;
 BA_DEF_DEF_ "Baudrate" 500000;
 BA_DEF_DEF_ "VoltwallIndex" -1;

@@ -1,6 +1,8 @@
+from dataclasses import replace
+
 import pytest
 
-from firmware_protocol.can_tables import RxMessage, TxMessage, with_rx_messages, with_tx_messages
+from firmware_protocol.can_tables import RxMessage, TxMessage, rx_messages, with_rx_messages, with_tx_messages
 from firmware_protocol.config_image import default_image, with_raw
 from firmware_protocol.memory_map import BYTE_UNUSED, FIELDS
 from firmware_protocol.messages import EventCode
@@ -61,6 +63,22 @@ def test_silence_ends_the_answer_and_is_told_once(memory):
     assert [(event.code, event.value) for event in events] == [(EventCode.CAN_RX_TIMEOUT, 0)]
     assert (node.rx_active, node.tx_enabled & 1) == (0, 0)
     assert node.expire(9.0) == []
+
+
+def test_a_charger_is_told_once_heard_and_once_silent_where_it_is_to_charge_by(memory):
+    node = CanNode(memory)
+    node.received(CHARGER, 0.0)
+    assert node.take_charge() is None  # off by default
+    memory.config = with_rx_messages(memory.config, [replace(rx_messages(memory.config)[0], charges=True)])
+    node.reload()
+    assert node.take_charge() is None  # a change of the configuration begins nothing
+    node.received(CHARGER, 1.0)
+    assert node.take_charge() is None
+    node.expire(6.1)
+    assert [node.take_charge(), node.take_charge()] == [False, None]
+    node.received(CHARGER, 7.0)
+    node.received(CHARGER, 8.0)
+    assert [node.take_charge(), node.take_charge()] == [True, None]
 
 
 def test_messages_nobody_listens_for_change_nothing(memory):

@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from firmware_protocol.can_tables import rx_messages, with_rx_messages
 from firmware_protocol.framing import LINE_BYTES_PER_S
 from firmware_protocol.memory_map import FIELDS, T_MISSING
 from firmware_protocol.messages import (
@@ -12,7 +15,7 @@ from firmware_protocol.messages import (
     Result,
     Write,
 )
-from simulator.charging import Balancer
+from simulator.charging import Balancer, ChargingState
 from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent, Rest
 from simulator.memory import FLAG
@@ -207,6 +210,40 @@ def test_charging_stops_when_the_charger_is_pulled(host):
     host.run(7.0)
     assert not host.simulation.master.memory.flags & (FLAG["charging"] | FLAG["charger"])
     assert host.simulation.master.relay_state is RelayState.OPEN
+
+
+def charge_by_can(host) -> None:
+    host.ask(Write(0, with_rx_messages(host.config(), [replace(rx_messages(host.config())[0], charges=True)])))
+
+
+def test_charging_begins_with_a_charger_on_can_and_ends_with_its_silence_where_configured(host):
+    charge_by_can(host)
+    host.simulation.charger.is_plugged = True
+    host.run(10.0)
+    assert host.simulation.master.memory.charger("state") == ChargingState.CONSTANT_CURRENT
+    assert host.simulation.master.relay_state is RelayState.CHARGER
+    host.ask(Command(CommandId.CHARGE_STOP))
+    host.run(2.0)
+    assert host.simulation.master.memory.charger("state") == ChargingState.OFF  # the charger is still heard
+    host.simulation.charger.is_plugged = False
+    host.run(7.0)
+    host.simulation.charger.is_plugged = True
+    host.run(3.0)
+    assert host.simulation.master.memory.flags & FLAG["charging"]
+    host.simulation.charger.is_plugged = False
+    host.run(7.0)
+    assert host.simulation.master.memory.charger("state") == ChargingState.OFF  # no fault
+    assert host.simulation.master.relay_state is RelayState.OPEN
+
+
+def test_a_charger_that_is_heard_while_the_car_drives_begins_nothing(host):
+    charge_by_can(host)
+    start_driving(host)
+    host.simulation.charger.is_plugged = True
+    host.run(3.0)
+    host.simulation.set_load(Rest())
+    host.run(3.0)
+    assert not host.simulation.master.memory.flags & FLAG["charging"]
 
 
 def test_balancing_by_command_bleeds_high_cells_and_ends_by_itself(make_host):
