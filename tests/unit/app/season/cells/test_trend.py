@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.season.cells.trend import holm, line, lines, steps, student_95, student_p
+from tests.unit.app.season.season_of import season
 
 DAYS = np.sort(np.random.default_rng(7).uniform(0.0, 400.0, 50))
 SIGMA = 0.01
@@ -73,3 +74,13 @@ def test_a_p_value_of_few_sessions_is_never_too_small(t):
 @pytest.mark.parametrize(("freedom", "quantile"), [(1.0, 12.706), (1.7, 5.132), (2.0, 4.303), (2.8, 3.309)])
 def test_bands_of_few_sessions_are_as_wide_as_students(freedom, quantile):
     assert quantile * 0.999 <= student_95(freedom) <= quantile * 1.06
+
+
+def test_cells_that_age_smoothly_are_seldom_given_a_step():
+    found = 0
+    for seed in range(40, 45):
+        made = season(seed, n_cells=24, n=40, years=0.6)
+        truth = np.median(made.capacity[:-1], axis=1)[:, None]
+        values = truth + 0.002 * made.rng.standard_normal((40, 8))
+        found += sum(each is not None for each in steps(made.days[:-1], values, np.zeros_like(values)))
+    assert found <= 10  # of 40; beside the root alone it was half of them
