@@ -32,9 +32,13 @@ def test_a_draft_is_judged_against_limits_and_rules_survives_a_reload_and_can_be
     field(page, "fan_ramp_stop").fill("48")
     page.reload()
     expect(field(page, "fan_ramp_stop")).to_have_value("48")
-    confirm(page, "discard")
+    page.get_by_test_id("discard").click()
     expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
     expect(field(page, "fan_ramp_stop")).not_to_have_value("48")
+    page.get_by_test_id("undo").get_by_role("button", name="Undo").click()
+    expect(field(page, "fan_ramp_stop")).to_have_value("48")
+    page.get_by_test_id("discard").click()
+    expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
 
     page.get_by_role("searchbox").fill("hottest cell")
     expect(page.get_by_test_id("param-fan_ramp_start")).to_be_visible()
@@ -79,7 +83,8 @@ def test_a_profile_is_kept_and_taken_as_the_draft(service, open_page):
     page.get_by_test_id("tab-compare").click()
     page.get_by_test_id("compare-a").select_option("profile:dry@1")
     expect(page.get_by_test_id("compare")).to_contain_text("4.1500 V → 4.1000 V")
-    confirm(page, "discard")
+    page.get_by_test_id("discard").click()
+    expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
 
 
 def test_while_the_car_drives_the_page_says_why_not(make_service, open_page):
