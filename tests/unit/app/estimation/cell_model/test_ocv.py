@@ -98,3 +98,45 @@ def test_forward_backward_filter_shifts_nothing_and_passes_a_line():
     wave = np.cos(2 * np.pi * np.arange(601) / 200.0)
     passed = zero_phase_lowpass(wave, 0.1)
     assert np.argmax(passed[150:250]) == np.argmax(wave[150:250])
+
+
+PLATEAU = np.interp(SOC, [0.0, 0.1, 0.35, 0.65, 1.0], [2.9, 3.2, 3.29, 3.295, 3.4])  # of an LFP cell
+
+
+@pytest.mark.parametrize("volts", [VOLTS, PLATEAU], ids=["NMC", "LFP"])
+def test_interpolation_meets_every_measured_point(volts):
+    curve = OcvCurve(SOC, volts)
+    assert curve.voltage(SOC) == pytest.approx(volts, abs=1e-12)
+    assert curve.soc_range == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("volts", [VOLTS, PLATEAU], ids=["NMC", "LFP"])
+@pytest.mark.parametrize("method", OCV_METHODS)
+def test_a_higher_voltage_never_means_a_lower_soc_and_leads_back_to_itself(method, volts):
+    curve = OcvCurve(SOC, volts, method)
+    asked = np.linspace(volts[0], volts[-1], 301)
+    soc = curve.soc_at(asked)
+    assert (np.diff(soc) >= 0.0).all()
+    rising = curve.slope(soc) > 0.0  # a polynomial may fall a little on a plateau
+    assert np.abs(curve.voltage(soc) - asked)[rising].max() < 5e-3
+
+
+def test_a_voltage_that_is_missing_has_no_soc_and_the_others_keep_theirs():
+    curve = OcvCurve(SOC, VOLTS)
+    found = curve.soc_at(np.array([[VOLTS[10], np.nan], [np.nan, VOLTS[30]]]))
+    assert found == pytest.approx(np.array([[SOC[10], np.nan], [np.nan, SOC[30]]]), abs=1e-3, nan_ok=True)
+
+
+def test_rests_that_noise_lets_fall_make_no_falling_curve():
+    noisy = VOLTS + np.where(np.arange(SOC.size) % 2, -0.03, 0.0)
+    curve = from_rests(SOC, noisy)
+    assert (np.diff(curve.voltage(np.linspace(0.0, 1.0, 501))) >= -1e-12).all()
+
+
+def test_a_curve_does_not_follow_what_becomes_of_the_arrays_that_it_was_made_of():
+    soc, volts = SOC.copy(), VOLTS.copy()
+    curve = OcvCurve(soc, volts)
+    before = curve.voltage(0.5)
+    soc[:], volts[:] = 0.0, 0.0
+    assert curve.voltage(0.5) == before
+    assert curve.soc[-1] == 1.0
