@@ -14,14 +14,6 @@ FindingCode = Literal[
     "thermistor-off",  # its temperature sensor tells nothing of the cell [K from the others, NaN: no value]
     "channel-stuck",  # its voltage stands still while the others move [V that the others moved by]
 ]
-CODES: Final[tuple[FindingCode, ...]] = (
-    "joint-grown",
-    "resistance-grown",
-    "capacity-lost",
-    "cell-leaks",
-    "thermistor-off",
-    "channel-stuck",
-)
 SURE: Final = 0.99  # no finding is surer: what was not thought of is not in sigma
 BAND_SIGMAS: Final = 2.0
 

@@ -1,6 +1,8 @@
+from typing import get_args
+
 import pytest
 
-from app.estimation.health.cell_finding import CODES, CellFinding
+from app.estimation.health.cell_finding import CellFinding, FindingCode
 from app.telemetry.cell_findings import finding_of, sensors_of, told_findings
 from app.words import render
 from app.words.render import languages
@@ -15,7 +17,7 @@ def told(code, size, unit, value=1.0, sigma=0.001):
 
 
 @pytest.mark.parametrize("language", languages())
-@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize("code", get_args(FindingCode))
 @pytest.mark.parametrize("value", [1.0, NAN])
 def test_every_finding_is_told_whole_in_every_language(code, value, language):
     finding = told(code, 0.05, "", value)
