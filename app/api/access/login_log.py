@@ -35,6 +35,10 @@ class LoginLog:
         """
         return self._log.signed(who, "access", what)
 
+    def account_changed(self, who: str, name: str) -> None:
+        """Tell whose account changed, by the event log that everybody sees: whom nobody asked sees it, too."""
+        self._note("warning", "account-changed", Message("account-changed", name=name), who)
+
     def came_in(self, who: str, role: str, address: str) -> None:
         """Somebody's password was right."""
         self._log.note(who, "login", f"{role}, from {address}")

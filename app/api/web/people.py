@@ -115,6 +115,7 @@ def put_account(name: Name, body: AccountIn, authentication: AuthenticationPart,
     password = "" if body.password is None else ", new password"
     with authentication.log.changed(user.name, f"account {name.strip()}: {body.role}{password}"):
         authentication.accounts.put(name, body.role, body.password)
+    authentication.log.account_changed(user.name, name.strip())
     return _people(authentication)
 
 
@@ -125,6 +126,7 @@ def delete_account(name: Name, authentication: AuthenticationPart, user: UserDep
     with authentication.log.changed(user.name, f"account {name}: removed"):
         if not authentication.accounts.remove(name):
             raise not_found("account", name)
+    authentication.log.account_changed(user.name, name)
     return _people(authentication)
 
 
@@ -137,6 +139,7 @@ def put_password(body: PasswordIn, request: Request, authentication: Authenticat
         raise Problem(403, "wrong-password", Message("wrong-password"))
     with authentication.log.changed(user.name, f"account {account.name}: new password"):
         authentication.accounts.put(account.name, account.role, body.new)
+    authentication.log.account_changed(user.name, account.name)
 
 
 @router.post("/tokens")

@@ -93,3 +93,14 @@ def test_requests_by_a_shared_password_and_trusted_certificates_are_there(make_c
     assert ("voltwall serve", "setup", f"trust {fingerprint} for every service", "done") in told
     assert ("erik", "setup", f"trust {'cd' * 32} for https://car.local:8000", "done") in told
     assert [each[0] for each in told if each[1] == "login"] == ["erik"]
+
+
+def test_a_changed_account_is_told_to_everybody_who_looks(client):
+    chief = ("cora", CHIEF)
+    new = {"old": VIEWER, "new": "another viewer password"}
+    assert client.put("/api/v1/me/password", json=new, auth=("vera", VIEWER)).status_code == 204
+    client.put("/api/v1/accounts/vera", json={"role": "engineer"}, auth=chief)
+    client.delete("/api/v1/accounts/vera", auth=chief)
+    events = client.get("/api/v1/events", auth=chief).json()["events"]
+    told = [(each["who"], each["text"]) for each in events if each["code"] == "account-changed"]
+    assert sorted(told) == [("cora", "account of vera: changed")] * 2 + [("vera", "account of vera: changed")]
