@@ -56,6 +56,13 @@ RULES = {
 expect.set_options(timeout=PATIENCE_MS)
 
 
+COUNT_CLICKS = """() => {  // presses of a button, a link, a finger; choices of a list
+  window.clicks = 0;
+  addEventListener('pointerdown', () => window.clicks++, true);
+  addEventListener('change', (event) => (window.clicks += event.target.matches('select')), true);
+}"""
+
+
 def missing(what: str, remedy: str) -> None:
     """Skip where a person runs the tests, fail where nobody would notice."""
     text = f"{what} is missing: {remedy}"

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.campaign import SIZE
-from tests.e2e.conftest import RULES, SIZES, is_too_wide
+from tests.e2e.conftest import COUNT_CLICKS, RULES, SIZES, is_too_wide
 from tests.recorded.arrays import SessionMaker
 from tests.service_process import NO_CAR
 
@@ -37,7 +37,10 @@ def looked_back(make_module_service, tmp_path_factory):
 
 def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     service, first, _ = looked_back
-    page = open_page(f"{service.base_url}/#/sessions/{first}/laps")
+    page = open_page(f"{service.base_url}/#/sessions")
+    page.evaluate(COUNT_CLICKS)
+    page.locator(f'a[href="#/sessions/{first}"]').first.click()
+    page.get_by_role("link", name="Laps").click()
     rows = page.get_by_test_id("laps").get_by_role("row")
     expect(rows).to_have_count(4)  # three laps under their head
     page.get_by_role("button", name="Lap time").press("Enter")
@@ -45,6 +48,7 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     expect(page).to_have_url(re.compile("sort-laps=3$"))
     with page.expect_download() as download:
         page.get_by_role("combobox", name="Export lap 2 as").select_option("MoTeC (.ld, .ldx)")
+    assert page.evaluate("clicks") == 3
     assert download.value.suggested_filename == f"{first}-simulated.zip"
     with ZipFile(download.value.path()) as archive:
         assert archive.namelist() == [f"{first}.ld", f"{first}.ldx"]

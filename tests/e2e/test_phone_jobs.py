@@ -5,6 +5,8 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
+from tests.e2e.conftest import COUNT_CLICKS
+
 PASSWORDS = {"VOLTWALL_PASSWORD": "engineer-pass-1", "VOLTWALL_VIEWER_PASSWORD": "viewer-pass-1"}
 
 
@@ -46,12 +48,15 @@ def test_a_run_is_recorded_marked_and_looked_at(make_service, phone):
 
 def test_a_limit_is_written_verified_and_stored(make_service, phone):
     service = make_service("--seed", "4", "--scenario", "in-the-pit", **PASSWORDS)
-    page = phone(service, "parameters", guarded=True)
+    page = phone(service, "overview", guarded=True)
+    page.evaluate(COUNT_CLICKS)
+    page.get_by_role("link", name="Parameters").tap()
     page.get_by_role("textbox", name="v_cell_max", exact=True).fill("4.18")
     for button, said in (("write", "Written and read back"), ("store", "Stored in the EEPROM")):
         page.get_by_test_id(button).tap()
         page.get_by_test_id("confirm").tap()
         expect(page.get_by_test_id("outcome")).to_contain_text(said)
+        assert page.evaluate("clicks") == {"write": 3, "store": 5}[button]
     expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text("4.1800")
     expect(page.get_by_test_id("stored-v_cell_max")).to_contain_text("4.1800")
     page.get_by_test_id("tab-history").tap()
