@@ -15,7 +15,7 @@ export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help run test campaign check lint types imports generated-check frontend-check bench mutation generated lock audit clean frontend browser wheels
+.PHONY: help run test pictures campaign check lint types imports generated-check frontend-check bench mutation generated lock audit clean frontend browser wheels
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,6 +26,10 @@ run: $(VENV)/.run-installed frontend ## set up what is missing, then serve the s
 test: $(VENV)/.dev-installed frontend browser ## set up what is missing, then run every test, in the browser too
 	@$(PY) hatch_build.py npm run --silent test
 	@$(PY) -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(TESTS)
+
+pictures: $(VENV)/.dev-installed frontend browser ## take the pictures anew that the campaign compares the pages with
+	@VOLTWALL_PICTURES=renew $(PY) -m pytest -q -n 0 tests/e2e/test_pictures.py
+	@git status --short tests/e2e/pictures
 
 campaign: $(VENV)/.dev-installed frontend browser ## kills, power cuts, noise, a day of racing, every route; SHORT=1 for a part of each
 	@$(PY) .ci/campaign.py $(if $(SHORT),--short)

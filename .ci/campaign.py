@@ -58,7 +58,8 @@ TESTS = (
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",
 )
 ALONE = ("tests/integration/test_recorder_starved.py",)  # its share of a core is what nothing else takes
-IN_EVERY_THEME = ("tests/e2e/test_pages.py", "tests/e2e/test_debrief.py")  # the short campaign would repeat `make test`
+FULL_ONLY = ("tests/e2e/test_pages.py", "tests/e2e/test_debrief.py")  # the short campaign would repeat `make test`
+FULL_ONLY += ("tests/e2e/test_pictures.py",)  # half a minute
 PAGE_MINUTES = {"short": 0.5, "full": 6.0}
 PAGE_HOURS = {"short": 0.5, "full": 4.0}
 HEAP_GROWTH_MB = 8.0  # more than a garbage collection leaves behind by chance
@@ -162,7 +163,7 @@ def main() -> int:
     options = parser.parse_args()
     size = "short" if options.short else "full"
     began_s = time.monotonic()
-    parts = run_tests(size, "long", *(TESTS if size == "short" else (*TESTS, *IN_EVERY_THEME)))
+    parts = run_tests(size, "long", *(TESTS if size == "short" else (*TESTS, *FULL_ONLY)))
     parts += run_tests(size, "alone", *ALONE)
     parts += run_tests(size, "properties", *PROPERTIES, promise=ANYTHING)
     parts.append(run_pages(size))
