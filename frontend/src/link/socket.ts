@@ -106,7 +106,7 @@ export class LiveSocket {
         this.tell('refused');
       } else if (!this.sockets.length && !this.stopped) {
         this.tell('lost');
-        this.asking ??= this.around.later(() => this.ask(), ASK_EVERY_MS);
+        if (this.hasSpoken) this.asking ??= this.around.later(() => this.ask(), ASK_EVERY_MS);
         this.later(() => this.retry(), backoffMs(this.attempt++, this.around.random()));
       }
     };
@@ -121,7 +121,7 @@ export class LiveSocket {
 
   private watch(): void {
     const isSilent = this.sockets.length > 1;
-    if (isSilent && this.asking === null) this.ask();
+    if (isSilent && this.hasSpoken && this.asking === null) this.ask();
     this.later(() => this.open(), isSilent ? LONGER_MS : SILENCE_MS);
   }
 
@@ -139,6 +139,11 @@ export class LiveSocket {
       })
       .catch(() => undefined) // it did not arrive: another one is asked for
       .finally(() => this.asked--);
+  }
+
+  /** Before that the service may have none to give. */
+  private get hasSpoken(): boolean {
+    return this.newest > -Infinity;
   }
 
   private endAsking(): void {
