@@ -58,8 +58,11 @@ TESTS = (
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",
 )
 ALONE = ("tests/integration/test_recorder_starved.py",)  # its share of a core is what nothing else takes
-FULL_ONLY = ("tests/e2e/test_pages.py", "tests/e2e/test_debrief.py")  # the short campaign would repeat `make test`
-FULL_ONLY += ("tests/e2e/test_pictures.py",)  # half a minute
+FULL_ONLY = (
+    "tests/e2e/test_pages.py",  # the short campaign would repeat `make test`
+    "tests/e2e/test_debrief.py",
+    "tests/e2e/test_pictures.py",
+)
 PAGE_MINUTES = {"short": 0.5, "full": 6.0}
 PAGE_HOURS = {"short": 0.5, "full": 4.0}
 HEAP_GROWTH_MB = 8.0  # more than a garbage collection leaves behind by chance
