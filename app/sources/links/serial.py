@@ -119,13 +119,13 @@ class SerialLink:
 
     def _read_until_lost(self, port: serial.Serial, on_data: Callable[[], None]) -> None:
         """Read for ever; `on_data` is called for what arrives: a port that opens and says nothing proves little."""
-        read = _reader(port)
+        read = _reader(port, self._clock)
         decoder = FrameDecoder()
-        empty_ns: int | None = None  # nothing was left behind in the port at this time
+        empty_ns: int | None = None  # all that had arrived before this time has been read
         silent_since = self._clock.monotonic_s()
         self.stream(on=self.streams)
         while not self._stopping.is_set():
-            data = read()
+            data, looked_ns = read()
             now_ns = self.beat_ns = self._clock.monotonic_ns()
             if data:
                 on_data()
@@ -134,10 +134,10 @@ class SerialLink:
                 waited_max_ns = now_ns - empty_ns if in_time and empty_ns is not None else None
                 for frame in decoder.feed(data):
                     self._sink(SerialItem(now_ns, wall_ns, frame, waited_max_ns))
-                empty_ns = now_ns if in_time else None
+                empty_ns = looked_ns if in_time else None
                 silent_since = now_ns / 1e9
                 continue
-            empty_ns = now_ns
+            empty_ns = looked_ns
             if self.streams and now_ns / 1e9 - silent_since > SILENCE_S:
                 silent_since = now_ns / 1e9
                 self.stream(on=True)
@@ -146,28 +146,37 @@ class SerialLink:
         self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "rs232", state, error))  # type: ignore[arg-type]
 
 
-def _reader(port: serial.Serial) -> Callable[[], bytes]:
-    """Return a function that waits at most _POLL_S and returns all that has arrived.
+def _reader(port: serial.Serial, clock: Clock) -> Callable[[], tuple[bytes, int]]:
+    """Return a function that waits at most _POLL_S and returns all that has arrived, and the time before it looked.
 
-    Where the port has a file descriptor it is read directly: pySerial's socket:// hands over one byte a call.
+    The time is read before the bytes: the process may stand still between the two, and what arrives then is not among
+    them. Where the port has a file descriptor it is read directly: pySerial's socket:// hands over one byte a call.
     """
     try:
         descriptor = port.fileno() if os.name == "posix" else None
     except (AttributeError, OSError, ValueError):
         descriptor = None
-    if descriptor is None:
-        return lambda: bytes(port.read(max(1, port.in_waiting)))
 
-    def read() -> bytes:
+    if descriptor is None:
+
+        def read_port() -> tuple[bytes, int]:
+            looked_ns = clock.monotonic_ns()
+            return bytes(port.read(max(1, port.in_waiting))), looked_ns
+
+        return read_port
+
+    def read_descriptor() -> tuple[bytes, int]:
+        looked_ns = clock.monotonic_ns()
         ready, _, _ = select.select([descriptor], [], [], _POLL_S)
         if not ready:
-            return b""
+            return b"", looked_ns
+        looked_ns = clock.monotonic_ns()
         data = os.read(descriptor, 4096)
         if not data:
             raise LinkLost(Message("closed-by-other-end"))
-        return data
+        return data, looked_ns
 
-    return read
+    return read_descriptor
 
 
 def reason_of(error: Exception) -> Text:

@@ -6,6 +6,7 @@ import random
 import threading
 import tty
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -117,6 +118,37 @@ def test_it_asks_for_the_stream_and_says_goodbye(plug, seen, link):
     assert os.read(plug.ours, 1) == b"x"
     link.stop()
     assert os.read(plug.ours, 1) == b"y"
+
+
+def test_what_arrives_while_the_process_stands_still_has_waited_as_long(plug, seen, master, monkeypatch):
+    stands_ns = 1_500_000_000
+
+    class Standing(Clock):
+        stood_ns = 0
+
+        def monotonic_ns(self):
+            return super().monotonic_ns() + self.stood_ns
+
+    clock, frames = Standing(), [b"\0" + master.frame().frame.raw + b"\0" for _ in range(2)]
+
+    def read(descriptor, size):
+        data = os.read(descriptor, size)
+        if not clock.stood_ns:
+            os.write(plug.ours, frames[1])
+            clock.stood_ns = stands_ns
+        return data
+
+    monkeypatch.setattr("app.sources.links.serial.os", SimpleNamespace(name="posix", read=read))
+    plug.insert()
+    link = SerialLink(str(plug.path), seen, clock, quick())
+    link.start()
+    try:
+        seen.wait(lambda items: changes(items, "open"))
+        os.write(plug.ours, frames[0])
+        seen.wait(lambda items: sum(isinstance(item, SerialItem) for item in items) == 2)
+    finally:
+        link.stop()
+    assert [item for item in seen.items if isinstance(item, SerialItem)][1].waited_max_ns >= stands_ns
 
 
 def test_writing_to_a_port_that_is_gone_is_said(plug, seen, link):
