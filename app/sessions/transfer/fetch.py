@@ -210,14 +210,14 @@ class Remote:
         try:
             with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
                 while line := answer.readline(1000):
-                    answer = json.loads(line)
-                    size = int(answer["bytes"])
+                    header = json.loads(line)
+                    size = int(header["bytes"])
                     if not 0 <= size <= LIST_BYTES:
                         raise FetchFailed(self.url, Message("no-voltwall"))
                     body = answer.read(size)
                     if len(body) < size:
                         raise FetchFailed(self.url, Message("cut-off"))
-                    yield int(answer["piece"]), str(answer["sha256"]), body
+                    yield int(header["piece"]), str(header["sha256"]), body
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, str(error) or type(error).__name__) from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
