@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import select
 import signal
 import threading
 import time
@@ -29,6 +30,7 @@ class Master:
     def __init__(self) -> None:
         self.ours, theirs = os.openpty()
         tty.setraw(self.ours)
+        os.set_blocking(self.ours, False)  # RS232 has no handshake: what nobody takes is lost, and stops no master
         self.path = os.ttyname(theirs)
         self._theirs = theirs
         self.frames_a_period = 1
@@ -60,13 +62,14 @@ class Master:
             while not self._ending.wait(PERIOD_S):
                 for _ in range(self.frames_a_period):
                     uptime_ms = round(self.uptime_s(time.monotonic()) * 1000)
-                    os.write(self.ours, encode_frame(MessageType.DATA, sequence, uptime_ms, self._body))
+                    with contextlib.suppress(BlockingIOError):
+                        os.write(self.ours, encode_frame(MessageType.DATA, sequence, uptime_ms, self._body))
                     sequence += 1
 
     def _discard(self) -> None:
         with contextlib.suppress(OSError):
-            while os.read(self.ours, 4096):
-                pass
+            while select.select([self.ours], [], []):
+                os.read(self.ours, 4096)
 
 
 @pytest.fixture
