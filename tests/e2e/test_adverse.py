@@ -28,7 +28,7 @@ def test_a_dead_rs232_link_is_told_while_can_goes_on(make_service, open_page):
     expect(page.get_by_test_id("cell-30")).to_have_attribute("data-missing", "")  # CAN carries no single cells
     expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live", timeout=30_000)
     expect(page.get_by_test_id("cell-30")).not_to_have_attribute("data-missing", "")
-    expect(alarm).to_contain_text("over")  # told until somebody has seen it
+    expect(alarm).to_contain_text("ended")  # told until somebody has seen it
     alarm.get_by_role("button", name="Acknowledge").click()
     expect(alarm).to_have_count(0)
 

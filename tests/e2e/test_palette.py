@@ -27,6 +27,7 @@ def session(car):
 
 def typed(page, words, *, opens_with="Control+k"):
     """Open the palette and type."""
+    expect(page.get_by_test_id("palette")).to_have_count(0)  # while it closes, the same keys only close it
     page.keyboard.press(opens_with)
     field = page.get_by_role("combobox", name="Find a page")
     expect(field).to_be_focused()
