@@ -52,6 +52,8 @@ def test_alarms_are_seen_at_once_rows_are_read_across_and_nothing_moves_while_th
     page = open_page(f"{service.base_url}/#/overview", full_rate=True)
     alarms = box(page.get_by_role("region", name="Alarms"))
     assert alarms["y"] + alarms["height"] < 900
+    cells_map = box(page.get_by_role("region", name="Cells in the car"))
+    assert cells_map["y"] + cells_map["height"] < 900
     electrical = page.get_by_role("region", name="Accumulator").locator("dt")
     cells = page.get_by_role("region", name="Extremes").locator("th")
     expect(electrical).to_have_count(5)
