@@ -85,10 +85,10 @@ def balancing(study: Annotated[StudyIn, Query()], workers: WorkersPart) -> dict[
     """Simulate a charge or a rest with each balancing circuit; takes seconds, with many cells minutes."""
     arguments = ["balance", *study.arguments()]
     try:
-        told = json.loads(workers.run(LIMITS, output_of, [*arguments, "--json"]))
+        study_result = json.loads(workers.run(LIMITS, output_of, [*arguments, "--json"]))
     except CommandRefused as error:
         raise _refused(str(error), study) from error
-    circuits = told["circuits"]
+    circuits = study_result["circuits"]
     longest = max(run["course"]["time_h"][-1] for run in circuits.values())
     time_h = np.linspace(0.0, longest, MOST_POINTS)
     return {
