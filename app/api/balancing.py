@@ -2,6 +2,7 @@
 
 import json
 import re
+import threading
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,14 +12,17 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.schemas.snapshot import Number
 from app.api.web.dependencies import WorkersPart
 from app.api.web.problems import Problem, invalid
+from app.errors import NotNow
 from app.sessions.worker import Limits
 from app.sessions.worker.command import CommandRefused, output_of
+from app.words import Message
 
 LIMITS = Limits(120)
 MOST_POINTS = 300  # of a curve
 Circuit = Literal["passive", "switched-capacitor", "transformer", "none"]
 Value = Annotated[float | None, Field(allow_inf_nan=False)]
 router = APIRouter(prefix="/simulator", tags=["simulator"])
+_study_under_way = threading.Lock()  # one at a time: reports and imports need the other worker process
 
 
 class StudyIn(BaseModel):
@@ -82,12 +86,19 @@ class BalancingOut(BaseModel):
 
 @router.get("/balancing", response_model=BalancingOut)
 def balancing(study: Annotated[StudyIn, Query()], workers: WorkersPart) -> dict[str, Any]:
-    """Simulate a charge or a rest with each balancing circuit; takes seconds, with many cells minutes."""
+    """Simulate a charge or a rest with each balancing circuit; takes seconds, with many cells minutes.
+
+    One study at a time: a second one is refused meanwhile.
+    """
     arguments = ["balance", *study.arguments()]
+    if not _study_under_way.acquire(blocking=False):
+        raise NotNow(Message("study-under-way"))
     try:
         study_result = json.loads(workers.run(LIMITS, output_of, [*arguments, "--json"]))
     except CommandRefused as error:
         raise _refused(str(error), study) from error
+    finally:
+        _study_under_way.release()
     circuits = study_result["circuits"]
     longest = max(run["course"]["time_h"][-1] for run in circuits.values())
     time_h = np.linspace(0.0, longest, MOST_POINTS)

@@ -1,5 +1,7 @@
 """The balancing study over HTTP: the command's figures, curves over one time, its refusals by field."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 STUDY = "/api/v1/simulator/balancing"
@@ -47,3 +49,12 @@ def test_what_the_command_does_not_take_is_refused_by_field_and_limit(client, qu
     (error,) = answer.json()["errors"]
     assert field in error["field"]
     assert limit in error["message"]
+
+
+def test_studies_run_one_at_a_time_so_that_a_process_is_left_for_reports(client):
+    with ThreadPoolExecutor(2) as threads:
+        both = [threads.submit(client.get, STUDY, params=SMALL | {"circuit": "none"}) for _ in range(2)]
+    second, first = sorted((each.result() for each in both), key=lambda answer: -answer.status_code)
+    assert (first.status_code, second.status_code) == (200, 409)
+    assert second.json()["detail"] == "another balancing study is being simulated; try again when it is done"
+    assert client.get(STUDY, params=SMALL | {"circuit": "none"}).status_code == 200
