@@ -12,6 +12,7 @@ from app.sources.dbc.assembly import PERIODS_BRIDGED, Assembler, BatteryMeasurem
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import frames_of_items
+from app.sources.dbc.two_senders import TwoSenders
 from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.can import bit_rate_of
 from app.sources.links.monitor import LinkMonitor
@@ -83,6 +84,7 @@ class DbcSource:
         self._newest: BatteryMeasurement | None = None
         self._sampled_ns: int | None = None
         self._rhythm = _Rhythm()
+        self._two_senders = TwoSenders(battery.n_cells)
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
         self._can.bit_rate = source.bit_rate or bit_rate_of(url)
 
@@ -104,9 +106,11 @@ class DbcSource:
             return Received()
         found = self._take(item.t_mono_ns)
         self._waiting.append(item)
+        events = self._two_senders.events(item.t_wall_ns)
         if found is None:
-            return Received()
-        return Received(measurement=self._measurement(found, item.t_mono_ns, item.t_wall_ns, is_fresh=True))
+            return Received(events=events)
+        measurement = self._measurement(found, item.t_mono_ns, item.t_wall_ns, is_fresh=True)
+        return Received(measurement=measurement, events=events)
 
     @property
     def due_ns(self) -> int | None:
@@ -127,6 +131,8 @@ class DbcSource:
         """Decode what waited; of the periods that ended the newest with a sample, else the newest."""
         values = self._decoder.decode(frames_of_items(self._waiting)) if self._waiting else {}
         self._waiting = []
+        if "voltage" in values:
+            self._two_senders.take(values["voltage"])
         found = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
         if not found:
             return None
@@ -154,6 +160,7 @@ class DbcSource:
         n_cells = self.battery.n_cells
         unknown = np.full(n_cells, np.nan)
         closed = found.states.get("closed")
+        voltage_v = np.where(self._two_senders.cells, np.nan, found.voltage_v)
         return Measurement(
             t_mono_ns=t_mono_ns,
             t_wall_ns=t_wall_ns,
@@ -162,7 +169,7 @@ class DbcSource:
             is_sample=is_sample,
             is_fresh=is_fresh,
             current_a=_number(found.current_a),
-            voltage_v=found.voltage_v,
+            voltage_v=voltage_v,
             temperature_degc=self.battery.cell_temperatures(found.temperature_degc),
             resistance_ohm=found.resistance_ohm,
             capacity_ah=unknown,
@@ -184,7 +191,7 @@ class DbcSource:
             is_new=is_new,
             awaited=self._assembler.awaited(t_mono_ns),
             live_s=self._rhythm.live_s(),
-            voltage_age_s=_ages_of(found.voltage_v, found.voltage_t_ns, t_mono_ns),
+            voltage_age_s=_ages_of(voltage_v, found.voltage_t_ns, t_mono_ns),
         )
 
 

@@ -121,3 +121,13 @@ def test_a_cut_frame_tells_the_cells_that_it_carries_whole(bus):
 def test_a_battery_that_nobody_hears_for_the_flood_is_missing(bus):
     rng = random.Random(2)
     assert np.isnan(voltages(bus([unknown(rng) for _ in range(FLOOD)]))).all()
+
+
+def test_cells_whose_message_two_nodes_send_are_missing_and_the_others_are_not(bus):
+    frames = true_frames()
+    doubled = frames[1]
+    other = can.Message(arbitration_id=doubled.arbitration_id, is_extended_id=False, data=b"\x20\x80" * 4)  # 3.28 V
+    of_message = np.arange(N_CELLS) // 4 == 1
+    told = voltages(bus([message for _ in range(20) for message in (*frames, other)]))
+    assert np.isnan(told[of_message]).all()
+    assert told[~of_message] == pytest.approx(TRUE_V[~of_message], abs=1e-9)
