@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { gestures, zoomedAt } from '../src/charts/gestures';
-import { ChartView, viewOf } from '../src/store/chart_view.svelte';
+import { ChartView } from '../src/store/chart_view.svelte';
 import { rowsOf, valueAt, type Range } from '../src/store/session_readings';
 
 describe('what is in view', () => {
@@ -24,13 +24,30 @@ describe('what is in view', () => {
     expect(view.range([141, 241])).toEqual([141, 241]);
   });
 
-  it('is the same for all charts of a name, and forgotten with the last one', () => {
-    const [one, two] = [viewOf('here'), viewOf('here')];
-    one.view.look([120, 140], whole);
-    expect(two.view.range(whole)).toEqual([120, 140]);
-    one.leave();
-    two.leave();
-    expect(viewOf('here').view.isZoomed(whole)).toBe(false);
+  it('stands in the address, for all charts of a name and whoever opens the link', () => {
+    let query = new URLSearchParams('find-events=relay');
+    const address = {
+      get here() {
+        return { query };
+      },
+      note(values: Record<string, string | null>) {
+        query = new URLSearchParams(query);
+        for (const [key, value] of Object.entries(values))
+          if (value === null) query.delete(key);
+          else query.set(key, value);
+      },
+    };
+    const one = new ChartView(address, 'live');
+    one.look([120.25, 140], whole);
+    one.pick(130);
+    expect(query.toString()).toBe('find-events=relay&from-live=120.250&to-live=140.000&a-live=130.000');
+    const two = new ChartView(address, 'live');
+    expect([two.range(whole), two.a, two.b]).toEqual([[120.25, 140], 130, null]);
+    expect(new ChartView(address, 'cell').isZoomed(whole)).toBe(false);
+    two.clear();
+    expect(query.toString()).toBe('find-events=relay');
+    query = new URLSearchParams('from-live=140&to-live=120&a-live=soon');
+    expect([one.isZoomed(whole), one.a]).toEqual([false, null]);
   });
 
   it('zooms around the place under the pointer', () => {

@@ -1,5 +1,7 @@
 """What makes the pages bearable for a day: keys, sound, a layout that stays, a page that opens without the service."""
 
+import re
+
 from playwright.sync_api import expect
 
 from tests.e2e.conftest import COUNT_CLICKS
@@ -57,6 +59,28 @@ def test_the_layout_is_as_it_was_left_and_arrows_walk_the_map_as_the_car_is_buil
     expect(page.get_by_test_id("cell-84")).to_be_focused()
     page.keyboard.press("Enter")
     expect(page.get_by_role("heading", level=1)).to_have_text("pack 8, cell 1")
+
+
+def test_a_link_shows_the_same_part_of_the_live_charts_the_same_span_and_the_same_map(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    page.get_by_role("button", name="15 min").click()
+    page.get_by_role("combobox", name="Show").select_option("temperature")
+    chart = page.locator(".charts .u-over").first
+    chart.hover()
+    place = chart.bounding_box()
+    page.mouse.move(place["x"] + 0.6 * place["width"], place["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(place["x"] + 0.9 * place["width"], place["y"] + 20, steps=3)
+    page.mouse.up()
+    expect(page.get_by_role("button", name="Whole range")).to_have_count(3)
+    expect(page).to_have_url(re.compile(r"from-live=\d+\.\d+&to-live=\d+\.\d+"))
+    again = open_page(page.url)
+    expect(again.get_by_role("button", name="15 min")).to_have_attribute("aria-pressed", "true")
+    expect(again.get_by_test_id("heatmap")).to_have_attribute("data-metric", "temperature")
+    expect(again.get_by_role("button", name="Whole range")).to_have_count(3)
+    again.get_by_role("button", name="Whole range").first.click()
+    expect(again).not_to_have_url(re.compile("live"))
+    expect(again.get_by_role("button", name="Whole range")).to_have_count(0)
 
 
 def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):

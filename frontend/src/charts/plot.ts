@@ -30,7 +30,7 @@ export interface PlotSpec {
   unit: string;
   height: number;
   least: number; // narrowest range of the y axis
-  sync?: string;
+  sync: string;
   axis: boolean; // draw the time axis
   hands: Hands;
 }
@@ -165,7 +165,7 @@ export class Plot {
         points: { show: false },
         drag: { x: false, y: false, setScale: false },
         bind: { dblclick: () => null }, // would show what the data hold, not what is in view
-        ...(spec.sync === undefined ? {} : { sync: { key: spec.sync } }),
+        sync: { key: spec.sync },
       },
       scales: { x: { time: true }, y: { range: (_u, low, high) => this.range(low, high) } },
       axes: [
