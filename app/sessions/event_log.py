@@ -110,10 +110,15 @@ class EventLog:
         return event_id
 
     def query(
-        self, after: int = 0, limit: int = 200, severity: str | None = None, cell: int | None = None
+        self,
+        after: int = 0,
+        limit: int = 200,
+        severity: str | None = None,
+        cell: int | None = None,
+        up_to: int | None = None,
     ) -> list[LoggedEvent]:
-        """Return at most `limit` events with an id above `after`, newest first."""
-        return self._in_thread(lambda: self._query(after, limit, severity, cell))
+        """Return at most `limit` events with an id above `after`, and none above `up_to`, newest first."""
+        return self._in_thread(lambda: self._query(after, limit, severity, cell, up_to))
 
     def get(self, event_id: int) -> LoggedEvent | None:
         """Return one event, None where there is none."""

@@ -1,6 +1,5 @@
 """Profiles, the history of writes with its way back, and the difference of any two configurations."""
 
-import sys
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Path, Query, Response
@@ -25,6 +24,7 @@ from app.api.web.dependencies import (
     RulesPart,
     UserDep,
 )
+from app.api.web.paging import CursorQuery, page_of
 from app.api.web.problems import Problem, not_found
 from app.api.web.request_body import Body
 from app.configuration.config_sources import NAMES
@@ -160,12 +160,12 @@ def _record_json(record: Record) -> dict[str, Any]:
 def history(
     config_history: ConfigHistoryPart,
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
-    before: Annotated[int | None, Query(ge=1)] = None,
+    cursor: CursorQuery = None,
 ) -> dict[str, Any]:
     """Every write of the configuration, newest first; `genuine` is false where a signature is not right."""
-    numbers = range(1, before or sys.maxsize)
-    records = [r for r in config_history.records() if r.action in CONFIG_ACTIONS and r.number in numbers]
-    return {"records": [_record_json(record) for record in records[-limit:][::-1]]}
+    records = [record for record in reversed(config_history.records()) if record.action in CONFIG_ACTIONS]
+    shown, following = page_of(records, lambda record: (record.number, ""), limit, cursor)
+    return {"records": [_record_json(record) for record in shown], "next_cursor": following}
 
 
 @router.post("/history/{number}/rollback", response_model=None, responses={200: {"model": WriteResultOut}})

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from app.api.schemas.slave_check import SlaveCheckResultOut, SlaveChecksOut
 from app.api.web.dependencies import ClockPart, EventsPart, LinksPart, SlaveChecksPart, UserDep
+from app.api.web.paging import CursorQuery, page_of
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
@@ -51,9 +52,12 @@ def checks(
     pack: Pack = None,
     quantity: QuantityName | None = None,
     limit: Annotated[int, Query(ge=1, le=MAX_CHECKS)] = 50,
+    cursor: CursorQuery = None,
 ) -> dict[str, Any]:
     """The checks that were kept, newest first."""
-    return {"checks": [_check_json(check) for check in slave_checks.checks(pack, quantity)[:limit]]}
+    found = slave_checks.checks(pack, quantity)
+    shown, following = page_of(found, lambda check: (check.number, ""), limit, cursor)
+    return {"checks": [_check_json(check) for check in shown], "next_cursor": following}
 
 
 @router.post("", response_model=SlaveCheckResultOut)

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Query
 
 from app.api.schemas.service import AcknowledgedOut, EventsOut, SignedLogOut
 from app.api.web.dependencies import AuthenticationPart, ConfigHistoryPart, EventsPart, LivePart, UserDep
+from app.api.web.paging import CursorQuery, page_of, place_of
 from app.api.web.problems import not_found
 from app.battery.fields import MOST_CELLS
 from app.configuration.history import ABOUT_PEOPLE
@@ -43,9 +44,13 @@ def events(
     limit: Annotated[int, Query(ge=1, le=5000)] = 200,
     severity: Literal["info", "watch", "warning", "trip"] | None = None,
     cell: Annotated[int | None, Query(ge=0, le=MOST_CELLS - 1)] = None,
+    cursor: CursorQuery = None,
 ) -> dict[str, Any]:
-    """Newest first."""
-    return {"events": [_event_json(event) for event in events.store.query(after, limit, severity, cell)]}
+    """The event log, newest first; `after`: only those with a larger id."""
+    up_to = None if cursor is None else place_of(cursor)[0] - 1
+    found = events.store.query(after, limit + 1, severity, cell, up_to)
+    shown, following = page_of(found, lambda event: (event.id, ""), limit, cursor)
+    return {"events": [_event_json(event) for event in shown], "next_cursor": following}
 
 
 @router.get("/signed-log", response_model=SignedLogOut)
@@ -54,7 +59,7 @@ def signed_log(
     authentication: AuthenticationPart,
     user: UserDep,
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
-    before: Annotated[int | None, Query(ge=1)] = None,
+    cursor: CursorQuery = None,
 ) -> dict[str, Any]:
     """What changed the car or who may come in, newest first; log-ins and accounts are for those who manage them.
 
@@ -62,21 +67,25 @@ def signed_log(
     """
     records = config_history.records()
     manages = user.role == "chief" or (user.role == "engineer" and not authentication.accounts.has_chief)
-    shown = [
-        {
-            "number": record.number,
-            "time": record.t_wall_ns / 1e9,
-            "who": record.who,
-            "action": record.action,
-            "what": record.source,
-            "reason": record.reason,
-            "result": record.result,
-            "genuine": record.is_genuine,
-        }
-        for record in records
-        if (before is None or record.number < before) and (manages or record.action not in ABOUT_PEOPLE)
-    ]
-    return {"records": shown[-limit:][::-1], "all_genuine": all(record.is_genuine for record in records)}
+    told = [record for record in reversed(records) if manages or record.action not in ABOUT_PEOPLE]
+    shown, following = page_of(told, lambda record: (record.number, ""), limit, cursor)
+    return {
+        "records": [
+            {
+                "number": record.number,
+                "time": record.t_wall_ns / 1e9,
+                "who": record.who,
+                "action": record.action,
+                "what": record.source,
+                "reason": record.reason,
+                "result": record.result,
+                "genuine": record.is_genuine,
+            }
+            for record in shown
+        ],
+        "all_genuine": all(record.is_genuine for record in records),
+        "next_cursor": following,
+    }
 
 
 @router.post("/events/{event_id}/acknowledge", response_model=AcknowledgedOut)

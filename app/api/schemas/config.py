@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
+from app.api.schemas.page import PageOut
 from app.api.schemas.snapshot import Number
 from app.api.schemas.words import WordsOut
 
@@ -194,7 +195,7 @@ class ConfigRecordOut(BaseModel):
     genuine: bool
 
 
-class ConfigHistoryOut(BaseModel):
+class ConfigHistoryOut(PageOut):
     """Records, newest first."""
 
     records: list[ConfigRecordOut]

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from app.api.schemas.page import PageOut
 from app.api.schemas.sessions import SessionEventOut
 from app.api.schemas.snapshot import Number
 from app.api.schemas.words import WordsOut
@@ -76,7 +77,7 @@ class LogEventOut(SessionEventOut):
     acknowledged_by: str | None
 
 
-class EventsOut(BaseModel):
+class EventsOut(PageOut):
     """Newest first."""
 
     events: list[LogEventOut]
@@ -95,7 +96,7 @@ class SignedRecordOut(BaseModel):
     genuine: bool
 
 
-class SignedLogOut(BaseModel):
+class SignedLogOut(PageOut):
     """Records, newest first."""
 
     records: list[SignedRecordOut]

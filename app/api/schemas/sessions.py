@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
+from app.api.schemas.page import PageOut
 from app.api.schemas.snapshot import Number, ReplayOut, Severity
 from app.api.schemas.words import WordsOut
 
@@ -27,7 +28,7 @@ class SessionOut(BaseModel):
     metadata: dict[str, Any]
 
 
-class SessionsOut(BaseModel):
+class SessionsOut(PageOut):
     """Newest first."""
 
     sessions: list[SessionOut]
@@ -43,8 +44,8 @@ class MarkerOut(BaseModel):
     who: str | None
 
 
-class MarkersOut(BaseModel):
-    """All of a session."""
+class MarkersOut(PageOut):
+    """Of a session, in order."""
 
     markers: list[MarkerOut]
 
@@ -79,7 +80,7 @@ class StoredBoxOut(BaseModel):
     is_complete: bool
 
 
-class BoxList(BaseModel):
+class BoxList(PageOut):
     """Black boxes, the newest first."""
 
     boxes: list[StoredBoxOut]

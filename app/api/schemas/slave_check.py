@@ -2,6 +2,7 @@
 
 from pydantic import BaseModel
 
+from app.api.schemas.page import PageOut
 from app.configuration.slave_check import QuantityName, Reading, Verdict
 
 
@@ -37,7 +38,7 @@ class SlaveCheckResultOut(BaseModel):
     before: SlaveCheckOut | None
 
 
-class SlaveChecksOut(BaseModel):
+class SlaveChecksOut(PageOut):
     """Newest first."""
 
     checks: list[SlaveCheckOut]

@@ -31,6 +31,7 @@ from app.api.web.dependencies import (
     WorkersPart,
 )
 from app.api.web.document import document_response
+from app.api.web.paging import CursorQuery, LimitQuery, page_of
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.errors import AppError
@@ -68,8 +69,10 @@ class LapsIn(Body):
     laps: list[LapIn] = Field(max_length=2000)
 
 
-def _box_list(boxes: Sequence[StoredBox]) -> BoxList:
-    return BoxList.model_validate({"boxes": [asdict(box) | message_json("text", box.message) for box in boxes]})
+def _box_list(boxes: Sequence[StoredBox], limit: int | None, cursor: str | None) -> BoxList:
+    shown, following = page_of(boxes, lambda box: (round(box.time * 1e9), box.id), limit, cursor)
+    listed = [asdict(box) | message_json("text", box.message) for box in shown]
+    return BoxList.model_validate({"boxes": listed, "next_cursor": following})
 
 
 def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
@@ -162,10 +165,12 @@ def overlay(
 
 
 @router.get("/blackboxes")
-def black_boxes(black_boxes: BlackBoxesPart, passports: PassportsPart) -> BoxList:
+def black_boxes(
+    black_boxes: BlackBoxesPart, passports: PassportsPart, limit: LimitQuery = None, cursor: CursorQuery = None
+) -> BoxList:
     """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
     passports.update()
-    return _box_list(black_boxes.store.stored())
+    return _box_list(black_boxes.store.stored(), limit, cursor)
 
 
 @router.get("/blackboxes/{box_id}")
@@ -192,10 +197,16 @@ def black_box_page(
 
 
 @router.get("/sessions/{session_id}/blackboxes")
-def session_black_boxes(session_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart) -> BoxList:
+def session_black_boxes(
+    session_id: str,
+    black_boxes: BlackBoxesPart,
+    catalogue: CataloguePart,
+    limit: LimitQuery = None,
+    cursor: CursorQuery = None,
+) -> BoxList:
     """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
     with catalogue.open(session_id) as file:
-        return _box_list(keep_black_boxes(file, black_boxes.store))
+        return _box_list(keep_black_boxes(file, black_boxes.store), limit, cursor)
 
 
 @router.get("/sessions/{session_id}/report")

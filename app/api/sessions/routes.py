@@ -36,6 +36,7 @@ from app.api.web.dependencies import (
     UserDep,
     WorkersPart,
 )
+from app.api.web.paging import CursorQuery, LimitQuery, page_of
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
 from app.estimation.filters.estimators import FILTERS
@@ -134,10 +135,13 @@ def _require_order(t_from: float | None, t_to: float | None) -> None:
 
 
 @router.get("/sessions", response_model=SessionsOut)
-def sessions(catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]:
-    """All sessions, newest first."""
+def sessions(
+    catalogue: CataloguePart, recorder: RecorderPart, limit: LimitQuery = None, cursor: CursorQuery = None
+) -> dict[str, Any]:
+    """Sessions, newest first."""
     recording = _recording_id(recorder)
-    return {"sessions": [session_json(info, recording) for info in catalogue.list()]}
+    shown, following = page_of(catalogue.list(), lambda info: (info.started_wall_ns, info.id), limit, cursor)
+    return {"sessions": [session_json(info, recording) for info in shown], "next_cursor": following}
 
 
 @router.post("/sessions", status_code=201, response_model=SessionOut)
@@ -200,10 +204,13 @@ def mark(
 
 
 @router.get("/sessions/{session_id}/markers", response_model=MarkersOut)
-def markers(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
-    """All markers."""
+def markers(
+    session_id: str, catalogue: CataloguePart, limit: LimitQuery = None, cursor: CursorQuery = None
+) -> dict[str, Any]:
+    """The markers of a session, in the order in which they were made."""
     with catalogue.open(session_id) as file:
-        return {"markers": [_marker_json(marker) for marker in file.markers()]}
+        shown, following = page_of(file.markers(), lambda each: (each.id, ""), limit, cursor, newest_first=False)
+    return {"markers": [_marker_json(marker) for marker in shown], "next_cursor": following}
 
 
 @router.delete("/sessions/{session_id}", response_model=DeletedOut)

@@ -1,6 +1,8 @@
 """The documents that describe the interface to other programs: OpenAPI of the routes, AsyncAPI of the live stream."""
 
+import json
 import re
+from importlib.resources import files
 from typing import Any
 
 from fastapi import FastAPI
@@ -125,7 +127,7 @@ def _singular(word: str) -> str:
 
 
 def install(app: FastAPI, path: str = "/") -> None:
-    """Complete the OpenAPI document: names of operations, who may come in, media type of problems.
+    """Complete the OpenAPI document: names of operations, who may come in, examples, media type of problems.
 
     Args:
         app: has its routes by the time at which the document is asked for.
@@ -144,6 +146,7 @@ def install(app: FastAPI, path: str = "/") -> None:
 def _completed(document: dict[str, Any], path: str) -> dict[str, Any]:
     document["servers"] = [{"url": path, "description": "the service that gives this document"}]
     document["components"]["securitySchemes"] = SECURITY
+    _add_examples(document)
     document["security"] = [{}, *({name: []} for name in SECURITY)]  # {}: on loopback without a password
     for route, methods in document["paths"].items():
         for method, operation in methods.items():
@@ -153,6 +156,19 @@ def _completed(document: dict[str, Any], path: str) -> dict[str, Any]:
             if route in OPEN_PATHS:
                 operation["security"] = []
     return document
+
+
+def _add_examples(document: dict[str, Any]) -> None:
+    """Show an example beside every schema that has one in `app/api/schemas/examples.json`, by the schema's name."""
+    examples = json.loads((files("app.api.schemas") / "examples.json").read_text(encoding="utf-8"))
+    schemas = dict(document["components"]["schemas"])
+    for methods in document["paths"].values():
+        for operation in methods.values():
+            for content in operation.get("requestBody", {}).get("content", {}).values():
+                schema = content.get("schema", {})
+                schemas.setdefault(schema.get("title", ""), schema)  # one that stands at its route
+    for name, example in examples.items():
+        schemas[name]["examples"] = [example]
 
 
 def asyncapi(openapi: dict[str, Any], path: str = "/") -> dict[str, Any]:

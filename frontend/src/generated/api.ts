@@ -201,6 +201,7 @@ export interface BoxEvent {
 
 /** Black boxes, the newest first. */
 export interface BoxList {
+  next_cursor: string | null;
   boxes: StoredBox[];
 }
 
@@ -597,6 +598,7 @@ export interface Comparison {
 
 /** Records, newest first. */
 export interface ConfigHistory {
+  next_cursor: string | null;
   records: ConfigRecord[];
 }
 
@@ -865,6 +867,7 @@ export interface Estimator {
 
 /** Newest first. */
 export interface Events {
+  next_cursor: string | null;
   events: LogEvent[];
 }
 
@@ -1313,8 +1316,9 @@ export interface Marker {
   who: string | null;
 }
 
-/** All of a session. */
+/** Of a session, in order. */
 export interface Markers {
+  next_cursor: string | null;
   markers: Marker[];
 }
 
@@ -2006,6 +2010,7 @@ export interface SessionSeries {
 
 /** Newest first. */
 export interface Sessions {
+  next_cursor: string | null;
   sessions: Session[];
 }
 
@@ -2029,6 +2034,7 @@ export interface SignalSeries {
 
 /** Records, newest first. */
 export interface SignedLog {
+  next_cursor: string | null;
   records: SignedRecord[];
   all_genuine: boolean;
 }
@@ -2095,6 +2101,7 @@ export interface SlaveCheckResult {
 
 /** Newest first. */
 export interface SlaveChecks {
+  next_cursor: string | null;
   checks: SlaveCheck[];
 }
 
