@@ -13,8 +13,9 @@ def ramp_duty(config: Config, t_max_degc: int) -> int:
         return config.fan_ramp_min
     if t_max_degc >= config.fan_ramp_stop:
         return config.fan_ramp_max
-    share = (t_max_degc - config.fan_ramp_start) / (config.fan_ramp_stop - config.fan_ramp_start)
-    return round(config.fan_ramp_min + share * (config.fan_ramp_max - config.fan_ramp_min))
+    above, width = t_max_degc - config.fan_ramp_start, config.fan_ramp_stop - config.fan_ramp_start
+    rise = config.fan_ramp_max - config.fan_ramp_min
+    return config.fan_ramp_min + (2 * above * rise + width) // (2 * width)  # to the nearest, in whole numbers
 
 
 class Fans:

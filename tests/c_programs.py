@@ -51,6 +51,18 @@ def estimator_library() -> Path:
 
 
 @cache
+def master_library() -> Path:
+    """Return the master's own modules as a shared library."""
+    sources = [*sorted((C_FOLDER / "master").glob("vw_*.c")), *sorted(C_FOLDER.glob("vw_*.c"))]
+    command = ["gcc", *FLAGS, "-Wconversion", "-O2", "-fPIC", "-shared"]
+
+    def compile_into(part: Path) -> None:
+        subprocess.run([*command, *map(str, sources), "-o", str(part)], check=True)
+
+    return _built("vw_master", sources, command, compile_into)
+
+
+@cache
 def build_faulty_disk() -> Path:
     """Return the library that is preloaded into a process to make its disk fail, or to write down what reaches it."""
     source = Path(__file__).parent / "integration" / "faulty_disk.c"

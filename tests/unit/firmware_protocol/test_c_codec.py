@@ -17,7 +17,9 @@ from tests.c_programs import build_program, require_gcc
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 VECTORS = Path(__file__).parents[2] / "vectors"
-SOURCES = tuple(sorted(path.name for path in C_FOLDER.glob("vw_*.c")))
+SOURCES = tuple(
+    sorted(str(path.relative_to(C_FOLDER)) for part in (".", "master") for path in C_FOLDER.glob(f"{part}/vw_*.c"))
+)
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 
 

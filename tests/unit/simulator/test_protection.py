@@ -12,10 +12,9 @@ from simulator.protection import (
     SLOW_PERSISTENCE_S,
     WIRE_PERSISTENCE_S,
     Latch,
-    Protection,
     Reading,
-    violations,
 )
+from tests.c_master import CProtection, PythonProtection
 
 CONFIG = Config.from_image(default_image())
 GOOD = Reading(
@@ -24,10 +23,16 @@ GOOD = Reading(
 )  # fmt: skip
 
 
-def trip_time_s(reading: Reading, step_s: float = 0.02) -> tuple[float, int, int]:
-    protection = Protection(Latch())
+@pytest.fixture(params=[PythonProtection, CProtection], ids=["python", "c"])
+def make(request) -> type[PythonProtection] | type[CProtection]:
+    """The protection of the virtual master, and the one in C."""
+    return request.param
+
+
+def trip_time_s(make, reading: Reading, step_s: float = 0.02) -> tuple[float, int, int]:
+    protection = make(Latch())
     for tick in range(200):
-        events = protection.judge(violations(CONFIG, reading), tick * step_s)
+        events = protection.judge(CONFIG, reading, tick * step_s)
         if events:
             return tick * step_s, events[0].code, events[0].cell
     raise AssertionError("no trip")
@@ -55,8 +60,8 @@ def trip_time_s(reading: Reading, step_s: float = 0.02) -> tuple[float, int, int
         ({"lost_current": True}, EventCode.TRIP_SENSOR_LOST, NO_OFFSET, FAST_PERSISTENCE_S),
     ],
 )
-def test_each_limit_trips_after_its_persistence(changes, code, cell, after_s):
-    assert trip_time_s(replace(GOOD, **changes)) == (pytest.approx(after_s), code, cell)
+def test_each_limit_trips_after_its_persistence(make, changes, code, cell, after_s):
+    assert trip_time_s(make, replace(GOOD, **changes)) == (pytest.approx(after_s), code, cell)
 
 
 @pytest.mark.parametrize(
@@ -71,49 +76,52 @@ def test_each_limit_trips_after_its_persistence(changes, code, cell, after_s):
         {"i_fc": -1_200, "is_charging": True},
     ],
 )
-def test_a_value_at_its_limit_is_allowed(changes):
-    assert list(violations(CONFIG, replace(GOOD, **changes))) == []
+def test_a_value_at_its_limit_is_allowed(make, changes):
+    protection = make(Latch())
+    at_limit = replace(GOOD, **changes)
+    assert [protection.judge(CONFIG, at_limit, now_s) for now_s in (0.0, 5.0)] == [[], []]
+    assert protection.clear()
 
 
-def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew():
-    protection = Protection(Latch())
+def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew(make):
+    protection = make(Latch())
     bad = replace(GOOD, v_min=20_000)
     for start_s in (0.0, 1.0):
-        assert protection.judge(violations(CONFIG, bad), start_s) == []
-        assert protection.judge(violations(CONFIG, bad), start_s + 0.28) == []
-        assert protection.judge(violations(CONFIG, GOOD), start_s + 0.29) == []
+        assert protection.judge(CONFIG, bad, start_s) == []
+        assert protection.judge(CONFIG, bad, start_s + 0.28) == []
+        assert protection.judge(CONFIG, GOOD, start_s + 0.29) == []
     assert protection.is_ok
 
 
-def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts():
-    protection = Protection(Latch())
+def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts(make):
+    protection = make(Latch())
     bad = replace(GOOD, t_max=60)
-    protection.judge(violations(CONFIG, bad), 0.0)
-    assert len(protection.judge(violations(CONFIG, bad), 1.0)) == 1
-    assert protection.judge(violations(CONFIG, bad), 2.0) == []  # told once
+    protection.judge(CONFIG, bad, 0.0)
+    assert len(protection.judge(CONFIG, bad, 1.0)) == 1
+    assert protection.judge(CONFIG, bad, 2.0) == []  # told once
     assert not protection.clear()
-    protection.judge(violations(CONFIG, GOOD), 3.0)
+    protection.judge(CONFIG, GOOD, 3.0)
     assert not protection.is_ok
     assert protection.clear()
     assert protection.is_ok
 
 
-def test_two_faults_at_once_are_both_told():
-    protection = Protection(Latch())
+def test_two_faults_at_once_are_both_told(make):
+    protection = make(Latch())
     bad = replace(GOOD, v_min=20_000, i_fc=30_000)
-    protection.judge(violations(CONFIG, bad), 0.0)
-    codes = {event.code for event in protection.judge(violations(CONFIG, bad), 0.5)}
+    protection.judge(CONFIG, bad, 0.0)
+    codes = {event.code for event in protection.judge(CONFIG, bad, 0.5)}
     assert codes == {EventCode.TRIP_V_MIN, EventCode.TRIP_I_DISC}
 
 
-def test_a_restart_does_not_close_the_latch():
+def test_a_restart_does_not_close_the_latch(make):
     latch = Latch()
-    before = Protection(latch)
+    before = make(latch)
     bad = replace(GOOD, t_max=60)
-    before.judge(violations(CONFIG, bad), 0.0)
-    before.judge(violations(CONFIG, bad), 1.0)
-    after = Protection(latch)
-    after.judge(violations(CONFIG, GOOD), 2.0)
+    before.judge(CONFIG, bad, 0.0)
+    before.judge(CONFIG, bad, 1.0)
+    after = make(latch)
+    after.judge(CONFIG, GOOD, 2.0)
     assert not after.is_ok
     assert after.clear()
     assert after.is_ok

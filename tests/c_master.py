@@ -1,0 +1,229 @@
+"""The modules of the master in C behind the interface of the virtual master's, so that the same tests judge both."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+
+from firmware_protocol.config_image import default_image
+from firmware_protocol.memory_map import CONFIG
+from firmware_protocol.messages import EventCode, EventMessage
+from simulator import protection, relays
+from simulator.memory import Config
+from tests.c_programs import master_library
+
+NONE = 0xFF
+N_TRIPS = 8
+DUE_S = (
+    1e-9  # later in Python than in C, so that what is due on the millisecond is due whatever a float's last digit says
+)
+
+
+def ms(seconds: float) -> int:
+    """Return a time as the firmware has it."""
+    return round(seconds * 1000) & 0xFFFFFFFF
+
+
+@cache
+def image_of(config: Config) -> bytes:
+    """Return an image that holds these scalars."""
+    image = bytearray(default_image())
+    for field in fields(config):
+        CONFIG[field.name].pack_into(image, (getattr(config, field.name),))
+    return bytes(image)
+
+
+class Event(ctypes.Structure):
+    """`vw_event_t`."""
+
+    _fields_ = (
+        ("code", ctypes.c_uint8),
+        ("argument", ctypes.c_uint8),
+        ("cell", ctypes.c_uint16),
+        ("value", ctypes.c_int32),
+        ("limit", ctypes.c_int32),
+    )
+
+    def message(self) -> EventMessage:
+        """Return it as Python has it."""
+        return EventMessage(EventCode(self.code), self.argument, self.cell, self.value, self.limit)
+
+
+class CReading(ctypes.Structure):
+    """`vw_reading_t`."""
+
+    _fields_ = (
+        ("v_min", ctypes.c_uint16),
+        ("v_max", ctypes.c_uint16),
+        ("t_min", ctypes.c_int8),
+        ("t_max", ctypes.c_int8),
+        ("v_min_id", ctypes.c_uint8),
+        ("v_max_id", ctypes.c_uint8),
+        ("t_min_id", ctypes.c_uint8),
+        ("t_max_id", ctypes.c_uint8),
+        ("i_fc", ctypes.c_int32),
+        ("is_charging", ctypes.c_bool),
+        ("lost_current", ctypes.c_bool),
+        ("lost_cell", ctypes.c_uint8),
+        ("lost_temperature", ctypes.c_uint8),
+        ("lost_slave", ctypes.c_uint8),
+    )
+
+    @classmethod
+    def of(cls, reading: protection.Reading) -> CReading:
+        """Return a reading as C has it."""
+        values = {field.name: getattr(reading, field.name) for field in fields(reading)}
+        return cls(**{name: NONE if value is None else value for name, value in values.items()})
+
+
+class ProtectionState(ctypes.Structure):
+    """`vw_protection_t`."""
+
+    _fields_ = (
+        ("since_ms", ctypes.c_uint32 * N_TRIPS),
+        ("critical", ctypes.c_uint8),
+        ("tripped", ctypes.c_uint8),
+        ("is_open", ctypes.c_bool),
+    )
+
+
+class FansState(ctypes.Structure):
+    """`vw_fans_t`."""
+
+    _fields_ = (
+        ("is_overridden", ctypes.c_bool),
+        ("has_end", ctypes.c_bool),
+        ("override", ctypes.c_uint8),
+        ("until_ms", ctypes.c_uint32),
+    )
+
+
+class RelaysState(ctypes.Structure):
+    """`vw_relays_t`."""
+
+    _fields_ = (("state", ctypes.c_int), ("since_ms", ctypes.c_uint32), ("has_failed", ctypes.c_bool))
+
+
+class RelayInputs(ctypes.Structure):
+    """`vw_relay_inputs_t`."""
+
+    _fields_ = (
+        ("is_ok", ctypes.c_bool),
+        ("is_drive_asked", ctypes.c_bool),
+        ("is_charging", ctypes.c_bool),
+        ("link_permille", ctypes.c_uint16),
+    )
+
+
+@cache
+def library(path: Path | None = None) -> ctypes.CDLL:
+    """Return the library, by default the one of all modules."""
+    loaded = ctypes.CDLL(str(path or master_library()))
+    for name in ("vw_protection_judge", "vw_fans_duty"):
+        if hasattr(loaded, name):
+            getattr(loaded, name).restype = ctypes.c_uint8
+    loaded.vw_protection_clear.restype = ctypes.c_bool
+    return loaded
+
+
+class PythonProtection:
+    """The virtual master's protection."""
+
+    def __init__(self, latch: protection.Latch) -> None:
+        self._protection = protection.Protection(latch)
+
+    @property
+    def is_ok(self) -> bool:
+        """The OK signal."""
+        return self._protection.is_ok
+
+    def judge(self, config: Config, reading: protection.Reading, now_s: float) -> list[EventMessage]:
+        """Take a reading and return an event for each limit that has just tripped."""
+        return self._protection.judge(protection.violations(config, reading), now_s)
+
+    def clear(self) -> bool:
+        """Release the latch unless a limit is violated now."""
+        return self._protection.clear()
+
+
+class CProtection:
+    """`vw_protection`, with the interface of `PythonProtection`."""
+
+    def __init__(self, latch: protection.Latch, path: Path | None = None) -> None:
+        self._library, self._latch, self._state = library(path), latch, ProtectionState()
+        self._library.vw_protection_init(ctypes.byref(self._state), latch.is_open)
+
+    @property
+    def is_ok(self) -> bool:
+        """The OK signal."""
+        return not self._latch.is_open
+
+    def judge(self, config: Config, reading: protection.Reading, now_s: float) -> list[EventMessage]:
+        """As `PythonProtection`."""
+        self._state.is_open = self._latch.is_open
+        trips, read = (Event * N_TRIPS)(), CReading.of(reading)
+        n = self._library.vw_protection_judge(
+            ctypes.byref(self._state), image_of(config), ctypes.byref(read), ms(now_s), trips
+        )
+        self._latch.is_open = self._state.is_open
+        return [trip.message() for trip in trips[:n]]
+
+    def clear(self) -> bool:
+        """As `PythonProtection`."""
+        is_clear: bool = self._library.vw_protection_clear(ctypes.byref(self._state))
+        self._latch.is_open = self._state.is_open
+        return is_clear
+
+
+class CFans:
+    """`vw_fans`, with the interface of `simulator.fans.Fans`."""
+
+    def __init__(self) -> None:
+        self._state = FansState()
+        library().vw_fans_init(ctypes.byref(self._state))
+
+    def command(self, argument: int, now_s: float) -> None:
+        """Take the argument of FAN_OVERRIDE."""
+        library().vw_fans_command(ctypes.byref(self._state), argument, ms(now_s))
+
+    def duty(self, config: Config, t_max_degc: int, now_s: float) -> int:
+        """Return the duty in force [1/255]."""
+        duty: int = library().vw_fans_duty(ctypes.byref(self._state), image_of(config), t_max_degc, ms(now_s))
+        return duty
+
+
+class CRelays:
+    """`vw_relays`, with the interface of `simulator.relays.Relays`."""
+
+    def __init__(self) -> None:
+        self._state = RelaysState()
+        library().vw_relays_init(ctypes.byref(self._state), 0)
+
+    @property
+    def state(self) -> relays.RelayState:
+        """Which side the relays connect the accumulator to."""
+        return list(relays.RelayState)[self._state.state]
+
+    @property
+    def has_precharge_failed(self) -> bool:
+        """The vehicle's link did not reach its voltage in time."""
+        return bool(self._state.has_failed)
+
+    @property
+    def since_s(self) -> float:
+        """When they came to their state."""
+        return float(self._state.since_ms) / 1000
+
+    def step(
+        self, now_s: float, *, is_ok: bool, drive_requested: bool, charging: bool, link_share: float
+    ) -> relays.RelayState:
+        """Advance one pass and return the state."""
+        inputs = RelayInputs(is_ok, drive_requested, charging, int(link_share * 1000))
+        library().vw_relays_step(ctypes.byref(self._state), ctypes.byref(inputs), ms(now_s))
+        return self.state
+
+    def retry(self) -> None:
+        """Allow another try after a failed pre-charge."""
+        library().vw_relays_retry(ctypes.byref(self._state))

@@ -1,0 +1,162 @@
+"""The master's modules in C against the virtual master's, on the same random measurements: every output the same."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_protocol.config_image import check, default_image
+from firmware_protocol.memory_map import CONFIG
+from simulator.fans import Fans
+from simulator.memory import Config
+from simulator.protection import CHARGE_TOLERANCE, Latch, Reading
+from simulator.relays import Relays
+from tests.c_master import DUE_S, CFans, CProtection, CRelays, PythonProtection, image_of
+from tests.campaign import examples
+
+DEFAULT = Config.from_image(default_image())
+STEPS_MS = st.sampled_from((1, 10, 20, 20, 20, 100, 200, 290, 300, 310, 500, 1000))
+AROUND = st.integers(-2, 2)
+
+
+def in_range(name):
+    return st.integers(CONFIG[name].minimum, CONFIG[name].maximum)
+
+
+CONFIGS = st.builds(
+    lambda values: replace(DEFAULT, **values),
+    st.fixed_dictionaries(
+        {
+            name: in_range(name)
+            for name in (
+                *("v_cell_min", "v_cell_max", "t_cell_min", "t_cell_max", "i_disc_min", "i_disc_max", "i_chrg_min"),
+                *("i_chrg_max", "fan_ramp_start", "fan_ramp_stop", "fan_ramp_min", "fan_ramp_max"),
+            )
+        }
+    ),
+).filter(lambda config: not [error for error in check(image_of(config)) if error.field != "v_cell_chrg"])
+
+
+def or_none(strategy):
+    return st.none() | st.none() | strategy
+
+
+@st.composite
+def readings(draw, config):
+    """Values at, just beyond and far from their limits, and what is missing."""
+
+    def near(low, high, first, last):
+        picked = draw(st.sampled_from((low, low, high, high, (low + high) // 2)))
+        value = draw(st.just(picked + draw(AROUND)) | st.integers(first, last))
+        return min(max(value, first), last)
+
+    tolerance = draw(st.sampled_from((-CHARGE_TOLERANCE, 0, CHARGE_TOLERANCE)))
+    is_charging = draw(st.booleans())
+    low, high = (config.i_chrg_min, config.i_chrg_max) if is_charging else (config.i_disc_min, config.i_disc_max)
+    current = near(low + tolerance, high + tolerance, -(1 << 30), 1 << 30)
+    cells = st.integers(0, 95)
+    return Reading(
+        v_min=near(config.v_cell_min, config.v_cell_max, 0, 0xFFFF),
+        v_min_id=draw(cells),
+        v_max=near(config.v_cell_min, config.v_cell_max, 0, 0xFFFF),
+        v_max_id=draw(cells),
+        t_min=near(config.t_cell_min, config.t_cell_max, -128, 127),
+        t_min_id=draw(cells),
+        t_max=near(config.t_cell_min, config.t_cell_max, -128, 127),
+        t_max_id=draw(cells),
+        i_fc=-current if is_charging else current,
+        is_charging=is_charging,
+        lost_cell=draw(or_none(cells)),
+        lost_temperature=draw(or_none(cells)),
+        lost_slave=draw(or_none(st.integers(0, 7))),
+        lost_current=draw(st.booleans()),
+    )
+
+
+@st.composite
+def measurements(draw):
+    """A configuration, and readings of which some last for several passes: (reading, passes, ms between, clear?)."""
+    config = draw(CONFIGS)
+    calm = Reading(
+        config.v_cell_max - 1, 3, config.v_cell_max - 1, 4, config.t_cell_max, 5, config.t_cell_max, 6,
+        0, False, None, None, None, False,
+    )  # fmt: skip
+    step = st.tuples(
+        st.just(calm) | readings(config), st.integers(1, 6), STEPS_MS, st.integers(0, 9).map(lambda n: not n)
+    )
+    return config, draw(st.lists(step, min_size=1, max_size=20))
+
+
+@given(case=measurements(), start_ms=st.sampled_from((0, 0xFFFFFF00, 0xFFFFFFFF)))
+@settings(max_examples=examples(150))
+def test_both_protections_trip_at_the_same_time_for_the_same_reason(case, start_ms):
+    config, steps = case
+    latches = Latch(), Latch()
+    both = PythonProtection(latches[0]), CProtection(latches[1])
+    now_ms = start_ms
+    for reading, passes, step_ms, is_cleared in steps:
+        for _ in range(passes):
+            now_ms += step_ms
+            events, ours = (side.judge(config, reading, now_ms / 1000) for side in both)
+            assert ours == events
+            assert both[0].is_ok == both[1].is_ok
+        if is_cleared:
+            assert both[0].clear() == both[1].clear()
+            assert both[0].is_ok == both[1].is_ok
+
+
+@given(
+    config=CONFIGS,
+    steps=st.lists(
+        st.tuples(
+            STEPS_MS | st.just(30_000),
+            st.none() | st.just(-1) | st.builds(lambda duty, s: duty | s << 8, st.integers(0, 255), st.integers(0, 60)),
+            st.integers(-128, 127),
+        ),
+        max_size=40,
+    ),
+)
+@settings(max_examples=examples(100))
+def test_both_fans_turn_alike(config, steps):
+    both = Fans(), CFans()
+    now_ms = 0
+    for looks, (step_ms, argument, t_max) in enumerate(steps):
+        now_ms += step_ms
+        now_s = now_ms / 1000 + looks * DUE_S
+        if argument is not None:
+            for fans in both:
+                fans.command(argument, now_s)
+        assert both[0].duty(config, t_max, now_s) == both[1].duty(config, t_max, now_s)
+
+
+RELAY_STEPS = st.lists(
+    st.tuples(
+        STEPS_MS | st.just(3000), st.integers(0, 9), st.integers(0, 9), st.integers(0, 9), st.integers(900, 1000),
+        st.integers(0, 19),
+    ),
+    max_size=60,
+)  # fmt: skip
+
+
+@given(steps=RELAY_STEPS)
+@settings(max_examples=examples(100))
+def test_both_sets_of_relays_switch_alike(steps):
+    both = Relays(), CRelays()
+    now_ms = 0
+    for looks, (step_ms, ok, drive, charging, permille, retry) in enumerate(steps):
+        now_ms += step_ms
+        states = set()
+        for relays in both:
+            if not retry:
+                relays.retry()
+            states.add(
+                relays.step(
+                    now_ms / 1000 + looks * DUE_S,
+                    is_ok=ok > 0,
+                    drive_requested=drive > 1,
+                    charging=charging > 7,
+                    link_share=permille / 1000 + 1e-9,
+                )
+            )
+        assert len(states) == 1
+        assert both[0].has_precharge_failed == both[1].has_precharge_failed
