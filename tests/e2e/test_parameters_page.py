@@ -65,6 +65,21 @@ def test_a_row_shows_what_is_accepted_and_a_looser_protection_asks_why(service, 
     expect(page.get_by_test_id("outcome")).to_contain_text("The EEPROM holds the same configuration")
 
 
+def test_a_refused_value_of_a_table_is_marked_where_it_stands(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters", quiet=False)
+    table = page.get_by_test_id("param-can_tx_msg_id")
+    table.locator("summary").click()
+    expect(table).to_contain_text("judged as a whole")
+    second, third = (page.get_by_role("textbox", name=f"can_tx_msg_id, {n}", exact=True) for n in (2, 3))
+    third.fill(second.input_value())
+    expect(third).to_have_attribute("aria-invalid", "false")
+    page.get_by_test_id("check").click()
+    expect(page.get_by_test_id("outcome")).to_contain_text("tx 2")
+    expect(third).to_have_attribute("aria-invalid", "true")
+    expect(third).to_have_attribute("title", re.compile("tx 2"))
+    expect(second).to_have_attribute("aria-invalid", "false")
+
+
 def test_a_profile_is_kept_and_taken_as_the_draft(service, open_page):
     page = open_page(f"{service.base_url}/#/parameters")
     expect(page.get_by_test_id("inforce-v_cell_chrg")).to_contain_text("4.1500")
