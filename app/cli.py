@@ -1,4 +1,4 @@
-"""The program `voltwall`: finds the command and runs it. Imports a command's module only when it is asked for."""
+"""The program `voltwall`: finds the command and runs it. Imports what the work needs only when it begins."""
 
 import argparse
 import importlib
@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
-from types import ModuleType
 
 from app import __version__
 from app.errors import AppError
@@ -32,11 +31,6 @@ COMMANDS = {
     "completion": "let the shell complete commands and options with Tab: bash, zsh, fish, PowerShell",
     "bench": "measure this machine: filter, decoder, latency, memory",
 }
-IN_FOLDERS = {
-    "simulate": "simulator.simulate",
-    "balance": "simulator.balance",
-    "completion": "console.completion",
-}  # else the module has the command's name
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -50,7 +44,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
         )
         if only is None or name == only:
-            _module_of(name).add_arguments(command)
+            importlib.import_module(f"app.commands.arguments.{name}").add_arguments(command)
     return parser
 
 
@@ -67,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if "_ARGCOMPLETE" in os.environ:  # the shell asks, with the line so far
             _complete()
         args = build_parser(only).parse_args(arguments)
-        return int(_module_of(args.command).run(args))
+        return int(args.do(args))
     except AppError as error:
         print(f"voltwall {only}: {error}", file=sys.stderr)
         return 2
@@ -83,10 +77,6 @@ def _complete() -> None:
     line = os.environ.get("COMP_LINE", "").split()
     parser = build_parser(next((word for word in line[1:] if word in COMMANDS), ""))
     importlib.import_module("argcomplete").autocomplete(parser)
-
-
-def _module_of(command: str) -> ModuleType:
-    return importlib.import_module(f"app.commands.{IN_FOLDERS.get(command, command)}")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ FORMATS = ("csv", "parquet", "mf4", "ld", "mcap")
 _CHILD = """
 import hashlib, importlib, json, sys, time
 from pathlib import Path
-from app.sessions.export import export
+from app.sessions.export.export import export
 try:
     reader = importlib.import_module("app.sessions.reading.reader")
 except ModuleNotFoundError:

@@ -6,10 +6,10 @@ from typing import Any
 from simulator.errors import SimulatorError
 from simulator.fault_kinds import FAULTS, FaultKind, Target
 from simulator.faults import ActiveFault, read_target
-from simulator.inputs import FOR_S, Limits, read_choice, read_number, read_optional, refuse_unknown
+from simulator.inputs import FOR_S, MIN_SPEED, Limits, read_choice, read_number, read_optional, refuse_unknown
 from simulator.library import library
 from simulator.relays import RelayState
-from simulator.runner import MIN_SPEED, Runner
+from simulator.runner import Runner
 from simulator.scenario_player import Notice, ScenarioPlayer
 from simulator.shape import Shape
 from simulator.vehicle import Operated

@@ -33,6 +33,7 @@ FOR_S = Limits(0, MAX_TIME_S, "s", is_above=True)
 SHARE = Limits(0, 1)
 AMBIENT_DEGC = Limits(-40, 80, "degC")
 CURRENT_A = Limits(-MAX_CURRENT_A, MAX_CURRENT_A, "A")
+MIN_SPEED, MAX_SPEED = 0.01, 1e6  # times real time
 SEED = Limits(0, 2**32 - 1, is_whole=True)
 
 

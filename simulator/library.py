@@ -9,7 +9,6 @@ from simulator.scenario import Scenario
 from simulator.scenario_file import load_scenario, recorded_scenario
 from simulator.shape import TEAM, Shape
 
-DEFAULT_SCENARIO = "race-day"
 LIBRARY = Path(__file__).parent / "scenarios"
 
 

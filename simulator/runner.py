@@ -13,7 +13,6 @@ from simulator.errors import InputError, SimulatorError
 from simulator.ports import BytePort
 from simulator.vehicle import Vehicle
 
-MIN_SPEED, MAX_SPEED = 0.01, 1e6
 MAX_LAG_S = 0.05  # of wall time that may be caught up
 _BURST_S = 0.1  # of virtual time between two looks at the ports, when as fast as possible
 _MAX_WAIT_S = 0.25

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from firmware_protocol.config_image import check, default_image, with_value
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.messages import EventCode
-from simulator.balancing.circuits import METHODS
+from simulator.balancing.choices import METHODS
 from simulator.errors import FaultError, InputError, ParameterError, ScenarioError
 from simulator.fault_kinds import FAULTS, Target
 from simulator.faults import check_fault, read_target

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.estimation.arrays import FloatArray
+from app.estimation.cell_model.default_cell import DEFAULT_CELL
 
-DEFAULT_CELL = "samsung-25r-10p"
 LIMITS = (  # name of a limit, in a profile and here
     "cell_voltage_min_v",
     "cell_voltage_max_v",

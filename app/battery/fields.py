@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from app.battery.battery import DEFAULT_CELL
 from app.battery.source import CURRENT_UNITS, RESISTANCE_UNITS, SOC_UNITS, TEMPERATURE_UNITS, VOLTAGE_UNITS
+from app.estimation.cell_model.default_cell import DEFAULT_CELL
 
 KindOfField = Literal[
     "text", "texts", "number", "count", "counts", "flag", "numbers", "pair", "signal", "limit", "parts", "bases", "map"

@@ -12,7 +12,6 @@ from app.battery.profile import Document, Profile, read_document, understand
 from app.battery.table_reader import ProfileError
 from app.words import Message
 
-TEAM_PROFILE = "team"
 _DEEPEST = 8  # profiles that include each other
 
 
@@ -49,7 +48,7 @@ def load_profile(name: str) -> LoadedProfile:
 
 def file_name_of(battery: str) -> str:
     """Return a battery's name as part of a file's name."""
-    return re.sub("[^a-z0-9]+", "-", battery.lower()).strip("-") or "battery"
+    return re.sub(r"[^a-z0-9]+", "-", battery.lower()).strip("-") or "battery"
 
 
 def profile_files(name: str) -> dict[str, bytes]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from app.battery.battery import DEFAULT_CELL, LIMITS, Battery, Drawing, each_cell, spread, spread_in_segments
+from app.battery.battery import LIMITS, Battery, Drawing, each_cell, spread, spread_in_segments
 from app.battery.fields import MANY, MOST_CELLS, TABLES
 from app.battery.source import (
     KINDS,
@@ -21,6 +21,7 @@ from app.battery.source import (
 )
 from app.battery.table_reader import ProfileError, TableReader
 from app.battery.toml_lines import lines_of_keys
+from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.words import Message
 
 _READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")

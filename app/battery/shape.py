@@ -17,6 +17,7 @@ class Shape:
         return self.n_segments * self.cells_per_segment
 
 
+TEAM_PROFILE: Final = "team"  # the bundled profile of the team's own battery
 TEAM: Final = Shape(n_segments=8, cells_per_segment=12)  # the team's battery, as in the master's memory map
 N_PACKS: Final = TEAM.n_segments
 CELLS_PER_PACK: Final = TEAM.cells_per_segment

@@ -7,9 +7,8 @@ import os
 import sys
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
-from app.api.access.accounts import MOST_DAYS, ROLES, Accounts
+from app.api.access.accounts import Accounts
 from app.clock import Clock
 from app.commands.console.signed_log import show
 from app.configuration.history import ConfigHistory
@@ -20,38 +19,6 @@ from app.telemetry import Severity
 from app.words import Message, render
 
 VARIABLE = "VOLTWALL_ACCOUNT_PASSWORD"
-EPILOG = f"""\
-The password is asked for; without a terminal it is read from {VARIABLE}. A viewer reads, an engineer writes and
-commands, a chief manages accounts and tokens too. A token's secret is shown once; programs send it as
-`Authorization: Bearer SECRET`, or in the place of a password."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The actions."""
-    parser.epilog = EPILOG
-    where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
-    where.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service (default: as serve)")
-    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", parents=[where], help="who has an account, and which tokens there are")
-    listing.add_argument("--json", action="store_true", help="as JSON")
-    add = actions.add_parser("add", parents=[where], help="add an account, or change its role and password")
-    remove = actions.add_parser("remove", parents=[where], help="take an account away, and log that person out")
-    token = actions.add_parser("token", parents=[where], help="make a token for a program")
-    revoke = actions.add_parser("revoke", parents=[where], help="take a token away")
-    log = actions.add_parser(
-        "log",
-        parents=[where],
-        help="what they changed: the signed log, every signature checked; exit code 1 if one is wrong",
-    )
-    log.add_argument("--json", action="store_true", help="a line of JSON a record")
-    for action in (add, remove, token):
-        action.add_argument("name", metavar="NAME", help="of the person, or the program")
-    add.add_argument("--role", choices=ROLES, required=True, help="what that person may do")
-    token.add_argument("--role", choices=ROLES[:2], default="viewer", help="what it may do (default: %(default)s)")
-    token.add_argument(
-        "--days", type=float, default=30.0, help=f"until it ends, at most {MOST_DAYS} (default: %(default)g)"
-    )
-    revoke.add_argument("token", metavar="ID", help="as list shows it")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -10,14 +10,6 @@ from firmware_protocol.dbc import to_dbc
 from firmware_protocol.memory_map import CONFIG_SIZE
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where from, where to."""
-    parser.add_argument(
-        "--image", type=Path, metavar="FILE", help="a 420-byte configuration image (default: the default tables)"
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
-
-
 def run(args: argparse.Namespace) -> int:
     """Write it."""
     image = default_image() if args.image is None else _image(args.image)

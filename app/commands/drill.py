@@ -10,47 +10,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from app.analysis.drill.days import CHOICES, DAYS, POOL, Day, draw_days
+from app.analysis.drill.days import CHOICES, Day, draw_days
 from app.analysis.drill.product import answer_of_cause, answer_of_events
 from app.analysis.drill.score import Answer, most_points, points, total
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import causes_of
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
-from app.commands.console.config_service import ConfigService, add_trust_argument
-from app.commands.console.number import between
+from app.commands.console.config_service import ConfigService
 from app.commands.guided.play import Played, play
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import DEFAULT_CELL
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.reading.reader import SessionFile
 
 SEEDS = 1_000_000
-EPILOG = """\
-Without --product it needs `voltwall serve` on the simulated car: look at its pages, answer here or on its Simulator
-page. Two points for what failed, one for where.
-
-exit code of --product with --pass: 1 where the product has fewer points than that share of them
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which days, who answers."""
-    parser.epilog = EPILOG
-    parser.add_argument("--seed", type=int, metavar="N", help=f"the same days again, 0 to {SEEDS} (default: random)")
-    parser.add_argument(
-        "--days", type=int, default=DAYS, choices=range(1, len(POOL) + 1), metavar="N", help="how many (default: 10)"
-    )
-    parser.add_argument("--url", default="http://127.0.0.1:8000", help="of the service (default: %(default)s)")
-    add_trust_argument(parser)
-    parser.add_argument("--product", action="store_true", help="nobody answers: score what the product itself says")
-    parser.add_argument(
-        "--speed", type=between(1, 100, "times real time"), default=15.0, help="with --product (default: %(default)g)"
-    )
-    parser.add_argument("--cell", default=DEFAULT_CELL, metavar="CELL.toml", help="with --product: the cell file")
-    parser.add_argument(
-        "--pass", dest="share", type=between(0, 1, "of the points"), metavar="SHARE", help="with --product: to pass"
-    )
-    parser.add_argument("--json", action="store_true", help="the debrief as JSON")
 
 
 def run(args: argparse.Namespace) -> int:

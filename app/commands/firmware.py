@@ -2,28 +2,11 @@
 
 import argparse
 import sys
-from pathlib import Path
 
-from app.commands.console.number import between
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
-from app.estimation.filters.c_tables import SOC_STEP, c_tables
-
-FINEST, COARSEST = 0.001, 0.05
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which cell, how fine, where to."""
-    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
-    parser.add_argument(
-        "--soc-step",
-        type=between(FINEST, COARSEST, "SOC"),
-        default=SOC_STEP,
-        metavar="SOC",
-        help="distance of the tables' points (default: %(default)s); half of it takes twice the flash",
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
+from app.estimation.filters.c_tables import c_tables
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,61 +13,21 @@ from app.analysis.replay_check import prove
 from app.analysis.session_cell import cell_of, judged_by
 from app.api.application import Replay
 from app.api.encoding.snapshot import snapshot_json
-from app.commands.console.number import between
 from app.commands.serve import serve
-from app.commands.session_commands.selection import add_data_argument, add_session_argument, find_session
+from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import DEFAULT_CELL
-from app.estimation.filters.estimators import FILTERS
+from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.live.pipeline_factory import PipelineFactory
 from app.service import log
 from app.service.settings import Settings
 from app.sessions.info import RecordedConfig
 from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import SESSION_CELL, item_of, prepare
-from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.telemetry.service_state import ServiceState
 from app.words import naming_cells
 
 DEFAULT_FILTER = "fused"
 NO_SERVICE = ServiceState(recording=None, replay=None, last_event_id=0, config_stored_hash=None)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What and how."""
-    add_session_argument(parser)
-    add_data_argument(parser)
-    parser.add_argument(
-        "--speed",
-        type=between(MIN_SPEED, MAX_SPEED, "times real time"),
-        default=1.0,
-        help="0.1 to 100 times real time (default: 1)",
-    )
-    parser.add_argument("--json", action="store_true", help="print every snapshot as a line of JSON, without a server")
-    parser.add_argument(
-        "--assert",
-        dest="expected",
-        type=Path,
-        metavar="FILE",
-        help="check alarms and estimates against a TOML file of expectations, without a server;\n"
-        "exit code 0: all held, 1: one did not, 2: it could not be checked. With --json the verdicts as JSON",
-    )
-    parser.add_argument(
-        "--filter", choices=FILTERS, help=f"recompute with this state estimator (default: {DEFAULT_FILTER})"
-    )
-    parser.add_argument(
-        "--cell",
-        metavar="CELL.toml",
-        help=f"recompute with this cell file or name (default: the session's own, {DEFAULT_CELL} where it keeps none)",
-    )
-    parser.add_argument(
-        "--estimates",
-        choices=("recomputed", "recorded"),
-        default="recomputed",
-        help="which estimates the pages show; both are told (default: recomputed)",
-    )
-    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1)")
-    parser.add_argument("--port", type=int, default=8000, help="port to listen on; 0 takes a free one (default: 8000)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
-from typing import Any, get_args
+from typing import Any
 
 import uvicorn
 from pydantic import ValidationError
@@ -31,7 +31,7 @@ from app.service import log
 from app.service.folder_lock import locked_folder
 from app.service.health.watchdog import keep_alive, notify
 from app.service.host import HighListener, raise_descriptor_limit
-from app.service.settings import FilterName, Settings
+from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.sources.beside import FOLDER, BesideBattery, beside
 from app.sources.connections import NAMES as CONNECTIONS
@@ -43,53 +43,6 @@ from app.words import Message, name_cells_by, naming_cells
 logger = logging.getLogger(__name__)
 AGAIN = -1  # instead of an exit code
 _WAIT_AT_THE_DOOR = 1024  # connections that the system holds until the service takes them
-SECRETS = (
-    "password",
-    "viewer_password",
-    "mqtt_password",
-    "recorder_password",
-)  # by environment only: a command line is visible to everyone on the machine
-
-
-METAVARS = {
-    "serial": "URL",
-    "can": "INTERFACE:CHANNEL",
-    "battery": "FILE|NAME",
-    "also": "BATTERY@BUS[,...]",
-    "data": "DIR",
-    "cell": "CELL.toml",
-    "tls_cert": "FILE",
-    "tls_key": "FILE",
-    "trust": "FILE|FINGERPRINT,...",
-}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """One flag a setting; what is not given comes from VOLTWALL_<NAME>, else from the default."""
-    for name, field in Settings.model_fields.items():
-        if name in SECRETS:
-            continue
-        flag = "--" + name.replace("_", "-")
-        default = "" if field.is_required() or field.default is None else f" (default: {_default(name)})"
-        text = f"{field.description}{default}".replace("%", "%%")
-        if field.annotation is bool:
-            parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=None, help=text)
-            continue
-        choices = get_args(FilterName) if name == "filter" else None
-        if name == "log_level":
-            choices = ("debug", "info", "warning", "error")
-        if name == "recorder_order":
-            choices = ("oldest", "newest")
-        metavar = METAVARS.get(name)
-        parser.add_argument(flag, default=None, help=text, choices=choices, metavar=None if choices else metavar)
-    parser.epilog = (
-        "Without --serial and --can the simulated accumulator is started and read through a pseudo-terminal\n"
-        "and a CAN adapter. Passwords: VOLTWALL_PASSWORD (engineer), VOLTWALL_VIEWER_PASSWORD (viewer)."
-    )
-
-
-def _default(name: str) -> str:
-    return str(Settings.model_fields[name].get_default(call_default_factory=True, validated_data={}))
 
 
 def settings_from(args: argparse.Namespace) -> Settings:

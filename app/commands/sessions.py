@@ -7,15 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.clock import Clock
-from app.commands.session_commands import analysis as debrief
-from app.commands.session_commands import importing, passport, transfer
 from app.commands.session_commands.selection import (
-    add_data_argument,
-    add_json_argument,
-    add_session_argument,
     catalogue,
     find_session,
-    new_action,
 )
 from app.errors import ConfigError
 from app.sessions.errors import SessionError
@@ -23,47 +17,6 @@ from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import is_in_use
 from app.sessions.transfer.repair import repair
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the actions; without one the sessions are listed."""
-    add_data_argument(parser)
-    add_json_argument(parser, default=False)
-    parser.set_defaults(do=_list)
-    actions = parser.add_subparsers(dest="action", metavar="ACTION")
-    add_json_argument(new_action(actions, "list", "all sessions, newest first (the default)", _list))
-    show = new_action(
-        actions, "show", "one session: times, counts, signals, markers, configurations, events", _show_one
-    )
-    markers = new_action(actions, "markers", "the markers of a session", _markers)
-    for action in (show, markers):
-        add_session_argument(action)
-        add_json_argument(action)
-    check = new_action(
-        actions, "check", "read every byte of a session, or of all; exit code 1 where something is wrong", _check
-    )
-    check.add_argument("session", metavar="SESSION", nargs="?", help="the session's id, or its file (default: all)")
-    check.add_argument(
-        "--repair", type=Path, metavar="OUT", help="write what can still be read of SESSION into a new file"
-    )
-    delete = new_action(actions, "delete", "delete a session for ever", _delete)
-    add_session_argument(delete)
-    prune = new_action(actions, "prune", "say what --older-than and --keep-gb leave over; delete it with --yes", _prune)
-    prune.add_argument("--older-than", type=float, metavar="DAYS", help="sessions that ended longer ago")
-    prune.add_argument("--keep-gb", type=float, metavar="GB", help="all but so much of the newest")
-    for action in (delete, prune):
-        action.add_argument("--yes", action="store_true", help="delete without asking")
-    for module in (debrief, passport, transfer, importing):
-        module.add_actions(actions)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Do what was asked for.
-
-    Raises:
-        AppError: the session is missing or damaged, or must not be touched now.
-    """
-    return int(args.do(args))
 
 
 def _when(wall_ns: int | None) -> str:
@@ -96,7 +49,8 @@ def _facts(info: SessionInfo, in_use: bool | None = None) -> dict[str, object]:
     }
 
 
-def _list(args: argparse.Namespace) -> int:
+def list_sessions(args: argparse.Namespace) -> int:
+    """Print all sessions, newest first."""
     sessions, problems = catalogue(args).survey()
     if args.json:
         print(json.dumps([_facts(info) for info in sessions], indent=2))
@@ -113,7 +67,8 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _show_one(args: argparse.Namespace) -> int:
+def show_session(args: argparse.Namespace) -> int:
+    """Print all about one."""
     path = find_session(args, args.session)
     in_use = is_in_use(path)
     with SessionFile(path) as session:
@@ -159,7 +114,8 @@ def _marker_facts(session: SessionFile) -> list[dict[str, object]]:
     ]
 
 
-def _markers(args: argparse.Namespace) -> int:
+def list_markers(args: argparse.Namespace) -> int:
+    """Print its markers."""
     with SessionFile(find_session(args, args.session)) as session:
         found = _marker_facts(session)
     if args.json:
@@ -173,7 +129,8 @@ def _markers(args: argparse.Namespace) -> int:
     return 0
 
 
-def _check(args: argparse.Namespace) -> int:
+def check_sessions(args: argparse.Namespace) -> int:
+    """Read every byte; 1 where something is wrong."""
     if args.repair is not None:
         if args.session is None:
             raise ConfigError("repair", args.repair, "name one SESSION")
@@ -204,7 +161,8 @@ def _repair(path: Path, target: Path) -> int:
     return 0
 
 
-def _delete(args: argparse.Namespace) -> int:
+def delete_session(args: argparse.Namespace) -> int:
+    """Delete one."""
     sessions = catalogue(args)
     sessions.path(args.session)
     if not args.yes:
@@ -214,7 +172,8 @@ def _delete(args: argparse.Namespace) -> int:
     return 0
 
 
-def _prune(args: argparse.Namespace) -> int:
+def prune_sessions(args: argparse.Namespace) -> int:
+    """Delete what is too old or too much, or say what would be."""
     if args.older_than is None and args.keep_gb is None:
         raise ConfigError("prune", "(nothing)", "say --older-than DAYS, --keep-gb GB or both")
     sessions = catalogue(args)

@@ -4,19 +4,20 @@ from dataclasses import asdict
 from importlib.resources import files
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import platformdirs
 from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from app.battery.library import TEAM_PROFILE
+from app.battery.shape import TEAM_PROFILE
 from app.errors import ConfigError
-from app.sources.beside import FOLDER
-from app.sources.connections import Connections
+from app.estimation.filters.filter_names import FilterName
 from app.words import Message
 
-FilterName = Literal["fused", "coulomb", "ekf", "ukf", "cdkf"]
+if TYPE_CHECKING:
+    from app.sources.connections import Connections
+
 LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # of a password
 LEAST_OF_SHARED = 8  # a service that ran with such a one goes on, with a warning
 LEAST_DIFFERENT = 5  # characters: not 121212121212
@@ -137,8 +138,10 @@ class Settings(BaseSettings):
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
 
-    def beside(self, slug: str, connections: Connections) -> "Settings":
+    def beside(self, slug: str, connections: "Connections") -> "Settings":
         """Return the settings of a battery beside the first: files and topics below it, what else is the first's."""
+        from app.sources.beside import FOLDER  # here: the settings are read for every --help
+
         own: dict[str, object] = dict.fromkeys(
             ("also", "cell", "scenario", "recorder")
         )  # one copy of a recorder's files

@@ -3,10 +3,13 @@
 import math
 from collections.abc import Iterator
 from heapq import merge
+from typing import TYPE_CHECKING
 
 from app.errors import ConfigError
 from app.sessions.info import RecordedCanFrame, RecordedFrame
-from app.sessions.reading.reader import SessionFile
+
+if TYPE_CHECKING:
+    from app.sessions.reading.reader import SessionFile
 
 LEAD_S = 5.0  # after a jump, so much from before it comes first: every window of the stream has had its turn
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
@@ -21,7 +24,7 @@ class Pacer:
     `speed` is 0.1..100 times, or math.inf for as fast as they are taken. Positions are seconds from the start.
     """
 
-    def __init__(self, session: SessionFile, *, now_s: float, speed: float = 1.0, position_s: float = 0.0) -> None:
+    def __init__(self, session: "SessionFile", *, now_s: float, speed: float = 1.0, position_s: float = 0.0) -> None:
         """Begin to play at a position.
 
         Raises:

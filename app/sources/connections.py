@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.battery.library import TEAM_PROFILE, bundled_profiles
+from app.battery.library import bundled_profiles
+from app.battery.shape import TEAM_PROFILE
 from app.errors import ConfigError, NotNow
 from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus

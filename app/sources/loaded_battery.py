@@ -6,7 +6,8 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 from app.battery.battery import Battery
-from app.battery.library import TEAM_PROFILE, profile_files, profile_of
+from app.battery.library import profile_files, profile_of
+from app.battery.shape import TEAM_PROFILE
 from app.battery.source import Source, SpeaksDbc
 from app.battery.table_reader import ProfileError
 from app.sources.dbc.dbc_file import parse_definitions

@@ -104,9 +104,6 @@ class SwitchedCapacitors:
         return Balance(cell_current_a=given_a, heat_w=heat_w, loss_w=loss_w)
 
 
-METHODS = ("passive", "switched-capacitor", "transformer")
-
-
 def balancing_circuit(method: str, accumulator: Accumulator) -> BalancingCircuit:
     """Return the circuit of a method of `METHODS`, one for each pack."""
     per_pack = accumulator.parameters.cells_per_pack

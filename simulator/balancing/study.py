@@ -18,24 +18,14 @@ from simulator.balancing.balancers import (
     TransformerBalancing,
 )
 from simulator.balancing.charge import SECONDS_PER_HOUR, BalancingRun, ChargePlan, Supervisor, charge, equalise
-from simulator.balancing.circuits import METHODS, STRONG_CAPACITORS, STRONG_TRANSFORMER, SwitchedCapacitors
+from simulator.balancing.choices import CIRCUITS, LIMITS
+from simulator.balancing.circuits import STRONG_CAPACITORS, STRONG_TRANSFORMER, SwitchedCapacitors
 from simulator.balancing.six_cells import RATED_AH, START_SOC, six_cells
 from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
 from simulator.balancing.thesis_tables import THESIS_PASSIVE, THESIS_TRANSFORMER
 from simulator.cell_data import FloatArray
 from simulator.errors import ParameterError
 
-CIRCUITS: Final = (*METHODS, "none")
-LIMITS: Final = {  # of the numbers of a study
-    "rate_c": (0.05, 6.0),
-    "hours": (0.1, 100.0),
-    "soc": (0.0, 1.0),
-    "spread": (0.0, 0.5),
-    "ambient_degc": (-20.0, 60.0),
-    "resistor_ohm": (1.0, 1000.0),
-    "threshold_v": (1e-5, 0.1),
-    "until": (1e-4, 0.1),
-}
 MOST_CELLS: Final = 600
 # A charge of the thesis's cells that 200 uF, 3 mohm and 100 kHz balance
 _SMALL_CAPACITORS = SwitchedCapacitorParameters(200e-6, 3e-3, 100e3, cell_ohm=0.0082)

@@ -12,12 +12,13 @@ import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 from filelock import FileLock
 
+from app.api.access.roles import MOST_DAYS, ROLES, Role
 from app.errors import ConfigError
 from app.service.settings import MOST_CHARACTERS, check_password
 from app.sources.whole_file import replace_file
@@ -27,13 +28,10 @@ FILE = "accounts.json"
 TOKEN_PREFIX = "vw_"
 MOST = 1000  # accounts, and tokens
 DAY_S = 86400.0
-MOST_DAYS = 400
 _NAME = re.compile(r"[^\x00-\x1f\x7f:/]{1,40}")
 _LOCK_S = 10.0
 # OWASP's least for argon2id: 19 MiB, which a Raspberry Pi that records can spare
 _HASHER = PasswordHasher(time_cost=2, memory_cost=19 * 1024, parallelism=1)
-Role = Literal["viewer", "engineer", "chief"]
-ROLES: tuple[Role, ...] = ("viewer", "engineer", "chief")
 Result = TypeVar("Result")
 
 

@@ -12,7 +12,7 @@ from app.api.schemas.setup import LookOut, PluggedOut, SetupOut, UploadedOut
 from app.api.web.dependencies import EventsPart, LivePart, SetupPart, SignedPart, UserDep, WorkersPart
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
-from app.battery.library import TEAM_PROFILE
+from app.battery.shape import TEAM_PROFILE
 from app.sessions.worker import DEFINITIONS
 from app.sources.connections import BATTERIES, Connections, Setup
 from app.sources.links.connected import LOOK_S, Look, can_adapters, look_at_can, look_at_serial, serial_ports

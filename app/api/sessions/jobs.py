@@ -6,8 +6,8 @@ from pathlib import Path
 from app.analysis.evidence.evidence import Evidence, evidence_of
 from app.analysis.laps.from_session import Counter, LapTable, Overlay, Source, lap_table, lap_times, overlay_laps
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
-from app.sessions.export.formats import WITH_LAPS, export
-from app.sessions.export.names import Names
+from app.sessions.export.export import export
+from app.sessions.export.formats import WITH_LAPS, Names
 from app.sessions.reading.reader import SessionFile
 
 

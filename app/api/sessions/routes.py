@@ -41,8 +41,7 @@ from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
 from app.estimation.filters.estimators import FILTERS
 from app.sessions.errors import SessionError, UnknownSignal
-from app.sessions.export.formats import FORMATS
-from app.sessions.export.names import Names
+from app.sessions.export.formats import FORMATS, Names
 from app.sessions.info import SessionInfo
 from app.sessions.replay import SESSION_CELL, ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED

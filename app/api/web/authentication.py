@@ -19,9 +19,10 @@ from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.api.access.accounts import TOKEN_PREFIX, Accounts, Role
+from app.api.access.accounts import TOKEN_PREFIX, Accounts
 from app.api.access.guesses import Guesses
 from app.api.access.login_log import LoginLog, log_without_car
+from app.api.access.roles import Role
 from app.api.web.problems import Problem
 from app.clock import Clock
 from app.service.settings import Settings

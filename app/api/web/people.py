@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Path, Request
 from pydantic import BaseModel, Field
 
-from app.api.access.accounts import MOST_DAYS, Role
+from app.api.access.roles import MOST_DAYS, Role
 from app.api.web.authentication import Authentication, User
 from app.api.web.dependencies import AuthenticationPart, UserDep
 from app.api.web.problems import Problem, not_found

@@ -19,22 +19,8 @@ from app.words import render
 _NAMES = {"signal", "message", "numbers"}  # fields of an entry that name what is in the DBC
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    checking = actions.add_parser(
-        "check",
-        help="every doubt of a profile and its DBC, by line and field; exit code 1 where there is one,\n"
-        "2 where the profile cannot work",
-        formatter_class=argparse.RawTextHelpFormatter,
-    )
-    checking.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
-    checking.add_argument(
-        "--log", type=Path, metavar="FILE", help="a CAN log of this battery: .log (candump), .trc, .asc, .blf, .mf4"
-    )
-    checking.set_defaults(do=_check)
-
-
-def _check(args: argparse.Namespace) -> int:
+def check(args: argparse.Namespace) -> int:
+    """Print every doubt; 1 where there is one, 2 where the profile cannot work."""
     document = load_part(args.profile)
     errors, profile = errors_of(document)
     lines = [f"{_place(error.file, error.line)}: error: {_of_field(error)}" for error in errors]

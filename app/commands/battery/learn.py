@@ -24,31 +24,8 @@ from app.words.render import number
 _MOST_ODDITIES = 10
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    learning = actions.add_parser(
-        "learn",
-        help="what speaks on a bus or in a log, and a profile with the reasons for it; exit code 1 where none fits",
-    )
-    learning.add_argument(
-        "--dbc", type=Path, action="append", default=[], metavar="FILE",
-        help="message definitions: .dbc, .sym, .kcd, .arxml; may be given again (default: those that come along)",
-    )  # fmt: skip
-    source = learning.add_mutually_exclusive_group()
-    source.add_argument("--log", type=Path, metavar="FILE", help="a CAN log: .log (candump), .trc, .asc, .blf, .mf4")
-    source.add_argument("--can", metavar="IF:CH", help="listen to a bus: a python-can interface and channel")
-    learning.add_argument("--seconds", type=float, default=30.0, metavar="S", help="how long to listen (default: 30)")
-    learning.add_argument("--name", default="", help="what people call the battery (default: the DBC's name)")
-    learning.add_argument("--out", type=Path, metavar="FILE", help="write the profile (default: standard output)")
-    learning.add_argument("--signals", action="store_true", help="list every signal with its range too")
-    learning.add_argument(
-        "--with-states", action="store_true",
-        help="take the states as proposed (default: in comments, for a person to confirm)",
-    )  # fmt: skip
-    learning.set_defaults(do=_learn)
-
-
-def _learn(args: argparse.Namespace) -> int:
+def learn_profile(args: argparse.Namespace) -> int:
+    """Print what speaks and write the profile; 1 where none fits."""
     frames = frames_of([])
     if args.log is not None:
         frames = log_frames(args.log)

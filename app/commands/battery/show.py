@@ -10,18 +10,8 @@ from app.battery.source import CellSignals, SpeaksDbc, SpeaksMaster
 from app.battery.table_reader import ProfileError
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the actions."""
-    listing = actions.add_parser("list", help="the profiles that come with the program")
-    listing.add_argument("--json", action="store_true", help="as JSON")
-    listing.set_defaults(do=_list)
-    showing = actions.add_parser("show", help="what a profile means, with a drawing")
-    showing.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
-    showing.add_argument("--toml", action="store_true", help="the profile's text, to copy and change")
-    showing.set_defaults(do=_show)
-
-
-def _list(args: argparse.Namespace) -> int:
+def list_profiles(args: argparse.Namespace) -> int:
+    """Print the profiles that come along."""
     found: list[dict[str, object]] = []
     for name in bundled_profiles():
         try:
@@ -43,7 +33,8 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _show(args: argparse.Namespace) -> int:
+def show_profile(args: argparse.Namespace) -> int:
+    """Print what one means."""
     loaded = load_profile(args.profile)
     if args.toml:
         print(loaded.text, end="")

@@ -6,46 +6,14 @@ import sys
 from dataclasses import asdict
 
 from app.battery.sizing import Figure, Layout, figures_of
-from app.commands.console.number import segments
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import DEFAULT_CELL, load_cell
+from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 
-MOST_PARALLEL = 1000
 
-
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    sizing = actions.add_parser(
-        "size",
-        help="voltage, capacity, energy, mass, currents, power and resistance of a battery of given cells",
-    )
-    sizing.add_argument(
-        "--cell", default=DEFAULT_CELL, metavar="CELL.toml",
-        help="cell file (TOML) or the name of a bundled one (default: %(default)s)",
-    )  # fmt: skip
-    sizing.add_argument(
-        "--segments", type=segments, required=True, metavar="8x12",
-        help="segments in series x cells in series in each",
-    )  # fmt: skip
-    sizing.add_argument(
-        "--parallel", type=_parallel, default=1, metavar="N",
-        help="how many of what the cell file describes are in parallel (default: 1)",
-    )  # fmt: skip
-    sizing.add_argument(
-        "--soc", type=_percent, default=50.0, metavar="PERCENT",
-        help="state of charge for which power and resistance hold (default: 50)",
-    )  # fmt: skip
-    sizing.add_argument(
-        "--temperature", type=float, default=25.0, metavar="DEGC",
-        help="temperature of the cells for which they hold (default: 25)",
-    )  # fmt: skip
-    sizing.add_argument("--json", action="store_true", help="print the figures as JSON")
-    sizing.set_defaults(do=_size)
-
-
-def _size(args: argparse.Namespace) -> int:
+def size(args: argparse.Namespace) -> int:
+    """Print what a battery of these cells can do."""
     try:
         cell = load_cell(args.cell)
     except EstimatorError as error:
@@ -87,19 +55,3 @@ def _check_temperature(cell: CellModel, degc: float) -> None:
     low, high = -60.0 if low is None else low, 150.0 if high is None else high
     if not low <= degc <= high:
         raise ConfigError("temperature", degc, f"{low:g} to {high:g} degC, by the cell file")
-
-
-def _parallel(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= MOST_PARALLEL:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 to {MOST_PARALLEL}")
-    return int(text)
-
-
-def _percent(text: str) -> float:
-    try:
-        value = float(text.removesuffix("%"))
-    except ValueError:
-        value = float("nan")
-    if not 0.0 <= value <= 100.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not 0 to 100 percent")
-    return value

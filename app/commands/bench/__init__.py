@@ -10,26 +10,11 @@ from typing import Any
 
 from app.commands.bench.numerics import CHIP_US, chain_rates, filter_pass_us
 from app.commands.bench.service import at_line_limit, simulated
-from app.commands.console.number import between
+from app.commands.console.number import between as between
 from app.errors import ConfigError
 from app.live.pipeline_factory import PipelineFactory
 
-MIN_SECONDS, MAX_SECONDS = 1.0, 86400.0
 Row = tuple[str, str, str]  # what, figure, method
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to measure and for how long."""
-    parser.add_argument(
-        "--seconds",
-        type=between(MIN_SECONDS, MAX_SECONDS, "s"),
-        default=30.0,
-        help="of each run of the service (default: 30)",
-    )
-    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
-    parser.add_argument("--estimation", action="store_true", help="the estimators beside their peers (from a checkout)")
-    parser.add_argument("--predictions", action="store_true", help="how often bands held the truth (from a checkout)")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
 def run(args: argparse.Namespace) -> int:

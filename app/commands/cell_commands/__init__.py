@@ -1,1 +1,1 @@
-"""What `voltwall identify` and `voltwall estimate` share."""
+"""`voltwall identify` and `voltwall estimate`: a model fitted to measurements, a filter run over them."""

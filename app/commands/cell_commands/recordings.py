@@ -16,21 +16,6 @@ from app.estimation.recording.cell_recording import Recording
 from app.sources.recordings.dataset import load_recording, parse_map
 
 
-def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare how columns, signs and a missing clock of the user's files are to be read."""
-    group = parser.add_argument_group("reading the files")
-    group.add_argument(
-        "--map",
-        action="append",
-        default=[],
-        metavar="FIELD=COLUMN[*FACTOR],...",
-        help="which column is what, by header text or number from 1; fields: time_s, current_a, voltage_v, "
-        "temperature_c, soc",
-    )
-    group.add_argument("--charge-positive", action="store_true", help="the files count charging current as positive")
-    group.add_argument("--period", type=float, metavar="SECONDS", help="time between rows, for files without a clock")
-
-
 def read_recording(path: Path, args: argparse.Namespace) -> Recording:
     """Return the recording in a file, read as the arguments say.
 

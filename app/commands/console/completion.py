@@ -5,20 +5,6 @@ from importlib import import_module
 
 from app.errors import ExtraMissing
 
-SHELLS = ("bash", "zsh", "fish", "powershell")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of the command."""
-    parser.description = "Print what lets a shell complete the commands and options of voltwall with Tab."
-    parser.epilog = (
-        'bash        eval "$(voltwall completion bash)" in ~/.bashrc\n'
-        'zsh         eval "$(voltwall completion zsh)" in ~/.zshrc, after compinit\n'
-        "fish        voltwall completion fish > ~/.config/fish/completions/voltwall.fish\n"
-        "PowerShell  voltwall completion powershell | Out-String | Invoke-Expression, in $PROFILE"
-    )
-    parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help=", ".join(SHELLS))
-
 
 def run(args: argparse.Namespace) -> int:
     """Print the code of a shell.

@@ -1,6 +1,5 @@
 """The configuration's part of the REST interface, for scripts; every refusal carries the exit code that it means."""
 
-import argparse
 import base64
 import json
 import os
@@ -25,15 +24,6 @@ class Refusal(AppError):
     def __init__(self, text: str, exit_code: int) -> None:
         self.exit_code = exit_code
         super().__init__(text)
-
-
-def add_trust_argument(parser: argparse.ArgumentParser) -> None:
-    """Whose certificate is believed."""
-    parser.add_argument(
-        "--trust",
-        metavar="FILE|FINGERPRINT",
-        help="certificate of an https service: a PEM file, or its SHA-256 (default: VOLTWALL_TRUST, else the system's)",
-    )
 
 
 class ConfigService:

@@ -6,32 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.commands.console.progress import Progress
-from app.commands.season.lake import add_lake_argument, lake_of
-from app.commands.session_commands.selection import data_folder, new_action
+from app.commands.season.lake import lake_of
+from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
 from app.season.lake.build import Built, build_lake, session_files
 from app.season.lake.place import Place
 from app.words import render
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    build = new_action(
-        actions, "build", "make the season lake from closed sessions: what is new or has changed", _build
-    )
-    build.add_argument(
-        "places",
-        metavar="DIR",
-        nargs="*",
-        type=Path,
-        help="folders of sessions, or session files (default: the data folder's)",
-    )
-    add_lake_argument(build)
-    build.add_argument("--again", action="store_true", help="make all anew, what is up to date too")
-    build.add_argument("--judge", action="store_true", help="judge the cells of each session anew (slower)")
-
-
-def _build(args: argparse.Namespace) -> int:
+def build(args: argparse.Namespace) -> int:
     """Make the lake; 1 where a session was left out.
 
     Raises:

@@ -11,7 +11,6 @@ from app.commands.session_commands.analysis import in_column
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.estimation.errors import EstimatorError
-from app.estimation.filters.estimators import FILTERS
 from app.season.estimates.changes import EstimateChange, changes
 from app.season.estimates.executor import open_engine
 from app.season.estimates.results import OWN, EstimateSet, Results, set_of
@@ -21,42 +20,8 @@ from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    text = "all sessions through the filter again, in parallel; the new results beside the old, and what changed"
-    parser = actions.add_parser(
-        "estimate",
-        help=text,
-        description=text[0].upper() + text[1:] + ".",
-        formatter_class=argparse.RawTextHelpFormatter,
-    )
-    parser.add_argument(
-        "folder", type=Path, metavar="DIR", help="data folder: its sessions/, or itself if they lie in it"
-    )
-    parser.add_argument(
-        "--cell", default=OWN, metavar="CELL.toml", help="cell file or bundled cell (default: each session's own)"
-    )
-    parser.add_argument("--filter", choices=FILTERS, default="fused", help="default: %(default)s")
-    parser.add_argument(
-        "--against",
-        default=OWN,
-        metavar="CELL.toml",
-        help="compare with this cell file, estimated too where it was not yet\n(default: each session's own; none: "
-        "with what was recorded alone)",
-    )
-    parser.add_argument(
-        "--engine",
-        default="processes",
-        metavar="URL",
-        help="processes (default), or dask://HOST:PORT: a Dask scheduler",
-    )
-    parser.add_argument("--processes", type=int, metavar="N", help="of the pool (default: one a core)")
-    parser.add_argument("--again", action="store_true", help="also sessions of which there is a result already")
-    parser.add_argument("--json", action="store_true", help="as JSON")
-    parser.set_defaults(do=_estimate)
-
-
-def _estimate(args: argparse.Namespace) -> int:
+def estimate(args: argparse.Namespace) -> int:
+    """Estimate all sessions and print what changed; 1 where one failed."""
     if args.processes is not None and args.processes < 1:
         raise ConfigError("--processes", args.processes, "at least 1")
     sessions, problems = _sessions(args.folder)

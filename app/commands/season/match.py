@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from app.commands.season.kept import kept_season
-from app.commands.season.lake import add_lake_argument
 from app.commands.session_commands.analysis import short_place
 from app.commands.session_commands.passport import cell_index
-from app.commands.session_commands.selection import add_car_arguments, add_json_argument, new_action
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.season.matching.groups import RANDOM_BUILDS, Build, match_groups, random_groups, sorted_groups
@@ -21,33 +19,6 @@ from app.season.matching.places import Placing, place, without
 from app.season.modules import modules_of
 
 COLUMNS = ("cell", "capacity_ah", "resistance_ohm")
-
-
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the actions."""
-    match = new_action(
-        actions, "match", "which cells in parallel, from a table of measured cells; which module where", _match
-    )
-    match.add_argument(
-        "table", type=Path, nargs="?", metavar="CELLS.csv",
-        help=f"columns {','.join(COLUMNS)}; without it the modules of the season are placed",
-    )  # fmt: skip
-    match.add_argument("--parallel", type=int, default=10, metavar="N", help="cells of a group (default: %(default)s)")
-    match.add_argument(
-        "--rise",
-        type=float,
-        default=15.0,
-        metavar="K",
-        help="by which a mean module heats itself (default: %(default)s)",
-    )
-    match.add_argument("--out", type=Path, metavar="FILE", help="write which cell goes where, as CSV")
-    less = new_action(actions, "without", "what the accumulator would be without some modules", _without)
-    less.add_argument("cells", metavar="CELLS", help="pack/cell, as 3/7,3/8")
-    less.add_argument("--current", type=float, default=150.0, metavar="A", help="default: %(default)s")
-    for action in (match, less):
-        add_car_arguments(action)
-        add_lake_argument(action)
-        add_json_argument(action, default=False)
 
 
 def read_cells(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
@@ -77,7 +48,8 @@ def read_cells(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     return names, values[0], values[1]
 
 
-def _match(args: argparse.Namespace) -> int:
+def match_cells(args: argparse.Namespace) -> int:
+    """Print which cells belong together."""
     if args.table is None:
         return _place(args)
     names, capacity, resistance = read_cells(args.table)
@@ -138,7 +110,8 @@ def _kelvin(placing: Placing) -> dict[str, float]:
     return {name: value for name, value in asdict(placing).items() if name.endswith("_k")}
 
 
-def _without(args: argparse.Namespace) -> int:
+def without_modules(args: argparse.Namespace) -> int:
+    """Print what the accumulator would be."""
     with kept_season(args) as source:
         removed = [cell_index(source.battery, part, "CELLS") for part in args.cells.split(",")]
         modules = modules_of(source.history())

@@ -5,53 +5,13 @@ import csv
 import json
 import sys
 
-from app.commands.season.lake import add_lake_argument, lake_of
-from app.commands.session_commands.selection import add_json_argument, new_action
+from app.commands.season.lake import lake_of
 from app.errors import ConfigError
 from app.season.store import Answer, Limits, open_store
-from app.season.store.questions import Question, find_question, questions
-
-ROWS = 1000
+from app.season.store.questions import find_question, parameters_of, questions
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    query = new_action(actions, "query", "answer SQL over the lake: one SELECT, or a question by its name", _query)
-    lines = "\n".join(f"  {each.name:16} {each.meaning}{_parameters(each)}" for each in questions())
-    query.epilog = (
-        "Tables: sessions, laps, cells, events, samples; columns: docs/reference/season-lake.md.\n\nQuestions:\n"
-        + lines
-    )
-    query.add_argument(
-        "question",
-        metavar="SQL|NAME",
-        nargs="?",
-        help='as "SELECT session, min(voltage_min_v) FROM cells GROUP BY 1"; without it the questions are listed',
-    )
-    query.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of a question")
-    query.add_argument("--show", action="store_true", help="print the SQL of a question instead of its answer")
-    add_lake_argument(query)
-    query.add_argument(
-        "--store",
-        metavar="ENGINE",
-        default="duckdb",
-        help="what answers: duckdb; clickhouse[s]://[USER[:PASSWORD]@]HOST[:PORT][/DATABASE],\n"
-        "which sees the lake under the same path; chdb, ClickHouse in this process (default: %(default)s)",
-    )
-    query.add_argument("--limit-rows", type=int, default=ROWS, metavar="N", help="rows at most (default: %(default)s)")
-    query.add_argument(
-        "--limit-s", type=float, default=60.0, metavar="S", help="seconds at most (default: %(default)s)"
-    )
-    query.add_argument("--limit-mb", type=int, default=1024, metavar="MB", help="memory at most (default: %(default)s)")
-    query.add_argument("--csv", action="store_true", help="as CSV")
-    add_json_argument(query)
-
-
-def _parameters(question: Question) -> str:
-    return "".join(f"; --set {each.name}={each.default}" for each in question.parameters)
-
-
-def _query(args: argparse.Namespace) -> int:
+def answer_question(args: argparse.Namespace) -> int:
     """Print the answer.
 
     Raises:
@@ -59,7 +19,7 @@ def _query(args: argparse.Namespace) -> int:
     """
     if args.question is None:
         for each in questions():
-            print(f"{each.name:16} {each.meaning}{_parameters(each)}")
+            print(f"{each.name:16} {each.meaning}{parameters_of(each)}")
         return 0
     question = find_question(args.question)
     if question is None and " " not in args.question.strip():

@@ -4,19 +4,14 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
-from pathlib import Path
 
 from app import __version__
 from app.clock import Clock
 from app.commands.season.kept import kept_season
-from app.commands.season.lake import add_lake_argument
 from app.commands.session_commands.analysis import short_place
 from app.commands.session_commands.selection import (
-    add_car_arguments,
-    add_json_argument,
     catalogue,
     find_session,
-    new_action,
 )
 from app.errors import ConfigError
 from app.season.cells.compare import compare
@@ -34,27 +29,8 @@ QUANTITIES = {
 }
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the actions."""
-    text = "trends of the accumulator and its cells, steps, ranking with reasons"
-    report = new_action(actions, "report", text, _report)
-    report.add_argument("--html", type=Path, metavar="FOLDER", help="write the season report, to print")
-    report.add_argument("--sessions", default="", metavar="WORDS", help="of the sessions that match alone")
-    text = "two groups of sessions against each other: cars, halves of a season, before and after a change"
-    groups = new_action(actions, "compare", text, _compare)
-    groups.add_argument("a", metavar="A", help="words of names and tags, as 'tyres:wet', 'since:2026-03-01'")
-    groups.add_argument("b", metavar="B", help="likewise")
-    for action in (report, groups):
-        add_car_arguments(action)
-        add_lake_argument(action)
-        add_json_argument(action, default=False)
-    tag = new_action(actions, "tag", "set the tags of a session; they are kept in its file", _tag)
-    tag.add_argument("session", metavar="SESSION", help="the session's id, or its file")
-    for name in NAMES:
-        tag.add_argument(f"--{name}", metavar="TEXT", help="empty: take it away")
-
-
-def _report(args: argparse.Namespace) -> int:
+def show_report(args: argparse.Namespace) -> int:
+    """Print the season's report."""
     with kept_season(args) as source:
         history = source.history()
         known = set(history.sessions)
@@ -111,7 +87,8 @@ def _print_trend(name: str, trend: SeasonTrend | None, unit: str, digits: int = 
     )
 
 
-def _compare(args: argparse.Namespace) -> int:
+def show_comparison(args: argparse.Namespace) -> int:
+    """Print two groups of sessions against each other."""
     with kept_season(args) as source:
         groups = [{info.id for info in catalogue(args).list() if matches(info, words)} for words in (args.a, args.b)]
         if both := groups[0] & groups[1]:
@@ -136,7 +113,8 @@ def _compare(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tag(args: argparse.Namespace) -> int:
+def tag(args: argparse.Namespace) -> int:
+    """Set tags and print what is kept."""
     tags = {name: text for name in NAMES if (text := getattr(args, name)) is not None}
     if not tags:
         raise ConfigError("tag", "(nothing)", ", ".join(f"--{name}" for name in NAMES))

@@ -8,57 +8,16 @@ from typing import Final
 
 from app.analysis.drill.days import Day
 from app.clock import Clock
-from app.commands.console.number import between
 from app.commands.guided.play import play
-from app.commands.session_commands.selection import data_folder, new_action
+from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import DEFAULT_CELL
+from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.live.pipeline_factory import PipelineFactory
 
 DAY_NS: Final = 86_400 * 10**9
 YEAR_DAYS: Final = 365.25
-SESSION_AH: Final = 40.0  # out and in: most of a charge and back
 REST_S: Final = 150.0  # before and after: the voltages of 120 s tell the SOC
 LEFT_S: Final = 10.0  # after the last rest
-
-
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    parser = new_action(
-        actions,
-        "simulate",
-        "a season of simulated sessions that ends today, in and between which the cells age",
-        _simulate,
-    )
-    parser.add_argument("--sessions", type=int, default=12, metavar="N", help="how many (default: %(default)s)")
-    parser.add_argument(
-        "--days", type=between(1, 3650, "days"), default=240.0, help="from the first to the last (default: %(default)g)"
-    )
-    parser.add_argument(
-        "--drive-s",
-        type=between(30, 7200, "s"),
-        default=420.0,
-        metavar="S",
-        help="of driving in each, between two rests (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--use-ah",
-        type=between(0, 1000, "Ah"),
-        default=SESSION_AH,
-        metavar="AH",
-        help="passed through each cell from one session to the next, out and in (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--pace",
-        action="append",
-        default=[],
-        metavar="PACK/CELL=TIMES",
-        help="a cell that ages so many times faster, as 3/7=4; may be given again",
-    )
-    parser.add_argument("--seed", type=int, default=25, metavar="N", help="of the cells (default: %(default)s)")
-    parser.add_argument(
-        "--speed", type=between(1, 100, "times real time"), default=10.0, help="times real time (default: %(default)g)"
-    )
 
 
 def scenario_of(k: int, args: argparse.Namespace) -> str:
@@ -90,7 +49,7 @@ for_s = {REST_S}
 """
 
 
-def _simulate(args: argparse.Namespace) -> int:
+def simulate(args: argparse.Namespace) -> int:
     """Record the sessions; 1 where one was not recorded.
 
     Raises:

@@ -13,7 +13,7 @@ from app.analysis.document import document
 from app.analysis.finding import AnalysisFinding
 from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
 from app.analysis.report.report import compare_sessions, report_of
-from app.commands.session_commands.selection import add_json_argument, add_session_argument, find_session, new_action
+from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
 from app.sessions.reading.reader import SessionFile
 from app.sources.recordings.can_log import one_signal
@@ -24,31 +24,8 @@ _NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
 _COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the actions."""
-    laps = new_action(
-        actions, "laps", "laps of a session: energy, power, charge, heat, weakest cell; drivers compared", _laps
-    )
-    boxes = new_action(actions, "blackbox", "what happened around every trip and fault of a session", _black_boxes)
-    report = new_action(actions, "report", "how a session went, what limited, what to look at", _report)
-    compare = new_action(actions, "compare", "two sessions side by side", _compare)
-    for action in (laps, boxes, report, compare):
-        add_session_argument(action)
-        add_json_argument(action)
-    laps.add_argument(
-        "--laps-from",
-        metavar="WHERE",
-        help="settled, markers, pattern, or what goes up when a lap begins: can:ID:BYTE[:MASK], a byte of a frame;\n"
-        "dbc:[MESSAGE.]SIGNAL, a signal of CAN frames by --dbc; signal:NAME, a signal of the session, as\n"
-        "signal:charger.flags (default: the first of settled, markers, pattern that there is)",
-    )
-    laps.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
-    boxes.add_argument("--html", type=Path, metavar="FOLDER", help="write a page to print for each")
-    report.add_argument("--html", type=Path, metavar="FOLDER", help="write the whole report with its charts")
-    compare.add_argument("--with", dest="other", required=True, metavar="SESSION", help="the other one, id or file")
-
-
-def _laps(args: argparse.Namespace) -> int:
+def show_laps(args: argparse.Namespace) -> int:
+    """Print the laps."""
     with SessionFile(find_session(args, args.session)) as session:
         source, counter = _source(args.laps_from, session, args.dbc)
         table = lap_table(session, source, counter)  # type: ignore[arg-type]
@@ -62,7 +39,8 @@ def _laps(args: argparse.Namespace) -> int:
     return 0
 
 
-def _report(args: argparse.Namespace) -> int:
+def show_report(args: argparse.Namespace) -> int:
+    """Print how a session went."""
     with SessionFile(find_session(args, args.session)) as session:
         report = report_of(session)
     if args.json:
@@ -88,7 +66,8 @@ def _write(path: Path, page: str) -> None:
     print(path, file=sys.stderr)
 
 
-def _compare(args: argparse.Namespace) -> int:
+def show_comparison(args: argparse.Namespace) -> int:
+    """Print two sessions side by side."""
     with (
         SessionFile(find_session(args, args.session)) as session,
         SessionFile(find_session(args, args.other)) as other,
@@ -126,7 +105,8 @@ def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.5g}"
 
 
-def _black_boxes(args: argparse.Namespace) -> int:
+def show_black_boxes(args: argparse.Namespace) -> int:
+    """Print what happened around every trip and fault."""
     with SessionFile(find_session(args, args.session)) as session:
         boxes = black_boxes(session)
     if args.json:

@@ -7,9 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.commands.console.progress import Progress
-from app.commands.session_commands.selection import data_folder, new_action
+from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
-from app.estimation.filters.estimators import FILTERS
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.transfer.import_session import import_file
 from app.sources.loaded_battery import load_battery
@@ -22,37 +21,8 @@ from app.sources.recordings.table import read_table
 _NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the actions."""
-    taking = new_action(actions, "import", "make a session of another system's recording, estimated", _import)
-    taking.epilog = (
-        "CSV or Parquet; or a CAN log: candump, .asc, .blf, .trc, SavvyCAN, CRTD, .mf4; known by content. A CAN log\n"
-        "is of --battery, without it of our own master; with --dbc its signals are taken as a table. A table has the\n"
-        "shape of --battery, else one segment."
-    )
-    columns = new_action(actions, "columns", "what is in such a file, and the profile that is guessed for it", _columns)
-    for action in (taking, columns):
-        action.add_argument("file", type=Path, metavar="FILE", help="the recording")
-        action.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
-    taking.add_argument("--battery", metavar="NAME|FILE", help="whose frames a CAN log holds, or whose cells a table")
-    taking.add_argument("--profile", metavar="NAME|FILE", help="which columns are what: a kept profile, or TOML")
-    taking.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="FIELD=VALUE",
-        help="change the profile, as voltages='Cell {n} V', current='Pack I', charge_positive=true",
-    )
-    taking.add_argument("--save-profile", metavar="NAME", help="keep the profile under this name")
-    taking.add_argument("--name", default="", help="what to call the session (default: the file's name)")
-    taking.add_argument("--start", metavar="TIME", help="when it began, ISO 8601, where the file does not say")
-    taking.add_argument("--filter", choices=FILTERS, default="fused", help="state estimator (default: fused)")
-    taking.add_argument(
-        "--cell", metavar="CELL.toml", help="cell file or name of a bundled one (default: the battery's)"
-    )
-
-
-def _import(args: argparse.Namespace) -> int:
+def import_recording(args: argparse.Namespace) -> int:
+    """Make a session of a recording."""
     path = _existing(args.file)
     data = data_folder(args)
     battery = None if args.battery is None else load_battery(args.battery)
@@ -88,7 +58,8 @@ def _existing(path: Path) -> Path:
     return path
 
 
-def _columns(args: argparse.Namespace) -> int:
+def show_columns(args: argparse.Namespace) -> int:
+    """Print what is in a recording."""
     path = _existing(args.file)
     if args.dbc is not None:
         print("\n".join(sorted(read_signals(path, args.dbc).found)))

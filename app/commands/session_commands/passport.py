@@ -13,12 +13,9 @@ from app.battery.battery import Battery
 from app.clock import Clock
 from app.commands.session_commands.analysis import in_column, short_place
 from app.commands.session_commands.selection import (
-    add_car_arguments,
-    add_json_argument,
     catalogue,
     chosen_battery,
     data_folder,
-    new_action,
 )
 from app.errors import ConfigError
 from app.estimation.cell_model.circuit import CellModel
@@ -28,24 +25,8 @@ from app.words import naming_cells
 _NOW = ("capacity_ah", "resistance_ohm", "resistance_relative", "self_discharge_per_day", "balancing_h")
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    action = new_action(
-        actions,
-        "passport",
-        "every cell across all sessions: capacity, resistance, self-discharge, balancing, rank, drift",
-        _passport,
-    )
-    add_car_arguments(action)
-    add_json_argument(action)
-    swap = action.add_argument_group("swaps", "a swapped module begins a new line, which inherits nothing")
-    swap.add_argument("--swap", metavar="CELLS", help="record that these modules were replaced: pack/cell, as 3/7,3/8")
-    swap.add_argument("--at", metavar="TIME", help="when, as 2026-07-14T10:30 (UTC; default: now)")
-    swap.add_argument("--note", default="", help="about the swap")
-    swap.add_argument("--take-back", type=int, metavar="NUMBER", help="forget the swap of this number")
-
-
-def _passport(args: argparse.Namespace) -> int:
+def show_passport(args: argparse.Namespace) -> int:
+    """Print every cell across all sessions, after a swap that is to be recorded."""
     battery, cell = chosen_battery(args)
     with naming_cells(battery.segments):
         return _of_battery(args, battery, cell)

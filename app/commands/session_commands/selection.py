@@ -16,39 +16,6 @@ from app.sources.loaded_battery import load_battery
 Action = Callable[[argparse.Namespace], int]
 
 
-def add_data_argument(parser: argparse.ArgumentParser, default: object = None) -> None:
-    """Declare --data; below another parser that has it, with argparse.SUPPRESS as its default."""
-    parser.add_argument("--data", type=Path, metavar="DIR", default=default, help="data folder of the service")
-
-
-def new_action(actions: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, text: str, do: Action) -> (
-    argparse.ArgumentParser
-):  # fmt: skip
-    """Return the parser of one more action, with --data, that does `do`."""
-    parser = actions.add_parser(
-        name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
-    )
-    add_data_argument(parser, argparse.SUPPRESS)
-    parser.set_defaults(do=do)
-    return parser
-
-
-def add_session_argument(parser: argparse.ArgumentParser) -> None:
-    """Declare the session."""
-    parser.add_argument("session", metavar="SESSION", help="the session's id, or its file")
-
-
-def add_json_argument(parser: argparse.ArgumentParser, default: object = argparse.SUPPRESS) -> None:
-    """Declare --json."""
-    parser.add_argument("--json", action="store_true", default=default, help="as JSON")
-
-
-def add_car_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare whose sessions are meant."""
-    parser.add_argument("--battery", metavar="NAME|FILE", help="of this battery (default: the one that is served)")
-    parser.add_argument("--simulated", action="store_true", help="of the simulated car")
-
-
 def chosen_battery(args: argparse.Namespace) -> tuple[Battery, CellModel]:
     """Return whose sessions are meant, with its cell.
 

@@ -9,14 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from app.clock import Clock
-from app.commands.console.config_service import add_trust_argument
 from app.commands.session_commands.selection import (
-    add_json_argument,
-    add_session_argument,
     catalogue,
     data_folder,
     find_session,
-    new_action,
 )
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fetch_jobs import Fetch, FetchState
@@ -28,41 +24,8 @@ BAR = 40  # characters
 LOOK_S = 2.0
 
 
-def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the actions."""
-    fetch = new_action(
-        actions, "fetch", "bring the finished sessions of another voltwall, a recorder in the car, here", _fetch
-    )
-    fetch.epilog = (
-        "They are called LABEL-ID here. A transfer that was cut off goes on, and gaps of the sessions recorded here\n"
-        "are filled. With --follow it ends by Ctrl-C, and goes on when it is started again.\n"
-        "The other service's password, or a token of it, in VOLTWALL_REMOTE_PASSWORD."
-    )
-    add_trust_argument(fetch)
-    fetch.add_argument("url", metavar="URL", help="the other service, as http://car.local:8000")
-    fetch.add_argument("--label", default="", help="what its sessions are called here (default: its host name)")
-    fetch.add_argument(
-        "--only", action="append", default=[], metavar="ID", help="this session, even while it is recorded"
-    )
-    fetch.add_argument("--no-fill", action="store_true", help="leave the sessions recorded here as they are")
-    fetch.add_argument(
-        "--follow",
-        action="store_true",
-        help="go on for ever, piece by piece, also with what is being recorded: over a radio that loses much",
-    )
-    fetch.add_argument(
-        "--order", choices=("oldest", "newest"), default="oldest", help="with --follow: which pieces come first"
-    )
-    missing = new_action(actions, "missing", "what is still missing of the sessions that are followed", _missing)
-    add_json_argument(missing)
-    fill = new_action(actions, "fill", "put into a session what its link lost and another recorder has", _fill)
-    add_session_argument(fill)
-    fill.add_argument(
-        "--from", dest="source", required=True, metavar="SESSION", help="the other recorder's, id or file"
-    )
-
-
-def _fetch(args: argparse.Namespace) -> int:
+def fetch(args: argparse.Namespace) -> int:
+    """Bring another recorder's sessions here."""
     remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"), trust=args.trust)
     folder = data_folder(args) / "sessions"
     if args.follow:
@@ -94,7 +57,8 @@ def _follow(follower: Follower, folder: Path) -> int:
     return 0
 
 
-def _missing(args: argparse.Namespace) -> int:
+def list_missing(args: argparse.Namespace) -> int:
+    """Print what is still missing of sessions that are followed."""
     states = [copy.state() for copy in SessionCopy.all_in(data_folder(args) / "sessions")]
     print(json.dumps(states, indent=2) if args.json else "\n".join(map(_line, states)) or "nothing is missing")
     return 0
@@ -113,7 +77,8 @@ def _line(state: dict[str, Any]) -> str:
     return f"{state['id']:28} {bar} {state['missing_s']:.0f} s of {length_s:.0f} s missing, {what}"
 
 
-def _fill(args: argparse.Namespace) -> int:
+def fill(args: argparse.Namespace) -> int:
+    """Put into a session what another recorder has."""
     path, source = find_session(args, args.session), find_session(args, args.source)
     filled = fill_gaps(path, source, t_wall_ns=Clock().wall_ns())
     print(f"{path.stem}: {filled} from {source.stem}")

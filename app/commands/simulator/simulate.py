@@ -11,20 +11,9 @@ from app.estimation.errors import CellFileError
 from app.sources.dbc.encoding.speech import Speech
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.words import render
-from simulator.cli import add_arguments as add_simulator_arguments
 from simulator.cli import run as run_simulator
 from simulator.dbc_battery.battery import DbcBattery
 from simulator.shape import Shape
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The simulator's own, and the battery."""
-    add_simulator_arguments(parser)
-    parser.add_argument(
-        "--battery",
-        metavar="NAME|FILE",
-        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC (default: the team's own)",
-    )
 
 
 def run(args: argparse.Namespace) -> int:

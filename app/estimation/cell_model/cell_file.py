@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from app.estimation.cell_model.cell_document import SECTIONS, CellDocument
 from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, CellLimits, CellModel
+from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import CellFileError, ModelError
 
-DEFAULT_CELL: Final = "samsung-25r-10p"
 _FIELD_OF_ATTRIBUTE: Final = {
     "soc_grid": "circuit.soc",
     "temperature_grid_degc": "circuit.temperature_degc",

@@ -11,6 +11,7 @@ from typing import Final
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimates import CellEstimator, Estimates
+from app.estimation.filters.filter_names import FILTERS
 from app.estimation.filters.setup import Engine, FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference, unscented
 from app.estimation.filters.soc_estimator import SocEstimator, make_engine
@@ -26,7 +27,6 @@ _KINDS: Final = {
     "ukf": (Kind.SIGMA, unscented),
     "cdkf": (Kind.SIGMA, central_difference),
 }
-FILTERS: Final = tuple(_KINDS)
 
 
 def make_estimator(

@@ -60,6 +60,11 @@ def find_question(name: str) -> Question | None:
     return next((each for each in questions() if each.name == name), None)
 
 
+def parameters_of(question: Question) -> str:
+    """Return what a command line can set, behind the question's meaning."""
+    return "".join(f"; --set {each.name}={each.default}" for each in question.parameters)
+
+
 def ask(store: SeasonStore, name: str, limits: Limits = Limits(), **given: str) -> Answer:  # noqa: B008
     """Answer one of the questions.
 

@@ -3,12 +3,10 @@
 import re
 from collections.abc import Sequence
 from itertools import accumulate
-from typing import Literal, get_args
 
+from app.sessions.export.formats import Names
 from app.sessions.storage.signals import Signal, Signals
 
-Names = Literal["index", "number", "pack"]
-NAMES: tuple[Names, ...] = get_args(Names)
 _INDEX = re.compile(r"\[(\d+)\]")
 _NOT_OF_CELLS = "sensor"  # its elements are sensors, also where there are as many as cells
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from app.estimation.arrays import FloatArray
-from app.sessions.export.names import Names, column_name, export_name
+from app.sessions.export.formats import Names
+from app.sessions.export.names import column_name, export_name
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.signals import Signal

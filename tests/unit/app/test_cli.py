@@ -1,3 +1,4 @@
+import argparse
 import io
 import json
 import os
@@ -8,6 +9,7 @@ import pytest
 
 from app import cli
 from app.cli import main
+from app.commands.arguments.work import Work
 
 
 def test_ctrl_c_anywhere_is_one_line_and_130(monkeypatch, capsys):
@@ -47,3 +49,35 @@ def test_the_shell_is_answered_with_actions_and_options(tmp_path):
     answer = {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "answer")}
     subprocess.run([sys.executable, "-m", "app.cli"], env=os.environ | asked | answer, check=True)
     assert (tmp_path / "answer").read_text() == "--out "
+
+
+HEAVY = (
+    *("numpy", "scipy", "pyarrow", "duckdb", "can", "serial", "asyncio"),
+    *("fastapi", "uvicorn", "pydantic", "argon2", "matplotlib"),
+)
+
+
+@pytest.mark.parametrize("command", [None, *cli.COMMANDS])
+def test_help_waits_for_nothing_that_only_the_work_needs(command):
+    words = [*([command] if command else []), "--help"]
+    program = "import sys, app.cli\ntry: app.cli.main(sys.argv[1:])\nfinally: print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=True)
+    allowed = {"pydantic", "asyncio"} if command == "serve" else set()  # its flags are the fields of the settings
+    assert {*HEAVY} & {*done.stderr.split()} - allowed == set()
+    assert done.stdout.startswith("usage: voltwall")
+
+
+def works(parser):
+    """Yield the work of a parser and of all below it."""
+    if isinstance(do := parser.get_default("do"), Work):
+        yield do
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for nested in action.choices.values():
+                yield from works(nested)
+
+
+def test_every_command_and_action_names_work_that_there_is():
+    found = list(works(cli.build_parser()))
+    assert len(found) > 40
+    assert all(callable(each.function()) for each in found)

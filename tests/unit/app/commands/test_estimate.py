@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.commands import estimate
+from app.commands.arguments.estimate import add_arguments
 from app.commands.cell_commands.recordings import write_table
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.estimation.cell_model.circuit import CellLimits
@@ -19,8 +19,9 @@ CELL = "samsung-25r-10p"
 
 def run(*words):
     parser = argparse.ArgumentParser()
-    estimate.add_arguments(parser)
-    return estimate.run(parser.parse_args([str(word) for word in words]))
+    add_arguments(parser)
+    args = parser.parse_args([str(word) for word in words])
+    return args.do(args)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from app.commands import identify
+from app.commands.arguments.identify import add_arguments
 from app.commands.cell_commands.recordings import write_table
 from app.estimation.cell_model.cell_file import load_cell
 from tests.open_loop import simulate
@@ -14,8 +14,9 @@ CELL = load_cell("samsung-25r-10p")
 
 def run(*words):
     parser = argparse.ArgumentParser()
-    identify.add_arguments(parser)
-    return identify.run(parser.parse_args([str(word) for word in words]))
+    add_arguments(parser)
+    args = parser.parse_args([str(word) for word in words])
+    return args.do(args)
 
 
 def write(path, steps, soc_start, step_s):

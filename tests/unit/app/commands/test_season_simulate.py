@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from app.commands.season import add_arguments
+from app.commands.arguments.season import add_arguments
 from app.commands.season.simulate import scenario_of
 from app.errors import ConfigError
 from simulator.scenario_file import load_scenario

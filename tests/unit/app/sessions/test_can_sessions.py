@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.sessions.export import SignalTable
+from app.sessions.export.table import SignalTable
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from firmware_protocol.can_tables import TxMessage, message_bytes, tx_messages, with_tx_messages

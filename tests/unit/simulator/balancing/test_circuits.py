@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from simulator.accumulator import Accumulator, AccumulatorParameters
-from simulator.balancing.circuits import METHODS, balancing_circuit
+from simulator.balancing.choices import METHODS
+from simulator.balancing.circuits import balancing_circuit
 
 N = 24
 STEP_S = 5.0

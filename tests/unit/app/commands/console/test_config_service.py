@@ -6,7 +6,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from app.commands.config import add_arguments, run
+from app.commands.arguments.config import add_arguments
+from app.commands.config import run
 from tests.http_stub import http_stub
 
 

@@ -16,7 +16,8 @@ import pytest
 from pyarrow import parquet
 
 from app.errors import ConfigError
-from app.sessions.export import FORMATS, export
+from app.sessions.export.export import export
+from app.sessions.export.formats import FORMATS
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.telemetry import Event

@@ -1,9 +1,9 @@
 import pytest
 
 from app.errors import ConfigError
-from app.sessions.export import FORMATS, export
-from app.sessions.export.formats import WITH_NAMES
-from app.sessions.export.names import Names, export_name
+from app.sessions.export.export import export
+from app.sessions.export.formats import FORMATS, WITH_NAMES, Names
+from app.sessions.export.names import export_name
 from app.sessions.export.table import AGE
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.signals import Signals

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.sessions.export import export
+from app.sessions.export.export import export
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.signals import Signals

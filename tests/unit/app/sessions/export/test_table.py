@@ -11,7 +11,7 @@ from pyarrow import parquet
 
 from app.errors import ConfigError
 from app.sessions.errors import ExportUnavailable, UnknownSignal
-from app.sessions.export import export
+from app.sessions.export.export import export
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 

@@ -11,7 +11,7 @@ import pytest
 from pyarrow import parquet
 
 from app.errors import NotNow
-from app.sessions.export import export
+from app.sessions.export.export import export
 from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder

@@ -13,8 +13,8 @@ from pyarrow import parquet
 from app.errors import ImportFailed
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
-from app.sessions.export import export
-from app.sessions.export.names import Names
+from app.sessions.export.export import export
+from app.sessions.export.formats import Names
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import import_file
 from app.sources.loaded_battery import LoadedBattery

@@ -10,32 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from app.commands.cell_commands.charts import check_picture_name, draw_identification
-from app.commands.cell_commands.recordings import add_reading_arguments, read_recording
+from app.commands.cell_commands.recordings import read_recording
 from app.estimation.cell_model.cell_file import save_cell
 from app.estimation.errors import DatasetError, EstimatorError
 from app.estimation.identification.identify import Identification, identify
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of the command."""
-    parser.description = (
-        "Fit OCV, resistances and time constants of a cell to slow tests, pulse tests and, better, a drive."
-    )
-    parser.add_argument(
-        "--ocv", nargs="+", required=True, type=Path, metavar="FILE", help="slow discharge and charge, C/10 or less"
-    )
-    parser.add_argument(
-        "--pulses", nargs="+", default=[], type=Path, metavar="FILE", help="pulse tests, at one or more temperatures"
-    )
-    parser.add_argument(
-        "--drive", nargs="+", default=[], type=Path, metavar="FILE", help="drives with the currents of a race"
-    )
-    parser.add_argument("--rc", type=int, default=2, choices=range(5), metavar="N", help="RC pairs, 0..4 (default 2)")
-    parser.add_argument("--out", required=True, type=Path, metavar="CELL.toml", help="the cell file to write")
-    parser.add_argument("--name", help="name of the cell; left out: that of the cell file")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw OCV, resistances and the residual of each file")
-    add_reading_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:

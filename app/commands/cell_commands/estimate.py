@@ -6,7 +6,6 @@ import argparse
 import json
 import sys
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,41 +13,15 @@ import numpy as np
 from app.commands.cell_commands.charts import check_picture_name, draw_estimate
 from app.commands.cell_commands.filter_run import Run, gap_notes, outside_notes, run_filter
 from app.commands.cell_commands.power import power_columns, power_of, power_summary, print_power
-from app.commands.cell_commands.recordings import add_reading_arguments, check_table_name, read_recording, write_table
+from app.commands.cell_commands.recordings import check_table_name, read_recording, write_table
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import DatasetError, EstimatorError
-from app.estimation.filters.estimators import FILTERS, make_estimator
+from app.estimation.filters.estimators import make_estimator
 from app.estimation.recording.cell_recording import Recording, believable
 from app.estimation.scoring.scoring import SocScore, score_soc
 from app.estimation.scoring.whiteness import InnovationScore, score_innovations
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of the command."""
-    parser.description = "Estimate the state of charge along a recording; score it where the file has a soc column."
-    parser.add_argument("file", type=Path, metavar="FILE", help="recording: CSV or Parquet, plain or gzip")
-    parser.add_argument("--cell", required=True, metavar="CELL.toml", help="cell file, or the name of a bundled cell")
-    parser.add_argument("--filter", choices=FILTERS, default="fused", help="default: %(default)s")
-    parser.add_argument(
-        "--initial-soc",
-        type=_fraction,
-        metavar="S",
-        help="SOC believed at the first row, 0..1 or with %%; left out: read off the first voltage",
-    )
-    parser.add_argument(
-        "--initial-sigma", type=_fraction, metavar="S", help="how far that may be off (1 sigma); left out: the filter's"
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the estimates: .csv, .csv.gz or .parquet")
-    parser.add_argument(
-        "--power",
-        action="store_true",
-        help="state of power for 1, 10 and 30 s [W] with a band of 90 %%: columns in --out, a summary in text and JSON",
-    )
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw SOC with 3 sigma, voltage and residual")
-    add_reading_arguments(parser)
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -190,13 +163,3 @@ def _print_report(report: dict[str, Any]) -> None:
     print(f"  RMSE {percent('soc_rmse')}, largest error after 60 s {percent('soc_max_error_after_60s')}")
     print(f"  within 5 % after {seconds('settle_5_s')}, within 2 % after {seconds('settle_2_s')}")
     print(f"  within 3 sigma {percent('inside_3_sigma')} of the time")
-
-
-def _fraction(text: str) -> float:
-    try:
-        value = float(text.rstrip("%")) / (100.0 if text.endswith("%") else 1.0)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1; write percent with a % sign")
-    return value

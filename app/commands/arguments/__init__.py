@@ -1,0 +1,1 @@
+"""What each command takes: imported for `--help` and completion, too, so none of it imports what the work needs."""

@@ -1,0 +1,5 @@
+"""The bundled cell that is meant where none is named."""
+
+from typing import Final
+
+DEFAULT_CELL: Final = "samsung-25r-10p"
