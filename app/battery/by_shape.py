@@ -65,14 +65,14 @@ def files_of_shape(name: str) -> dict[str, bytes] | None:
     """Return profile and DBC of a battery of `2x6` segments x cells in series in each; None: no name of this kind.
 
     Raises:
-        ProfileError: so many cells no bus carries.
+        ProfileError: no cells, or more than a bus carries.
     """
-    found = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", name, re.ASCII)
+    found = re.fullmatch(r"(\d{1,9})x(\d{1,9})", name, re.ASCII)
     if found is None:
         return None
     n_segments, in_series = map(int, found.groups())
-    if n_segments * in_series > MOST_CELLS:
-        raise ProfileError(name, None, "cells", n_segments * in_series, Message("between", low=1, high=MOST_CELLS))
+    if not 1 <= n_segments * in_series <= MOST_CELLS:
+        raise ProfileError(name, None, "battery", name, Message("shape-of-cells", most=MOST_CELLS))
     profile = _PROFILE.format(name=name, n_segments=n_segments, in_series=in_series, segments=[in_series] * n_segments)
     return {f"{name}.toml": profile.encode(), f"{name}.dbc": _dbc(n_segments * in_series).encode()}
 

@@ -20,7 +20,7 @@ class ProfileError(ConfigError):
         self.line = line
         self.path = field
         place = file if line is None else f"{file}:{line}"
-        super().__init__(f"{place}: {field}", value, limit)
+        super().__init__(field if value == file else f"{place}: {field}", value, limit)
 
 
 @dataclass(frozen=True, slots=True)

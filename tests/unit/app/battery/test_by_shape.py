@@ -21,11 +21,20 @@ def test_every_value_of_every_cell_has_a_place_in_the_dbc_that_is_made(name, seg
     assert max(ids) < 0x800
 
 
-@pytest.mark.parametrize("name", ["team", "2x6.toml", "0x6", "x6", "2x", "2x6x1", "٢x6", "./2x6"])
+@pytest.mark.parametrize("name", ["team", "2x6.toml", "-1x6", "x6", "2x", "2x6x1", "٢x6", "./2x6"])
 def test_other_names_are_those_of_profiles(name):
     assert files_of_shape(name) is None
 
 
-def test_more_cells_than_a_bus_carries_are_refused_by_number():
-    with pytest.raises(ProfileError, match=rf"25x25: cells = 625.*1 and {MOST_CELLS}"):
-        load_battery("25x25")
+@pytest.mark.parametrize("name", ["25x25", "0x6", "6x0", "999999999x999999999"])
+def test_a_shape_without_cells_or_with_more_than_a_bus_carries_is_refused_with_its_limit(name):
+    with pytest.raises(ProfileError) as refused:
+        load_battery(name)
+    limit = f"segments x cells in series in each, as 2x6, with 1 to {MOST_CELLS} cells in all"
+    assert str(refused.value) == f"battery = {name}: {limit}"
+
+
+def test_a_missing_profile_is_named_once():
+    with pytest.raises(ProfileError) as refused:
+        load_battery("no-such-battery")
+    assert str(refused.value).count("no-such-battery") == 1
