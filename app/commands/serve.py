@@ -9,7 +9,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -54,6 +54,8 @@ def settings_from(args: argparse.Namespace) -> Settings:
     given: dict[str, Any] = {
         name: getattr(args, name) for name in Settings.model_fields if getattr(args, name, None) is not None
     }
+    if args.battery:
+        given |= _batteries(args.battery, args.can, args.also)
     try:
         settings = Settings(**given)
     except ValidationError as error:
@@ -61,6 +63,20 @@ def settings_from(args: argparse.Namespace) -> Settings:
         raise ConfigError(".".join(map(str, first["loc"])), first.get("input"), first["msg"]) from error
     settings.check(has_accounts=Accounts(settings.data).exist)
     return settings
+
+
+def _batteries(named: Sequence[str], can: str | None, also: str | None) -> dict[str, str]:
+    """Return the settings of every `--battery PROFILE[@BUS]`: all but the first stand beside it.
+
+    Raises:
+        ConfigError: the bus of the first is named twice.
+    """
+    first, at, bus = named[0].partition("@")
+    if at and can is not None:
+        raise ConfigError("can", can, Message("bus-named-twice", battery=named[0]))
+    found = {"battery": first} | ({"can": bus} if at else {})
+    further = [*named[1:], *([] if also is None else [also])]
+    return found | ({"also": ",".join(further)} if further else {})
 
 
 def run(args: argparse.Namespace) -> int:

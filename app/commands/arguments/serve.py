@@ -15,7 +15,7 @@ SECRETS = (
 METAVARS = {
     "serial": "URL",
     "can": "INTERFACE:CHANNEL",
-    "battery": "FILE|NAME",
+    "battery": "FILE|NAME[@BUS]",
     "also": "BATTERY@BUS[,...]",
     "data": "DIR",
     "cell": "CELL.toml",
@@ -43,6 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name == "recorder_order":
             choices = ("oldest", "newest")
         metavar = METAVARS.get(name)
+        if name == "battery":
+            text += "; given again: a battery beside the first, as with --also"
+            parser.add_argument(flag, action="append", default=None, help=text, metavar=metavar)
+            continue
         parser.add_argument(flag, default=None, help=text, choices=choices, metavar=None if choices else metavar)
     parser.epilog = (
         "Without --serial and --can the simulated accumulator is started and read through a pseudo-terminal\n"
