@@ -77,6 +77,7 @@ class CellWatch:
         self._charge_watch = ChargeWatch(cell, self._segments, before.charge)
         self._thermistors = ThermistorWatch(self._segments)
         self._channels = ChannelWatch(self._segments)
+        self._measured = np.zeros(n_cells, dtype=np.bool_)  # since the channels were looked at
         self._findings = {(each.code, each.cell): each for each in before.findings}
         self._time_s = -np.inf
         self._thermal_s = self._channel_s = 0.0  # since they were looked at
@@ -136,9 +137,11 @@ class CellWatch:
             self._thermistors.step(time_s, self._thermal_s, temperatures_degc)
             self._thermal_s = 0.0
         self._channel_s += dt_s
+        self._measured |= np.isfinite(voltages_v)  # messages of a battery take turns
         if self._channel_s >= CHANNEL_S:
-            self._channels.step(time_s, self._channel_s, current_a, voltages_v)
+            self._channels.step(time_s, self._channel_s, current_a, voltages_v, self._measured)
             self._channel_s = 0.0
+            self._measured[:] = False
         dead = self._channels.is_dead
         if dead.any():
             self._charge_watch.forget(dead)

@@ -129,7 +129,7 @@ class ThermistorWatch:
 
 
 class ChannelWatch:
-    """Call `step` with every sample."""
+    """Call `step` some times a second."""
 
     def __init__(self, segments: Segments) -> None:
         n_cells = segments.n_cells
@@ -145,8 +145,23 @@ class ChannelWatch:
         """(n_cells,) channels that tell nothing of their cell."""
         return self._verdicts.is_dead
 
-    def step(self, time_s: float, dt_s: float, current_a: float, voltages_v: FloatArray) -> None:
-        """Take one sample: when [s], since the last [s], [A], (n_cells,) [V]; NaN = missing."""
+    def step(
+        self,
+        time_s: float,
+        dt_s: float,
+        current_a: float,
+        voltages_v: FloatArray,
+        measured: BoolArray | None = None,
+    ) -> None:
+        """Take one sample.
+
+        Args:
+            time_s: when it was measured [s].
+            dt_s: since the last one taken [s].
+            current_a: positive on discharge [A].
+            voltages_v: (n_cells,) [V]; NaN = not in this sample.
+            measured: (n_cells,) which cells had a value since the last one taken; None: those that have one now.
+        """
         v = voltages_v
         known = v[np.isfinite(v)]
         if not known.size:
@@ -166,7 +181,7 @@ class ChannelWatch:
         elif abs(current_a) >= REST_A:
             self._hopped &= ~has_moved  # it follows the current
         suspect = is_still | self._hopped
-        is_missing = np.isnan(v)
+        is_missing = np.isnan(v) if measured is None else ~measured
         if is_missing.any():
             suspect |= is_missing & self._segments.has_more_than(PACK_SHARE, ~is_missing)
         size = np.where(is_missing, np.nan, np.where(is_still, moved_v, np.abs(v - middle_v)))

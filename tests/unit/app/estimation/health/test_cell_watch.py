@@ -272,3 +272,24 @@ def test_cells_that_are_told_a_few_at_a_time_are_not_compared(cell):
             watch.judge()
     assert watch.findings == ()
     assert not watch.loose.any()
+
+
+@pytest.mark.parametrize("turns", [2, 3])
+def test_cells_whose_messages_take_turns_are_not_called_stuck(cell, turns):
+    watch, rng = new_watch(cell), np.random.default_rng(8)
+    of_turn = np.arange(N) // 4 % 8 == 0  # one message of eight comes in each `turns`-th sample alone
+    for k in range(400):
+        current_a = 60.0 + 50.0 * np.sin(k / 9.0)
+        voltages_v = 3.7 - 2e-3 * current_a + rng.normal(0, 1e-3, N)
+        voltages_v[of_turn if k % turns else np.zeros(N, bool)] = np.nan
+        watch.step(k * DT_S, DT_S, current_a, voltages_v, WARM)
+    assert [each for each in watch.judge() if each.code == "channel-stuck"] == []
+
+
+def test_cells_that_are_not_told_for_seconds_are_missing_whenever_the_channels_are_looked_at(cell):
+    watch, rng = new_watch(cell), np.random.default_rng(8)
+    for k in range(100):
+        voltages_v = 3.7 + rng.normal(0, 1e-3, N)
+        voltages_v[5] = np.nan
+        watch.step(k * DT_S, DT_S, 0.0, voltages_v, WARM)
+    assert {each.cell for each in watch.judge() if each.code == "channel-stuck"} == {5}
