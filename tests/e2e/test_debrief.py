@@ -152,7 +152,7 @@ def test_a_document_speaks_the_language_of_the_page(looked_back, open_page):
 def test_a_swap_is_recorded_on_a_phone(looked_back, open_page):
     service, _, _ = looked_back
     page = open_page(f"{service.base_url}/#/sessions/passport/30", PHONE)
-    expect(page.get_by_test_id("passport-state")).to_contain_text("1 sessions read")
+    expect(page.get_by_test_id("passport-state")).to_contain_text("1 session read")
     page.get_by_role("textbox", name="Note").fill("spare 4")
     page.get_by_test_id("swap").click()
     expect(page.get_by_text("spare 4")).to_be_visible()
