@@ -262,20 +262,6 @@ class Configuration:
         )
 
 
-def voltage_codes(under_voltage_v: float, over_voltage_v: float) -> tuple[int, int]:
-    """Return the nearest (under, over) voltage codes for two thresholds [V]: 2.5 and 4.2 V give 0x619 and 0xA41.
-
-    Raises:
-        EncodeError: a threshold outside what 12 bits hold.
-    """
-    under = round(under_voltage_v / UNDER_VOLTAGE_STEP_V) - 1
-    over = round(over_voltage_v / OVER_VOLTAGE_STEP_V)
-    for name, value, code in (("under_voltage_v", under_voltage_v, under), ("over_voltage_v", over_voltage_v, over)):
-        if not 0 <= code < 1 << 12:
-            raise EncodeError(name, value, "0..6.55 V")
-    return under, over
-
-
 def _bits(flags: tuple[bool, ...]) -> int:
     return sum(1 << i for i, is_set in enumerate(flags) if is_set)
 

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from firmware_protocol.memory_map import N_CELLS, N_PACKS
+from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS, N_PACKS
 from firmware_protocol.temperature_sensor import FIRST_DEGC, POINTS_V, STEP_DEGC
 from simulator.accumulator import Accumulator
 from simulator.eeprom import Eeprom
 from simulator.protection import Latch
 from simulator.sensors import TEMPERATURE_NOISE_V, CellInputs, CurrentSensor, NoisePool
 from simulator.slave import SlaveChain
+from simulator.slave_setup import THESIS_SENSOR_INPUTS
 
 _CURVE_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V), dtype=np.float64)
 _CURVE_V = np.array(POINTS_V)
@@ -17,11 +18,15 @@ _CURVE_V = np.array(POINTS_V)
 class Board:
     """The sensors, slaves and EEPROM that the firmware uses."""
 
-    def __init__(self, eeprom: Eeprom, rng: np.random.Generator) -> None:
+    def __init__(
+        self, eeprom: Eeprom, rng: np.random.Generator, sensor_inputs: tuple[int, ...] = THESIS_SENSOR_INPUTS
+    ) -> None:
         self.rng = rng
         self.noise = NoisePool(rng)
         self.eeprom = eeprom
-        self.chain = SlaveChain(N_PACKS, rng)
+        self.chain = SlaveChain(N_PACKS, rng, sensor_inputs)
+        first = CELLS_PER_PACK * np.arange(N_PACKS)[:, None]
+        self._cell_of_input = (first + np.argsort(sensor_inputs)).reshape(-1)
         self.current_sensor = CurrentSensor(rng, self.noise)
         self.cell_inputs = CellInputs(N_CELLS, rng, self.noise)
         self.latch = Latch()
@@ -49,5 +54,6 @@ class Board:
         """Put the temperature sensors' voltages at the slaves' inputs."""
         degc = self.cell_inputs.read_temperature(accumulator.temperature_degc)
         sensor_v = np.interp(degc, _CURVE_DEGC, _CURVE_V) + self.noise.draw(N_CELLS) * TEMPERATURE_NOISE_V
-        self.chain.converters.sensor_v = np.where(self.cell_inputs.temperature_unplugged, 0.0, sensor_v)
+        sensor_v = np.where(self.cell_inputs.temperature_unplugged, 0.0, sensor_v)
+        self.chain.converters.sensor_v = sensor_v.take(self._cell_of_input)
         self.chain.converters.board_degc = float(accumulator.board_temperature_degc.mean())

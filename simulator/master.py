@@ -167,7 +167,7 @@ class VirtualMaster(TellsRelays):
             self._balance_asked = self._balancer.choose(self.config, self.memory.v)
         if now_s >= self._slave_refresh_s:
             self._slave_refresh_s = now_s + SLAVE_REFRESH_S
-            self._measurement.reader.configure(self.config, self._balancer.cells)
+            self._measurement.reader.configure(self._balancer.cells)
 
     def _write_status(self, charger_alive: bool) -> None:
         self.memory.flags = (

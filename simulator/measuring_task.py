@@ -28,6 +28,7 @@ class MeasuringTask:
         self._memory = memory
         self._board = board
         self.reader = SlaveReader(memory, board.chain)
+        self.reader.start(now_s)
         self._start_s = now_s
         self._temperature_due_s = now_s
         self._self_check_due_s = now_s
@@ -50,10 +51,10 @@ class MeasuringTask:
     def run(self, config: Config, now_s: float, dt_s: float, true_current_a: float, is_charging: bool) -> Reading:
         """Measure everything that is due and return what the protection judges."""
         self.reader.begin(now_s)
-        if now_s >= self._temperature_due_s:
+        silent = self.reader.read_voltages()
+        if now_s >= self._temperature_due_s and not self.reader.has_returned:
             self._temperature_due_s = now_s + TEMPERATURE_PERIOD_S
             self._read_temperatures()
-        silent = self.reader.read_voltages()
         self._check(config, now_s, now_s + dt_s)
         i_fc, lost_current = self._measure_current(config, dt_s, true_current_a)
         lost_cell = self._filter_voltages(config, silent)

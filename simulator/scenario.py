@@ -120,6 +120,7 @@ class Scenario:
     loop: bool
     start: Start
     balancing: str
+    sensor_inputs: tuple[int, ...]  # cell input of each cell's temperature sensor, from 0
     config: bytes | None
     phases: tuple[PhasePlan, ...]
     faults: tuple[FaultPlan, ...]

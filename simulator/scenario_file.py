@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from firmware_protocol.config_image import check, default_image, with_value
 from firmware_protocol.errors import EncodeError
+from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import EventCode
 from simulator.balancing.choices import METHODS
 from simulator.errors import FaultError, InputError, ParameterError, ScenarioError
@@ -38,6 +39,7 @@ from simulator.loads import PATTERNS_C
 from simulator.recording import load_recording, read_recording
 from simulator.scenario import ACTIONS, LOADS, ActionPlan, Expectation, FaultPlan, PhasePlan, Scenario, Start
 from simulator.shape import TEAM, Shape
+from simulator.slave_setup import THESIS_SENSOR_INPUTS
 
 Item = TypeVar("Item")
 
@@ -114,12 +116,15 @@ def _scenario(document: dict[str, Any], path: Path, shape: Shape) -> Scenario:
         balancing = _balancing(_table(document, "balancing"))
     with _place(f"{where} [config]"):
         config = _config(_table(document, "config"))
-    if not shape.is_team and (config is not None or balancing != METHODS[0]):
-        raise ScenarioError(where, "[config] and [balancing] are of the team's own battery; this one has neither")
+    with _place(f"{where} [slaves]"):
+        sensor_inputs = _sensor_inputs(_table(document, "slaves"))
+    of_team = ("slaves", "config", "balancing")
+    if not shape.is_team and (config is not None or balancing != METHODS[0] or sensor_inputs != THESIS_SENSOR_INPUTS):
+        raise ScenarioError(where, f"[{'], ['.join(of_team)}] are of the team's own battery; this one has none of them")
     with _place(where):
         known = {
             "title", "description", "seed", "loop",
-            "start", "balancing", "config", "phase", "fault", "action", "expect",
+            "start", "balancing", "slaves", "config", "phase", "fault", "action", "expect",
         }  # fmt: skip
         refuse_unknown(document, known)
         if not phases:
@@ -135,6 +140,7 @@ def _scenario(document: dict[str, Any], path: Path, shape: Shape) -> Scenario:
             loop=loop,
             start=start,
             balancing=balancing,
+            sensor_inputs=sensor_inputs,
             config=config,
             phases=phases,
             faults=faults,
@@ -203,6 +209,19 @@ def _recorded_start(path: Path) -> dict[str, float]:
 def _balancing(table: dict[str, Any]) -> str:
     refuse_unknown(table, {"method"})
     return read_choice({"method": METHODS[0], **table}, "method", METHODS)
+
+
+def _sensor_inputs(table: dict[str, Any]) -> tuple[int, ...]:
+    """Return the cell input of each cell's sensor, from 0; in the file from 1."""
+    refuse_unknown(table, {"sensor_inputs"})
+    key = "sensor_inputs"
+    if key not in table:
+        return THESIS_SENSOR_INPUTS
+    given = table[key]
+    whole = isinstance(given, list) and all(isinstance(at, int) and not isinstance(at, bool) for at in given)
+    if not whole or sorted(given) != list(range(1, CELLS_PER_PACK + 1)):
+        raise InputError(key, f"{key} = {shown(given)} is not each of 1..{CELLS_PER_PACK} once")
+    return tuple(at - 1 for at in given)
 
 
 def _config(table: dict[str, Any]) -> bytes | None:

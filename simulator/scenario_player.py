@@ -246,7 +246,14 @@ def _of_team(scenario: Scenario, eeprom: Eeprom, seed: int, step_s: float) -> Si
         for page in plan_store(bytes(eeprom.content), scenario.config):
             eeprom.write(page.offset, page.data)
     parameters = _parameters(scenario, TEAM.n_cells, seed)
-    return Simulation(parameters, eeprom=eeprom, seed=seed, step_s=step_s, balancing=scenario.balancing)
+    return Simulation(
+        parameters,
+        eeprom=eeprom,
+        seed=seed,
+        step_s=step_s,
+        balancing=scenario.balancing,
+        sensor_inputs=scenario.sensor_inputs,
+    )
 
 
 def _parameters(scenario: Scenario, n_cells: int, seed: int) -> AccumulatorParameters:

@@ -15,6 +15,7 @@ from simulator.eeprom import Eeprom
 from simulator.line import UartLine
 from simulator.master import PASS_S, VirtualMaster
 from simulator.relays import RelayState
+from simulator.slave_setup import THESIS_SENSOR_INPUTS
 from simulator.vehicle import COMMANDED, Vehicle
 
 SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
@@ -35,10 +36,11 @@ class Simulation(Vehicle):
         seed: int = 0,
         step_s: float = PASS_S,
         balancing: str = "passive",
+        sensor_inputs: tuple[int, ...] = THESIS_SENSOR_INPUTS,
     ) -> None:
         super().__init__(parameters, seed=seed, step_s=step_s)
         self._balancing = balancing_circuit(balancing, self.accumulator)
-        self.board = Board(eeprom or Eeprom(), self.rng)
+        self.board = Board(eeprom or Eeprom(), self.rng, sensor_inputs)
         self.master_on_bus = MasterOnBus(lambda: self.master)
         self.bus.attach(self.master_on_bus)
         self.bus.attach(self.charger)

@@ -23,9 +23,10 @@ from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.conversion import ADCV, ADOW, REFERENCE_START_S, Conversion, decode_conversion
 from simulator.converters import BoolArray, ByteArray, Converters, FloatArray
 from simulator.isospi import PACKET_WORDS, Answers, WordArray, carry, damaged, flip_bits
+from simulator.slave_setup import FIRST_ADDRESS, THESIS_SENSOR_INPUTS
 
 WATCHDOG_S = 2.0
-PORT_IDLE_S = 5.5e-3  # without traffic, then the port has to be woken
+PORT_IDLE_S = 4.3e-3  # without traffic, then the port has to be woken: the earliest of the data sheet, 4.3 to 6.7 ms
 PORT_READY_S = 10e-6
 CORE_WAKE_S = 300e-6  # out of sleep, which begins with the watchdog
 _ADC_OPTION, _TIMER_PIN, _REFERENCE_ON = 0x01, 0x02, 0x04  # in CFGR0
@@ -58,11 +59,14 @@ def _decoded_configuration(body: bytes) -> ByteArray | None:
 
 
 class SlaveChain:
-    """All slaves; arrays have one row each, cells are numbered through."""
+    """All slaves; arrays have one row each, cells are numbered through. Addresses begin with `FIRST_ADDRESS`."""
 
-    def __init__(self, n_slaves: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, n_slaves: int, rng: np.random.Generator, sensor_inputs: tuple[int, ...] = THESIS_SENSOR_INPUTS
+    ) -> None:
         self._rng = rng
         self.n_slaves = n_slaves
+        self.sensor_inputs = sensor_inputs  # on which cell input of its slave each cell's sensor sits
         self.converters = Converters(n_slaves, rng)
         self.is_powered: BoolArray = np.ones(n_slaves, dtype=bool)
         self._listens: BoolArray = np.zeros(n_slaves, dtype=bool)  # with power and awake
@@ -73,11 +77,11 @@ class SlaveChain:
         self.cfgr: ByteArray = np.tile(_RESET_CFGR, (n_slaves, 1))
         self._reference_up_s: FloatArray = np.full(n_slaves, np.inf)
         self._references_up_s = np.inf  # the last of them
-        self._are_plain = False  # all chips: reference on, adcopt off
+        self._option: bool | None = None  # adcopt, where all chips have the same and their reference on
         self.discharging: BoolArray = np.zeros(n_slaves * CELLS_PER_PACK, dtype=bool)
         self.is_discharging = False
         self._interrupted_s = 0.0
-        self.has_timer_pin = False  # SWTEN: without it the discharge timer does not run
+        self.has_timer_pin = True  # SWTEN: without it the discharge timer does not run
         self._timer_end_s: NDArray[np.float64] = np.zeros(n_slaves)
 
     def set_powered(self, slave: int, powered: bool) -> None:
@@ -130,8 +134,8 @@ class SlaveChain:
         if now_s - self._active_s > WATCHDOG_S:
             self.converters.flag(self.cfgr)
             self._expire(now_s)
-            self._all_listen = False
-        if not self._all_listen:
+            self._all_listen, self._listens = False, np.zeros(self.n_slaves, dtype=bool)
+        if not self._all_listen and (self.is_powered & ~self._listens).any():
             self._all_listen = bool(self.is_powered.all())
             self._listens = self.converters.everyone if self._all_listen else self.is_powered.copy()
             self._ready_s = now_s + CORE_WAKE_S
@@ -155,11 +159,14 @@ class SlaveChain:
                 command, address = decode_command(packet)
             except DecodeError:
                 return nothing
-        slaves = _ALL if address is None else slice(address, address + 1)
+        slave = None if address is None else address - FIRST_ADDRESS
+        if slave is not None and not 0 <= slave < self.n_slaves:
+            return nothing
+        slaves = _ALL if slave is None else slice(slave, slave + 1)
         if command == Command.WRCFG:
             self._write_configuration(self._chips(slaves), packet[4:], now_s)
         elif command in _READS:
-            return self._answer(command, address, now_s)
+            return self._answer(command, slave, now_s)
         elif command == Command.PLADC:
             return b"\x00" if self.converters.is_busy(slaves) else b"\xff"
         elif command in _CLEARS:
@@ -182,8 +189,10 @@ class SlaveChain:
         return answers
 
     def read_configuration(self, now_s: float) -> Answers:
-        """Return the answers of all slaves to the configuration read, timers as they were set."""
-        return self._answers(self.cfgr.view("<u2"), hears=self._hears(now_s))
+        """Return the answers of all slaves to the configuration read."""
+        hears = self._hears(now_s)
+        groups = b"".join(self._configuration_read(slave, now_s) for slave in range(self.n_slaves))
+        return self._answers(np.frombuffer(groups, dtype="<u2").reshape(self.n_slaves, -1), hears=hears)
 
     def _hears(self, now_s: float) -> bool:
         """Note traffic and timeouts; an idle port wakes up by a packet and loses it."""
@@ -206,27 +215,27 @@ class SlaveChain:
         silent = None if hears and self._all_listen else ~(self._listens & hears)
         return carry(registers, silent, self.bit_error_rate, self._rng)
 
-    def _answer(self, command: int, address: int | None, now_s: float) -> bytes:
-        if address is None or address >= self.n_slaves or not self._listens[address]:
+    def _answer(self, command: int, slave: int | None, now_s: float) -> bytes:
+        if slave is None or not self._listens[slave]:
             return _IDLE_LINE
         if command == Command.RDCFG:
-            group = self._configuration_read(address, now_s)
+            group = self._configuration_read(slave, now_s)
         else:
             self.converters.flag(self.cfgr)
             kind, start = _READ_WORDS[Command(command)]
             registers = (self.converters.cvr, self.converters.avr, self.converters.str)[kind]
-            group = registers[address, start : start + 3].tobytes()
+            group = registers[slave, start : start + 3].tobytes()
             if command == Command.RDSTATB:
-                self.converters.status_was_read(slice(address, address + 1))
+                self.converters.status_was_read(slice(slave, slave + 1))
         packet = np.frombuffer(with_pec(group), dtype="<u2").copy()
         if self.bit_error_rate:
             flip_bits(packet, self.bit_error_rate, self._rng)
         return packet.tobytes()
 
-    def _configuration_read(self, address: int, now_s: float) -> bytes:
+    def _configuration_read(self, slave: int, now_s: float) -> bytes:
         """Return CFGR as a chip gives it: the timer's code is that of the time left."""
-        group = self.cfgr[address].copy()
-        left_minutes = (self._timer_end_s[address] - now_s) / 60
+        group = self.cfgr[slave].copy()
+        left_minutes = (self._timer_end_s[slave] - now_s) / 60
         code = np.searchsorted(DISCHARGE_MINUTES, left_minutes) if left_minutes > 0 else 0
         group[5] = group[5] & 0x0F | int(code) << 4
         group[0] |= _TIMER_PIN * self.has_timer_pin
@@ -257,8 +266,9 @@ class SlaveChain:
     def _references_change(self, up_s: float, chips: BoolArray | slice | int) -> None:
         self._reference_up_s[chips] = up_s
         self._references_up_s = float(self._reference_up_s.max())
-        plain = self.cfgr[:, 0] & (_REFERENCE_ON | _ADC_OPTION) == _REFERENCE_ON
-        self._are_plain = bool(plain.all())
+        flags = set((self.cfgr[:, 0] & (_REFERENCE_ON | _ADC_OPTION)).tolist())
+        common = flags.pop() if len(flags) == 1 else 0
+        self._option = bool(common & _ADC_OPTION) if common & _REFERENCE_ON else None
 
     def _update_switches(self) -> None:
         bits = np.unpackbits(self.cfgr[:, _SWITCHES:], axis=1, bitorder="little")[:, :CELLS_PER_PACK]
@@ -269,9 +279,10 @@ class SlaveChain:
 
     def _start(self, conversion: Conversion, chips: BoolArray, now_s: float) -> None:
         """Start a conversion; its time differs between chips by adcopt and by references that are not ready yet."""
-        took_s = conversion.times_s[False]
-        if self._are_plain and self._references_up_s <= now_s:
-            self.converters.start(conversion, chips, now_s + took_s, self.discharging)
+        took_s = 0.0
+        if self._option is not None and self._references_up_s <= now_s:
+            took_s = conversion.times_s[self._option]
+            self.converters.start(conversion, chips, now_s + took_s, self.discharging, adc_option=self._option)
         else:
             options = (self.cfgr[:, 0] & _ADC_OPTION).astype(bool)
             wait_s = np.clip(self._reference_up_s - now_s, 0.0, REFERENCE_START_S)

@@ -5,6 +5,7 @@ Everything takes its time on the bus: `busy_until_s` says when the last thing as
 """
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from firmware_protocol.ltc6804 import (
     adstat,
     command_packet,
     decode_command,
-    voltage_codes,
     write_packet,
 )
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, T_MISSING
@@ -26,31 +26,44 @@ from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V,
 from simulator.conversion import ADOW, decode_conversion
 from simulator.converters import BoolArray
 from simulator.isospi import DATA_WORDS, Answers, WordArray
-from simulator.memory import Config, MasterMemory
+from simulator.memory import MasterMemory
 from simulator.self_test import AXST, CVST, PATTERNS, STATST, SelfTest
 from simulator.slave import SlaveChain
+from simulator.slave_setup import (
+    CELLS_MODE,
+    CELLS_WAIT_S,
+    DEFAULT_CFGR,
+    FIRST_ADDRESS,
+    QUIET_S,
+    SENSORS_MODE,
+    SENSORS_WAIT_S,
+    SWITCH_WAIT_S,
+    WAKE_WAIT_S,
+)
 
 STATUS_ABSENT, STATUS_ACTIVE, STATUS_FAULT = 0, 1, 255
-_CONVERT = command_packet(adcv())
-_CONVERT_SENSORS = command_packet(adcv(discharge_permitted=True))
-_CONVERT_PULLED_UP = command_packet(ADOW | AdcMode.NORMAL << 7 | 0x40)
-_CONVERT_PULLED_DOWN = command_packet(ADOW | AdcMode.NORMAL << 7)
-_CONVERT_AUX = command_packet(adax())
-_CONVERT_STATUS = command_packet(adstat())
+_CONVERT = command_packet(adcv(CELLS_MODE))
+_CONVERT_SENSORS = command_packet(adcv(SENSORS_MODE, discharge_permitted=True))
+# what ADCOPT makes of the fastest mode leaves room for a stage of the self-check in a pass
+_CHECK_MODE = AdcMode.FAST
+_CONVERT_PULLED_UP = command_packet(ADOW | _CHECK_MODE << 7 | 0x40)
+_CONVERT_PULLED_DOWN = command_packet(ADOW | _CHECK_MODE << 7)
+_CONVERT_AUX = command_packet(adax(_CHECK_MODE))
+_CONVERT_STATUS = command_packet(adstat(_CHECK_MODE))
 _TEST_MULTIPLEXER = command_packet(Command.DIAGN)
 _SELF_TESTS = tuple(
-    tuple(SelfTest(kind, AdcMode.NORMAL, pattern) for kind in (CVST, AXST, STATST)) for pattern in PATTERNS
+    tuple(SelfTest(kind, _CHECK_MODE, pattern) for kind in (CVST, AXST, STATST)) for pattern in PATTERNS
 )
 _TEST_PACKETS = tuple(tuple(command_packet(test.command) for test in tests) for tests in _SELF_TESTS)
-_CONVERSION_TIME_S = {
-    packet: conversion.time_s()
+_WAIT_S = {_CONVERT: CELLS_WAIT_S, _CONVERT_SENSORS: SENSORS_WAIT_S} | {
+    packet: conversion.time_s(adc_option=True)
     for packet in (
-        *(_CONVERT, _CONVERT_SENSORS, _CONVERT_PULLED_UP, _CONVERT_PULLED_DOWN),
-        *(_CONVERT_AUX, _CONVERT_STATUS, _TEST_MULTIPLEXER),
+        *(_CONVERT_PULLED_UP, _CONVERT_PULLED_DOWN, _CONVERT_AUX, _CONVERT_STATUS, _TEST_MULTIPLEXER),
         *(packet for packets in _TEST_PACKETS for packet in packets),
     )
     if (conversion := decode_conversion(decode_command(packet)[0])) is not None
 }
+_CLEAR_CELLS = command_packet(Command.CLRCELL)
 _POLL = command_packet(Command.PLADC)
 _BUSY = b"\x00"
 _TRIES = 3
@@ -59,7 +72,7 @@ _SWITCHES = 4  # of the configuration, from this byte on
 _BYTE_S = 8e-6  # at 1 MHz
 _COMMAND_S, _GROUP_S = 4 * _BYTE_S, 12 * _BYTE_S
 CHECK_STAGES = 4  # of the self-check: a pattern each, references and multiplexer, wires
-CHECK_STAGE_S = 13e-3  # the longest of them
+CHECK_STAGE_S = 10e-3  # the longest of them
 _CELLS_FAILED, _AUXILIARY_FAILED, _STATUS_FAILED, _MULTIPLEXER_FAILED, _REFERENCE_FAILED = np.array(
     (1, 2, 4, 8, 16), dtype=np.uint16
 )
@@ -69,30 +82,32 @@ _NO_CELLS = np.zeros(CELLS_PER_PACK, dtype=bool)
 _OPEN_WIRE_COUNTS = 4000  # the data sheet's 400 mV
 _U16 = 0xFFFF
 _PHASES = tuple(np.arange(CELLS_PER_PACK) % 2 == phase for phase in range(2))
-_PHASE_COLUMNS = np.array([cell + CELLS_PER_PACK * (cell % 2) for cell in range(CELLS_PER_PACK)])
 _SENSOR_RISING_V = np.array(POINTS_V[::-1])
+_ROUNDING_V = 1e-9
 _SENSOR_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V) - 1, -1, -1, dtype=np.float64)
 _READ_US = round(_GROUP_S * 1e6)
-_CELLS_US, _AUX_US, _STATUS_US = (
-    round(_CONVERSION_TIME_S[packet] * 1e6) for packet in (_CONVERT, _CONVERT_AUX, _CONVERT_STATUS)
+_CELLS_US, _SENSORS_US, _AUX_US, _STATUS_US = (
+    round(_WAIT_S[packet] * 1e6) for packet in (_CONVERT, _CONVERT_SENSORS, _CONVERT_AUX, _CONVERT_STATUS)
 )
 # time of each step of one reading [us]: conversion, four cell groups, aux, status, then the two temperature phases
 _STEP_TIMES_US = (
     *(_CELLS_US, *[_READ_US] * 4, _AUX_US, *[_READ_US] * 2, _STATUS_US, *[_READ_US] * 2),
-    *(_CELLS_US, *[_READ_US] * 4, _CELLS_US, 4 * _READ_US),
+    *(_SENSORS_US, *[_READ_US] * 4, _SENSORS_US, 4 * _READ_US),
 )
 
 
 def degc_from_sensor(volts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the temperatures of sensor voltages [degC]; NaN where no working sensor gives that voltage."""
-    inside = (volts >= _SENSOR_RISING_V[0] - MARGIN_V) & (volts <= _SENSOR_RISING_V[-1] + MARGIN_V)
+    margin_v = MARGIN_V + _ROUNDING_V
+    inside = (volts >= _SENSOR_RISING_V[0] - margin_v) & (volts <= _SENSOR_RISING_V[-1] + margin_v)
     return np.where(inside, np.interp(volts, _SENSOR_RISING_V, _SENSOR_DEGC), np.nan)
 
 
 def _whole_degc_by_count() -> NDArray[np.int8]:
     degc = degc_from_sensor(np.arange(_U16 + 1, dtype=np.float64) * 1e-4)
     known = np.isfinite(degc)
-    return np.where(known, np.rint(np.where(known, degc, 0)), T_MISSING).astype(np.int8)
+    exact = np.round(np.where(known, degc, 0), 9)  # half a degree is half a degree
+    return np.where(known, np.rint(exact), T_MISSING).astype(np.int8)
 
 
 _DEGC_BY_COUNT = _whole_degc_by_count()
@@ -107,7 +122,8 @@ class SlaveReader:
         n_cells = chain.n_slaves * CELLS_PER_PACK
         self._balance: BoolArray = np.zeros(n_cells, dtype=bool)
         self._is_balancing = False
-        self._thresholds = (0, 0)
+        # of the two phases, where the temperature of each cell stands
+        self._phase_columns = np.array([at + CELLS_PER_PACK * (at % 2) for at in chain.sensor_inputs])
         self.packets = 0
         self.packet_errors = 0
         self._bad_packets: NDArray[np.int64] = np.zeros(chain.n_slaves, dtype=np.int64)
@@ -129,13 +145,23 @@ class SlaveReader:
         memory.slave_status[:] = STATUS_ABSENT
         memory.slave_time[:] = _STEP_TIMES_US
 
+    def start(self, now_s: float) -> None:
+        """Forget what the chips measured, configure them, and say in the struct which hold what was written."""
+        self.begin(now_s)
+        self.busy_until_s += _COMMAND_S
+        self._chain.execute(_CLEAR_CELLS, self.busy_until_s)
+        self._write(_NO_CELLS, None)
+        groups, whole = self._configurations()
+        is_set = whole & (groups[:, 1:] == np.frombuffer(DEFAULT_CFGR, dtype=np.uint8)[1:]).all(axis=1)
+        self._memory.slave_cfgr[whole] = groups[whole]
+        self._memory.slave_status[:] = np.where(is_set, STATUS_ACTIVE, STATUS_FAULT)
+
     def begin(self, now_s: float) -> None:
         """Wake the chips and wait until they are ready."""
-        self.busy_until_s = self._chain.wake(now_s)
+        self.busy_until_s = max(self._chain.wake(now_s), now_s + WAKE_WAIT_S)
 
-    def configure(self, config: Config, balance: BoolArray) -> None:
-        """Write the chips' configuration: thresholds, and the cells to bleed."""
-        self._thresholds = voltage_codes(config.v_cell_min * 1e-4, config.v_cell_max * 1e-4)
+    def configure(self, balance: BoolArray) -> None:
+        """Write the chips' configuration with the cells to bleed, and read it back."""
         self._balance = balance.copy()
         self._is_balancing = bool(balance.any())
         self._write_balance()
@@ -159,6 +185,7 @@ class SlaveReader:
             self._write(selected, None)
             if not self._is_noisy or self._has_arrived(selected):
                 break
+        self.busy_until_s += SWITCH_WAIT_S
         self._convert(_CONVERT_SENSORS)
         half = self._memory.slave_temp[:, self._phase * CELLS_PER_PACK : (self._phase + 1) * CELLS_PER_PACK]
         self._read_cells_into(half)
@@ -167,7 +194,7 @@ class SlaveReader:
 
     def temperatures_degc(self) -> NDArray[np.int8]:
         """Return (n_cells,) temperatures out of both phases [degC], T_MISSING without a measurement."""
-        counts = self._memory.slave_temp.take(_PHASE_COLUMNS, axis=1)
+        counts = self._memory.slave_temp.take(self._phase_columns, axis=1)
         if self.silent is not self._none_silent:
             counts[self.silent] = CHIP_MISSING
         return _DEGC_BY_COUNT.take(counts.reshape(-1))
@@ -210,7 +237,7 @@ class SlaveReader:
         """Return (n_slaves,) which self-tests failed, as bits; a packet that is damaged proves nothing."""
         for packet in _TEST_PACKETS[index]:
             self._convert(packet)
-        code = _SELF_TESTS[index][0].code()
+        code = _SELF_TESTS[index][0].code(adc_option=True)
         cells = self._read_cells()
         wrong = np.logical_and.reduce(cells.intact, axis=1)
         wrong &= np.logical_or.reduce(cells.words.reshape(len(wrong), -1) != code, axis=1)
@@ -248,7 +275,9 @@ class SlaveReader:
             self.busy_until_s += _COMMAND_S + _BYTE_S
             if self._chain.execute(_POLL, self.busy_until_s) == _BUSY:
                 break
-        self.busy_until_s += _CONVERSION_TIME_S[packet]
+        self.busy_until_s += _WAIT_S[packet]
+        if _WAIT_S[packet] > QUIET_S:
+            self.busy_until_s = self._chain.wake(self.busy_until_s)
 
     def _read_cells(self) -> Answers:
         return self._received(self._chain.read_cells(self.busy_until_s + _COMMAND_S))
@@ -286,7 +315,7 @@ class SlaveReader:
 
     def _write(self, discharging: BoolArray, address: int | None) -> None:
         self.busy_until_s += _GROUP_S
-        packet = _configuration_packet(self._thresholds, discharging.tobytes(), address)
+        packet = _configuration_packet(discharging.tobytes(), address)
         self._chain.execute(packet, self.busy_until_s)
 
     def _write_balance(self) -> None:
@@ -294,7 +323,7 @@ class SlaveReader:
             self._write(_NO_CELLS, None)
             return
         for slave, row in enumerate(self._balance.reshape(self._chain.n_slaves, CELLS_PER_PACK)):
-            self._write(row, slave)
+            self._write(row, FIRST_ADDRESS + slave)
 
     def _read_configuration(self) -> None:
         groups, whole = self._configurations()
@@ -313,8 +342,7 @@ class SlaveReader:
 
 
 @functools.lru_cache(maxsize=1024)
-def _configuration_packet(thresholds: tuple[int, int], discharging: bytes, address: int | None) -> bytes:
-    under, over = thresholds
+def _configuration_packet(discharging: bytes, address: int | None) -> bytes:
     cells = tuple(map(bool, discharging))
-    configuration = Configuration(under_voltage_code=under, over_voltage_code=over, discharging=cells)
+    configuration = replace(Configuration.from_bytes(DEFAULT_CFGR), discharging=cells)
     return write_packet(Command.WRCFG, configuration.to_bytes(), address)

@@ -63,6 +63,10 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ('"2/1" = 0.6', '"9/1" = 0.6', "pack = 9 is outside 1..8"),
         ("[config]", '[balancing]\nmethod = "magic"\n[config]', r"\[balancing\].*'magic' is none of"),
         ("[config]", "[balancing]\nrate = 2\n[config]", r"\[balancing\].*'rate' means nothing"),
+        ("[config]", "[slaves]\nsensors = 2\n[config]", r"\[slaves\].*'sensors' means nothing"),
+        ("[config]", "[slaves]\nsensor_inputs = 2\n[config]", r"\[slaves\].*= 2 is not each of 1..12 once"),
+        ("[config]", f"[slaves]\nsensor_inputs = {[1] * 12}\n[config]", r"is not each of 1..12 once"),
+        ("[config]", f"[slaves]\nsensor_inputs = [true, {'2, ' * 11}]\n[config]", r"is not each of 1..12 once"),
         ("v_cell_max = 4.15", "v_cell_max = 9", "v_cell_max"),
         ("v_cell_max = 4.15", "v_cell_min = 4.0\nv_cell_max = 3.9", "v_cell_min"),
         ('load = "constant"', 'load = "rocket"', "'rocket' is none of"),
@@ -144,6 +148,14 @@ def test_resistors_balance_unless_the_file_says_otherwise(tmp_path):
     scenario = load_scenario(path)
     assert scenario.balancing == "transformer"
     assert "balances by transformer" in scenario.describe()
+
+
+def test_the_sensors_sit_where_the_thesis_reads_them_unless_the_file_says_otherwise(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(GOOD)
+    assert load_scenario(path).sensor_inputs == (0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11)
+    path.write_text(f"{GOOD}[slaves]\nsensor_inputs = {[*range(12, 0, -1)]}\n")
+    assert load_scenario(path).sensor_inputs == tuple(range(11, -1, -1))
 
 
 def test_a_later_phase_is_made_when_the_file_is_read(tmp_path):

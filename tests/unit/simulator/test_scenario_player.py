@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firmware_protocol.framing import Frame, FrameDecoder
@@ -49,6 +50,19 @@ def action(at_s: float, name: str, **keys: float) -> str:
     return "".join(
         ["[[action]]\n", f'at_s = {at_s}\nname = "{name}"\n', *(f"{key} = {value}\n" for key, value in keys.items())]
     )
+
+
+@pytest.mark.parametrize("inputs", [None, [*range(1, 13)], [12, *range(1, 12)]])
+def test_every_cell_has_its_own_temperature_however_its_sensor_is_wired(play, inputs):
+    """One sensor is off: in the struct its cell is without a temperature, whatever input the chip reads it by."""
+    slaves = "" if inputs is None else f"[slaves]\nsensor_inputs = {inputs}\n"
+    fault = '[[fault]]\nat_s = 0.5\nname = "temperature-unplugged"\npack = 2\ncell = 5\n'
+    played = play(slaves + phase("rest", for_s=9) + fault)
+    played.player.run(2)
+    master = played.player.simulation.master
+    assert np.flatnonzero(master.memory.t == -128).tolist() == [16]
+    at = (0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11)[4] if inputs is None else inputs[4] - 1
+    assert np.flatnonzero(master.memory.slave_temp[1] == 0).tolist() == [at + 12 * (at % 2)]
 
 
 def test_each_round_has_its_faults_and_actions(play):

@@ -14,7 +14,6 @@ from firmware_protocol.ltc6804 import (
     command_packet,
     decode_group,
     decode_words,
-    voltage_codes,
     write_packet,
 )
 from simulator.conversion import ADOW, REFERENCE_START_S, decode_conversion
@@ -24,27 +23,32 @@ from simulator.slave import CORE_WAKE_S, PORT_IDLE_S, WATCHDOG_S, SlaveChain
 LATER_S = 0.3  # longer than any conversion
 
 
-def group(chain: SlaveChain, command: Command, address: int, now_s: float = LATER_S) -> bytes:
-    return decode_group(chain.execute(command_packet(command, address), chain.wake(now_s)))
+def address_of(slave: int | None) -> int | None:
+    """Return what the switches on a slave's board say; slaves are counted from 0 here."""
+    return None if slave is None else slave + 1
 
 
-def read(chain: SlaveChain, command: Command, address: int, now_s: float = LATER_S) -> tuple[int | None, ...]:
-    return decode_words(group(chain, command, address, now_s))
+def group(chain: SlaveChain, command: Command, slave: int, now_s: float = LATER_S) -> bytes:
+    return decode_group(chain.execute(command_packet(command, address_of(slave)), chain.wake(now_s)))
 
 
-def tell(chain: SlaveChain, command: int, now_s: float = 0.1, address: int | None = None) -> float:
+def read(chain: SlaveChain, command: Command, slave: int, now_s: float = LATER_S) -> tuple[int | None, ...]:
+    return decode_words(group(chain, command, slave, now_s))
+
+
+def tell(chain: SlaveChain, command: int, now_s: float = 0.1, slave: int | None = None) -> float:
     """Wake the chips and send a command; return when it arrived."""
     at_s = chain.wake(now_s)
-    chain.execute(command_packet(command, address), at_s)
+    chain.execute(command_packet(command, address_of(slave)), at_s)
     return at_s
 
 
-def configure(chain: SlaveChain, configuration: Configuration, address: int | None = None, now_s: float = 0.0) -> None:
-    chain.execute(write_packet(Command.WRCFG, configuration.to_bytes(), address), chain.wake(now_s))
+def configure(chain: SlaveChain, configuration: Configuration, slave: int | None = None, now_s: float = 0.0) -> None:
+    chain.execute(write_packet(Command.WRCFG, configuration.to_bytes(), address_of(slave)), chain.wake(now_s))
 
 
-def discharge(chain: SlaveChain, cells: set[int], address: int | None = None, now_s: float = 0.0) -> None:
-    configure(chain, Configuration(discharging=tuple(cell in cells for cell in range(12))), address, now_s)
+def discharge(chain: SlaveChain, cells: set[int], slave: int | None = None, now_s: float = 0.0) -> None:
+    configure(chain, Configuration(discharging=tuple(cell in cells for cell in range(12))), slave, now_s)
 
 
 def test_registers_hold_no_measurement_before_the_first_conversion(chain):
@@ -122,7 +126,7 @@ def test_a_new_command_ends_the_conversion_under_way(chain):
 
 
 def test_one_slave_may_convert_while_the_others_keep_theirs(chain):
-    tell(chain, adcv(), address=3)
+    tell(chain, adcv(), slave=3)
     assert read(chain, Command.RDCVA, 3)[0] == 33_600
     assert read(chain, Command.RDCVA, 2) == (None, None, None)
 
@@ -144,7 +148,7 @@ def test_a_command_with_a_wrong_check_word_does_nothing(chain):
 def test_an_idle_port_loses_the_packet_that_wakes_it(chain):
     at_s = tell(chain, adcv())
     idle_s = at_s + 1.1 * PORT_IDLE_S
-    assert chain.execute(command_packet(Command.RDCVA, 0), idle_s) == b"\xff" * 8
+    assert chain.execute(command_packet(Command.RDCVA, 1), idle_s) == b"\xff" * 8
     assert read(chain, Command.RDCVA, 0, idle_s + 1e-4)[0] == 30_000
 
 
@@ -152,13 +156,13 @@ def test_a_chip_asleep_needs_its_time_to_wake_and_has_lost_its_configuration(cha
     asleep_s = WATCHDOG_S + 0.1
     chain.wake(asleep_s)
     early_s = asleep_s + 0.5 * CORE_WAKE_S
-    assert chain.execute(command_packet(Command.RDCFG, 0), early_s) == b"\xff" * 8
+    assert chain.execute(command_packet(Command.RDCFG, 1), early_s) == b"\xff" * 8
     awake = group(chain, Command.RDCFG, 0, asleep_s + 2 * CORE_WAKE_S)
     assert not Configuration.from_bytes(awake).reference_on
 
 
 def test_configuration_reaches_one_slave_or_all(chain):
-    discharge(chain, {0, 11}, address=2)
+    discharge(chain, {0, 11}, slave=2)
     assert set(np.flatnonzero(chain.discharging)) == {24, 35}
     discharge(chain, {5})
     assert set(np.flatnonzero(chain.discharging)) == {5 + 12 * pack for pack in range(8)}
@@ -199,7 +203,6 @@ def timed(chain: SlaveChain, timer_code: int, now_s: float) -> None:
 
 
 def test_the_discharge_timer_outlives_the_watchdog_and_ends_the_bleeding(chain):
-    chain.has_timer_pin = True
     timed(chain, timer_code=2, now_s=0.0)  # one minute
     chain.watch(59.9)
     assert np.flatnonzero(chain.discharging).tolist() == [36]
@@ -209,7 +212,6 @@ def test_the_discharge_timer_outlives_the_watchdog_and_ends_the_bleeding(chain):
 
 
 def test_the_discharge_timer_ends_the_bleeding_of_a_chip_that_is_talked_to(chain):
-    chain.has_timer_pin = True
     timed(chain, timer_code=1, now_s=0.0)  # half a minute
     for now_s in range(29):
         tell(chain, adcv(), float(now_s))
@@ -221,7 +223,6 @@ def test_the_discharge_timer_ends_the_bleeding_of_a_chip_that_is_talked_to(chain
 
 
 def test_a_new_configuration_starts_the_discharge_timer_again(chain):
-    chain.has_timer_pin = True
     timed(chain, timer_code=1, now_s=0.0)
     timed(chain, timer_code=1, now_s=20.0)
     chain.watch(40.0)
@@ -229,6 +230,7 @@ def test_a_new_configuration_starts_the_discharge_timer_again(chain):
 
 
 def test_without_its_pin_the_discharge_timer_does_not_run(chain):
+    chain.has_timer_pin = False
     timed(chain, timer_code=15, now_s=0.0)
     chain.watch(2.1)
     assert not chain.discharging.any()
@@ -236,7 +238,6 @@ def test_without_its_pin_the_discharge_timer_does_not_run(chain):
 
 @pytest.mark.parametrize(("now_s", "code"), [(0.0, 9), (59.0, 9), (299.0, 9), (301.0, 8), (1199.0, 1), (1201.0, 0)])
 def test_the_configuration_tells_what_is_left_of_the_timer(chain, now_s, code):
-    chain.has_timer_pin = True
     timed(chain, timer_code=9, now_s=0.0)  # 20 minutes
     begin_s = chain.wake(0.0)
     configuration = Configuration.from_bytes(group(chain, Command.RDCFG, 3, begin_s + now_s + CORE_WAKE_S))
@@ -278,8 +279,8 @@ def test_any_stuck_bit_shows_in_one_of_the_two_patterns(chain, bit):
     assert seen.count(False) == 1
 
 
-def status_b(chain: SlaveChain, address: int, now_s: float = LATER_S) -> StatusB:
-    return StatusB.from_bytes(group(chain, Command.RDSTATB, address, now_s))
+def status_b(chain: SlaveChain, slave: int, now_s: float = LATER_S) -> StatusB:
+    return StatusB.from_bytes(group(chain, Command.RDSTATB, slave, now_s))
 
 
 def test_a_failed_multiplexer_is_told_by_the_diagnosis_until_it_passes(chain):
@@ -292,8 +293,7 @@ def test_a_failed_multiplexer_is_told_by_the_diagnosis_until_it_passes(chain):
 
 
 def test_cells_beyond_the_thresholds_are_flagged_by_the_next_conversion(chain):
-    under, over = voltage_codes(2.5, 4.2)
-    configure(chain, Configuration(under_voltage_code=under, over_voltage_code=over))
+    configure(chain, Configuration(under_voltage_code=0x619, over_voltage_code=0xA41))  # 2.5 and 4.2 V
     chain.converters.cell_v = np.full(96, 3.7)
     chain.converters.cell_v[[24, 35]] = 2.49
     chain.converters.cell_v[[28, 35 + 12]] = 4.21
@@ -341,7 +341,7 @@ def test_a_drifting_reference_falsifies_every_voltage_and_shows_in_the_second_re
 def test_a_slave_without_power_answers_with_an_idle_line_and_wakes_empty(chain):
     tell(chain, adcv())
     chain.set_powered(4, False)
-    assert chain.execute(command_packet(Command.RDCVA, 4), chain.wake(0.2)) == b"\xff" * 8
+    assert chain.execute(command_packet(Command.RDCVA, 5), chain.wake(0.2)) == b"\xff" * 8
     assert read(chain, Command.RDCVA, 5)[0] == 36_000
     chain.set_powered(4, True)
     assert read(chain, Command.RDCVA, 4) == (None, None, None)
