@@ -63,6 +63,19 @@ def master_library() -> Path:
 
 
 @cache
+def slaves_library(*sanitizers: str) -> Path:
+    """Return the C master's driver of the slaves as a shared library, with what these options of gcc watch."""
+    sources = [C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "balance")]
+    sources.append(Path(__file__).parent / "c_sizes.c")
+    command = ["gcc", *FLAGS, "-Wconversion", *sanitizers, "-fPIC", "-shared"]
+
+    def compile_into(part: Path) -> None:
+        subprocess.run([*command, *map(str, sources), "-o", str(part)], check=True)
+
+    return _built("vw_slaves", sources, command, compile_into)
+
+
+@cache
 def build_faulty_disk() -> Path:
     """Return the library that is preloaded into a process to make its disk fail, or to write down what reaches it."""
     source = Path(__file__).parent / "integration" / "faulty_disk.c"

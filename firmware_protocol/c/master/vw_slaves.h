@@ -20,17 +20,18 @@
 #define VW_SLAVES_CONFIG { 0x05u, 0x98u, 0x46u, 0xA4u, 0x00u, 0x10u }
 
 /* Its waits [us]. ADCOPT gives 2 kHz for the cells (12 in 4430 us) and 14 kHz for the sensors (1288 us). */
-#define VW_SLAVES_SETTLE_US 500u /* woken, switches open: the cells' filter of 2 kHz has settled */
+#define VW_SLAVES_WAKE_US 500u /* a chip needs up to 300 us out of its sleep */
 #define VW_SLAVES_CELLS_US 4500u
 #define VW_SLAVES_SENSORS_US 1400u
-#define VW_SLAVES_SENSOR_SETTLE_US 100u /* sensors switched in: their filter of 16 kHz has settled */
+#define VW_SLAVES_SWITCH_US 100u /* sensors switched in: ten time constants of their filter of 16 kHz */
 #define VW_SLAVES_IDLE_US 2000u /* after so long without traffic: a wake-up pulse */
+#define VW_SLAVES_READY_US 10u /* which the port needs out of its idle state */
 
 /* The order of its temperatures: the inputs of sensors 1 to 12. */
 #define VW_SLAVES_SENSOR_INPUTS { 0u, 2u, 4u, 6u, 8u, 10u, 1u, 3u, 5u, 7u, 9u, 11u }
 
 #define VW_SLAVES_CHECK_STAGES 4u /* of the self-check: a pattern each, references and multiplexer, open wires */
-#define VW_SLAVES_CHECK_STAGE_US 12000u /* the longest of them, eight slaves at 1 MHz */
+#define VW_SLAVES_CHECK_STAGE_US 10000u /* the longest of them, eight slaves at 1 MHz */
 
 /* `slave[n].com[2]` */
 enum vw_slaves_failure {
@@ -49,8 +50,8 @@ typedef struct {
     uint16_t bleed[VW_N_PACKS]; /* cells that are bled between the conversions */
     uint16_t open_wires[VW_N_PACKS]; /* cells beside an open wire */
     uint16_t failures[VW_N_PACKS]; /* of the last whole self-check, enum vw_slaves_failure */
-    bool is_silent[VW_N_PACKS]; /* not one good packet in the last reading of voltages */
-    bool is_whole; /* every packet of it was good */
+    bool is_silent[VW_N_PACKS]; /* not one good packet in the last reading of its cells */
+    bool is_whole; /* every packet of the last reading of voltages was good */
     bool has_returned; /* a silent slave answered again: it has been configured anew, its reference is not up yet */
     uint32_t packets; /* read since the start */
     uint32_t packet_errors; /* of them with a wrong PEC */
@@ -58,7 +59,6 @@ typedef struct {
     uint16_t failures_so_far[VW_N_PACKS];
     uint32_t bad_packets[VW_N_PACKS];
     uint32_t bad_before[VW_N_PACKS]; /* at the last self-check */
-    uint32_t idle_us;
     uint32_t noisy_ms_left; /* packets were damaged lately: commands may have been, too */
     uint8_t phase;
     uint8_t stage;

@@ -1,0 +1,399 @@
+"""The C driver of the slaves against the Python reader, value by value, on slaves that the same faults befall."""
+
+import ctypes
+import os
+import subprocess
+import sys
+from ctypes import byref, c_bool, c_int, c_uint8, c_uint16, c_uint32
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_protocol import ltc6804
+from firmware_protocol.config_image import default_image
+from firmware_protocol.ltc6804 import AdcMode, Command, Configuration, StatusB, adax, adcv, adstat, with_pec
+from firmware_protocol.memory_map import T_MISSING
+from simulator import slave_reader, slave_setup
+from simulator.charging import Balancer
+from simulator.conversion import ADOW
+from simulator.memory import Config
+from simulator.self_test import AXST, CVST, STATST, SelfTest
+from simulator.slave_reader import CHECK_STAGE_S, degc_from_sensor
+from tests.c_programs import slaves_library
+from tests.c_slaves import PACKETS, Balance, Both, CReader, DamagedChain, cells_of, load
+from tests.campaign import examples
+
+HEADER = Path(__file__).parents[2] / "firmware_protocol" / "c" / "master" / "vw_slaves.h"
+INPUTS = slave_setup.THESIS_SENSOR_INPUTS
+PASS_S = 0.1  # long enough for temperatures and all stages of the check
+UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
+ADDRESS = ("-fsanitize=address",)
+
+
+@pytest.fixture(scope="module")
+def library() -> ctypes.CDLL:
+    return load(slaves_library(*UNDEFINED))
+
+
+# --- packets
+
+# the first is the data sheet's worked example; the others were made by its two algorithms beside each other
+PEC_VECTORS = {
+    "0001": 0x3D6E, "0002": 0x2B0A, "0004": 0x07C2, "0006": 0x9A94, "0008": 0x5E52, "000a": 0xC304, "000c": 0xEFCC,
+    "000e": 0x729A, "0010": 0xED72, "0012": 0x7024, "0711": 0xC9C0, "0712": 0xDFA4, "0714": 0xF36C, "0360": 0xF46C,
+    "0370": 0xAF42, "03e0": 0xB04A, "0560": 0xD3A0, "05e0": 0x9786, "0568": 0x3BAE, "8004": 0x77D6, "8804": 0x8428,
+    "b804": 0x317A, "8001": 0x4D7A, "b80a": 0xF5BC, "000000000000": 0xC212, "ffffffffffff": 0x664C,
+    "010203040506": 0x22EE, "889088908890": 0xE5B2,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("data", "pec"), PEC_VECTORS.items())
+def test_check_words_are_those_of_the_data_sheet(library, data, pec):
+    raw = bytes.fromhex(data)
+    assert library.vw_ltc_pec15(raw, ctypes.c_size_t(len(raw))) == pec
+
+
+@settings(max_examples=examples(60))
+@given(data=st.binary(max_size=40))
+def test_check_words_of_any_bytes(library, data):
+    assert library.vw_ltc_pec15(data, ctypes.c_size_t(len(data))) == ltc6804.pec15(data)
+
+
+@pytest.mark.parametrize("mode", AdcMode)
+def test_conversions_are_the_same_commands(library, mode):
+    c = {name: getattr(library, f"vw_ltc_{name}") for name in ("adcv", "adow", "adax", "adstat")}
+    m = c_int(mode)
+    for is_on in (False, True):
+        assert c["adcv"](m, c_bool(is_on)) == adcv(mode, discharge_permitted=is_on)
+        assert c["adow"](m, c_bool(is_on)) == ADOW | mode << 7 | 0x40 * is_on
+    assert (c["adax"](m), c["adstat"](m)) == (adax(mode), adstat(mode))
+    for pattern in (1, 2):
+        for name, kind in (("cvst", CVST), ("axst", AXST), ("statst", STATST)):
+            test = SelfTest(kind, mode, pattern)
+            assert getattr(library, f"vw_ltc_{name}")(m, c_uint8(pattern)) == test.command
+            for option in (False, True):
+                code = library.vw_ltc_self_test_code(m, c_uint8(pattern), c_bool(option))
+                assert code == test.code(adc_option=option)
+
+
+class CConfiguration(ctypes.Structure):
+    _fields_ = (
+        ("gpio_pull_down_off", c_uint8),
+        ("reference_on", c_bool),
+        ("timer_pin", c_bool),
+        ("adc_option", c_bool),
+        ("under_voltage_code", c_uint16),
+        ("over_voltage_code", c_uint16),
+        ("discharge", c_uint16),
+        ("discharge_timer", c_uint8),
+    )
+
+
+@settings(max_examples=examples(60))
+@given(group=st.binary(min_size=6, max_size=6))
+def test_a_configuration_means_the_same_and_comes_back_byte_for_byte(library, group):
+    decoded, encoded = CConfiguration(), (c_uint8 * 6)()
+    library.vw_ltc_config_decode(group, byref(decoded))
+    library.vw_ltc_config_encode(byref(decoded), encoded)
+    meaning = Configuration.from_bytes(group)
+    assert bytes(encoded) == meaning.to_bytes() == group
+    assert (decoded.reference_on, decoded.timer_pin, decoded.adc_option) == (
+        meaning.reference_on,
+        meaning.software_timer_enabled,
+        meaning.adc_option,
+    )
+    assert (decoded.under_voltage_code, decoded.over_voltage_code, decoded.discharge_timer) == (
+        meaning.under_voltage_code,
+        meaning.over_voltage_code,
+        meaning.discharge_timer_code,
+    )
+    assert [bool(decoded.discharge >> cell & 1) for cell in range(12)] == list(meaning.discharging)
+    assert [bool(decoded.gpio_pull_down_off >> at & 1) for at in range(5)] == list(meaning.gpio_pull_down_off)
+
+
+# --- the set-up
+
+
+def macro(name: str) -> str:
+    (line,) = [line for line in HEADER.read_text().splitlines() if line.startswith(f"#define {name} ")]
+    return line.removeprefix(f"#define {name} ").split("/*")[0].strip()
+
+
+def test_the_set_up_is_that_of_the_python_master():
+    numbers = {name: int(macro(f"VW_SLAVES_{name}").rstrip("u")) for name in (
+        "FIRST_ADDRESS", "WAKE_US", "CELLS_US", "SENSORS_US", "SWITCH_US", "IDLE_US", "CHECK_STAGE_US"
+    )}  # fmt: skip
+    setup = slave_setup
+    seconds = (setup.WAKE_WAIT_S, setup.CELLS_WAIT_S, setup.SENSORS_WAIT_S, setup.SWITCH_WAIT_S, setup.QUIET_S)
+    expected = [setup.FIRST_ADDRESS, *(round(1e6 * value) for value in (*seconds, CHECK_STAGE_S))]
+    assert list(numbers.values()) == expected
+    lists = [macro(f"VW_SLAVES_{name}").strip("{ }").split(",") for name in ("CONFIG", "SENSOR_INPUTS")]
+    config, inputs = ([int(item.strip().rstrip("u"), 0) for item in items] for items in lists)
+    assert (bytes(config), tuple(inputs)) == (setup.DEFAULT_CFGR, setup.THESIS_SENSOR_INPUTS)
+
+
+def test_what_goes_over_the_bus_is_what_the_thesis_sends(library):
+    chain = DamagedChain(INPUTS)
+    c = CReader(library, chain)
+    assert c.start(0.0) == 8
+    sent = [packet.hex() for _, packet in c.log]
+    assert sent[:3] == ["", "0711c9c0", "00013d6e" + with_pec(bytes.fromhex("059846a40010")).hex()]
+    assert [int(packet[:2], 16) for packet in sent[3:]] == [0x80 | (slave + 1) << 3 for slave in range(8)]
+    c.log.clear()
+    c.begin(0.1)
+    c.read_voltages()
+    c.read_temperatures()
+    times_us = [round(1e6 * (at_s - 0.1)) for at_s, _ in c.log]
+    kinds = [packet[:2].hex() for _, packet in c.log]
+    assert kinds[:3] == ["", "03e0", ""]
+    assert kinds[3:7] == ["8804", "8806", "8808", "880a"]
+    assert kinds[35:37] == ["0001", "02f0"]
+    # from the end of one packet to the beginning of the next
+    assert times_us[1] - 32 - times_us[0] == 500
+    assert times_us[2] - times_us[1] == 4500
+    assert times_us[36] - 32 - times_us[35] == 100
+    assert times_us[37] - 32 - times_us[36] == 1400
+
+
+def test_the_first_reading_has_no_voltage_because_the_reference_is_not_up(library):
+    both = Both(library, INPUTS)
+    for now_s, is_known in ((0.0, False), (0.02, True)):
+        both.c.begin(now_s)
+        both.c.read_voltages()
+        assert both.c.known() == [is_known] * 96
+
+
+def test_an_spi_that_fails_gives_no_value_and_every_slave_is_silent(library):
+    both = Both(library, INPUTS)
+    both.c.begin(0.1)
+    both.c.read_voltages()
+    assert all(both.c.known())
+    both.c.spi_works = False
+    both.c.begin(0.12)
+    assert both.c.read_voltages() == 8
+    assert not any(both.c.known())
+    assert set(both.c.temperatures_degc()) == {T_MISSING}
+    assert both.c.memory.slave_status.tolist() == [255] * 8
+
+
+def test_every_count_of_a_sensor_is_the_same_temperature(library):
+    found = np.array([library.vw_slaves_degc_of(c_uint16(count)) for count in range(0x10000)])
+    exact = degc_from_sensor(np.arange(0x10000) * 1e-4)
+    assert np.array_equal(found == T_MISSING, np.isnan(exact))
+    inside = found != T_MISSING
+    assert np.abs(found - exact)[inside].max() <= 0.5 + 1e-9
+    assert np.array_equal(found, slave_reader._DEGC_BY_COUNT)
+
+
+def test_what_is_no_cell_has_no_value(library):
+    both = Both(library, INPUTS)
+    slaves = byref(both.c.slaves)
+    assert library.vw_slaves_known(slaves, c_uint8(8)) == 0
+    assert library.vw_slaves_degc(slaves, c_uint8(8), c_uint8(0)) == T_MISSING
+    assert library.vw_slaves_degc(slaves, c_uint8(0), c_uint8(12)) == T_MISSING
+
+
+# --- readings under faults
+
+SLAVES = st.integers(0, 7)
+CELLS = st.integers(0, 95)
+EVENTS = st.one_of(
+    st.tuples(st.just("power"), SLAVES, st.booleans()),
+    st.tuples(st.just("wire"), CELLS, st.booleans()),
+    st.tuples(st.just("stick"), SLAVES, st.sampled_from((0, 0x80, 0x8001))),
+    st.tuples(st.just("drift"), SLAVES, st.sampled_from((1.0, 0.97, 1.02))),
+    st.tuples(st.just("multiplexer"), SLAVES, st.booleans()),
+    st.tuples(st.just("cell"), CELLS, st.floats(0.0, 5.7)),
+    st.tuples(st.just("sensor"), CELLS, st.floats(0.0, 3.0)),
+)
+PASSES = st.lists(
+    st.tuples(
+        st.lists(EVENTS, max_size=3),
+        st.frozensets(st.sampled_from(PACKETS), max_size=6),
+        st.booleans(),  # temperatures
+        st.integers(0, 4),  # stages of the check
+        st.none() | st.frozensets(CELLS, max_size=10),  # cells to bleed
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+def befall(chain: DamagedChain, kind: str, where: int, how: float) -> None:
+    converters = chain.converters
+    match kind:
+        case "power":
+            chain.set_powered(where, bool(how))
+        case "wire":
+            converters.open_wires.add(where) if how else converters.open_wires.discard(where)
+        case "stick":
+            converters.stick(where, int(how))
+        case "drift":
+            converters.drift(where, how)
+        case "multiplexer":
+            converters.multiplexer_failed[where] = how
+        case "cell":
+            converters.cell_v = np.where(np.arange(96) == where, how, converters.cell_v)
+        case "sensor":
+            converters.sensor_v = np.where(np.arange(96) == where, how, converters.sensor_v)
+
+
+def play(library: ctypes.CDLL, passes: list, inputs: tuple[int, ...]) -> None:
+    both = Both(library, inputs)
+    both.compare()
+    for number, (events, damaged, temperatures, stages, bled) in enumerate(passes, 1):
+        now_s = PASS_S * number
+        for chain in both.chains:
+            for event in events:
+                befall(chain, *event)
+            chain.damaged = damaged
+        for reader in (both.python, both.c):
+            reader.begin(now_s)
+            reader.read_voltages()
+            if temperatures:
+                reader.read_temperatures()
+            for _ in range(stages):
+                reader.self_check()
+            if bled is not None:
+                reader.configure(np.isin(np.arange(96), [*bled]))
+        both.compare()
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(passes=PASSES, inputs=st.sampled_from((INPUTS, tuple(range(12)))) | st.permutations(range(12)).map(tuple))
+def test_both_drivers_know_the_same_after_every_pass(library, passes, inputs):
+    play(library, passes, inputs)
+
+
+def test_what_each_fault_does_to_the_values(library):
+    """Not only the same as the other driver: what an operator has to see."""
+    both = Both(library, INPUTS)
+    chain, c = both.chains[1], both.c
+    chain.set_powered(5, False)
+    chain.converters.open_wires.add(2)
+    chain.converters.stick(1, 0x80)
+    chain.converters.multiplexer_failed[6] = True
+    chain.converters.drift(7, 0.99)
+    chain.converters.sensor_v = np.where(np.arange(96) == 38, 0.0, np.full(96, 1.86))
+    for number in range(1, 6):
+        c.begin(PASS_S * number)
+        assert c.read_voltages() == 1
+        c.read_temperatures()
+        c.self_check()
+    assert list(c.slaves.failures) == [0, 7, 0, 0, 0, 0, 8, 16]
+    assert np.flatnonzero(~np.array(c.known())).tolist() == [2, 3, *range(12, 24), *range(60, 96)]
+    missing = set(np.flatnonzero(np.array(c.temperatures_degc()) == T_MISSING).tolist())
+    # the fourth slave's input 3 carries the sensor of its second cell; the first one's 2 and 3 are at the open wire
+    assert missing - {INPUTS.index(2), INPUTS.index(3)} == {37, *range(60, 72)}
+    assert c.memory.slave_status.tolist() == [1, 255, 1, 1, 1, 255, 255, 255]
+    flags = StatusB.from_bytes(c.memory.slave_str[6, 3:].astype("<u2").tobytes())
+    assert flags.multiplexer_failed
+
+
+def test_on_a_noisy_pair_commands_are_repeated(library):
+    chain = DamagedChain(INPUTS)
+    c = CReader(library, chain)
+    c.start(0.0)
+    chain.bit_error_rate = 1e-3
+    missing = 0
+    for k in range(1, 40):
+        c.begin(0.5 * k, 500)
+        c.read_voltages()
+        for part in range(2):
+            c.begin(0.5 * k + 0.1 * (part + 1), 100)
+            c.read_temperatures()
+        missing += c.temperatures_degc().count(T_MISSING)
+    assert c.slaves.packet_errors > 100
+    assert Command.PLADC in {int.from_bytes(packet[:2], "big") for _, packet in c.log}
+    assert missing < 250 + 39 * 8  # four sensors of 96 are outside their curve; every damaged command loses 48
+
+
+def test_the_noise_is_forgotten_after_a_quiet_minute(library):
+    both = Both(library, INPUTS)
+    both.chains[1].damaged = frozenset({(0, 2, 1)})
+    both.c.begin(0.1)
+    both.c.read_voltages()
+    both.chains[1].damaged = frozenset()
+    for k in range(1, 3001):
+        both.c.library.vw_slaves_begin(byref(both.c.slaves), c_uint32(20))
+        assert (both.c.slaves.noisy_ms_left == 0) == (k == 3000)
+
+
+def exercise(path: str) -> None:
+    """Read under faults with a library that only this process may load."""
+    library = load(Path(path))
+    events = [("power", 3, False), ("wire", 11, True), ("stick", 1, 0x80)]
+    damaged = frozenset({(0, 2, 1), (1, 4, 3), (2, 6, 0)})
+    play(
+        library,
+        [(events, damaged, True, 4, frozenset({1, 50})), ([("power", 3, True)], frozenset(), True, 4, None)],
+        INPUTS,
+    )
+
+
+def test_no_byte_outside_its_arrays_is_touched():
+    path = slaves_library(*ADDRESS)
+    found = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
+    if not Path(preloaded := found.stdout.strip()).is_absolute():
+        pytest.skip("a gcc without its address sanitizer")
+    call = f"from tests.property.test_c_slaves import exercise; exercise({str(path)!r})"
+    environment = {
+        **os.environ,
+        "LD_PRELOAD": preloaded,
+        "ASAN_OPTIONS": "detect_leaks=0",
+        "PYTHONPATH": str(Path.cwd()),
+    }
+    ran = subprocess.run([sys.executable, "-c", call], env=environment, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr[-2000:]
+
+
+# --- which cells to bleed
+
+VOLTAGES = st.lists(
+    st.sampled_from((0, 1, 30_000, 36_000, 36_100, 65_535)) | st.integers(35_900, 36_300), min_size=96, max_size=96
+)
+CHOICES = st.lists(
+    st.one_of(
+        st.tuples(st.just("choose"), VOLTAGES),
+        st.tuples(st.just("hand"), SLAVES, st.integers(0, 0xFFF)),
+        st.tuples(st.just("watch"), VOLTAGES),
+        st.tuples(st.just("wait"), st.sampled_from((1, 300, 599, 601))),
+        st.tuples(st.just("stop")),
+    ),
+    max_size=12,
+)
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(choices=CHOICES, threshold=st.integers(0, 1000), begin_s=st.sampled_from((0, 4_294_900)))
+def test_the_same_cells_are_bled(library, choices, threshold, begin_s):
+    python, c = Balancer(), Balance()
+    library.vw_balance_init(byref(c))
+    config = replace(Config.from_image(default_image()), balance_threshold=threshold)
+    now_s = begin_s
+    for what, *values in choices:
+        now_ms = c_uint32(now_s * 1000 & 0xFFFFFFFF)
+        if what in ("choose", "watch"):
+            v = np.array(values[0], dtype=np.uint16)
+            raw = (c_uint16 * 96)(*values[0])
+        match what:
+            case "choose":
+                python.choose(config, v)
+                assert library.vw_balance_choose(byref(c), c_uint16(threshold), raw) == python.is_active
+            case "hand":
+                python.choose_by_hand(values[0], values[1], now_s)
+                library.vw_balance_by_hand(byref(c), c_uint8(values[0]), c_uint16(values[1]), now_ms)
+            case "watch":
+                python.watch_by_hand(config, v, now_s)
+                library.vw_balance_watch(byref(c), c_uint16(config.v_cell_min), raw, now_ms)
+            case "wait":
+                now_s += values[0]
+            case "stop":
+                python.stop()
+                library.vw_balance_stop(byref(c))
+        assert cells_of(c.cells) == python.cells.tolist()
+        assert (c.is_active, c.is_by_hand) == (python.is_active, python.is_by_hand)
