@@ -66,11 +66,16 @@ def test_a_wrong_offset_does_not_compile(gcc, tmp_path):
     assert "vw_assert_master_v" in built.stderr
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_codec_compiles_without_a_conversion_warning(gcc, tmp_path, name):
+@pytest.fixture(scope="module", params=SOURCES)
+def codec(request, gcc, tmp_path_factory):
+    """A source of the codec, compiled with every warning: what gcc said, and its object file."""
     flags = ("-Wconversion", "-Wsign-conversion", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes")
-    out = ("-c", str(C_FOLDER / name), "-o", str(tmp_path / "codec.o"))
-    built = compile_c("-std=c99", "-O2", *STRICT, *flags, *out)
+    made = tmp_path_factory.mktemp("codec") / "codec.o"
+    return compile_c("-std=c99", "-O2", *STRICT, *flags, "-c", str(C_FOLDER / request.param), "-o", str(made)), made
+
+
+def test_codec_compiles_without_a_conversion_warning(codec):
+    built, _ = codec
     assert built.returncode == 0, built.stderr
 
 
@@ -81,12 +86,8 @@ def test_the_stm32_port_compiles_against_the_hal_that_it_names(gcc, tmp_path):
     assert built.returncode == 0, built.stderr
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_codec_has_no_heap_and_no_writable_globals(gcc, tmp_path, name):
-    compile_c("-std=c99", "-Os", *STRICT, "-c", str(C_FOLDER / name), "-o", str(tmp_path / "codec.o"))
-    symbols = subprocess.run(["nm", tmp_path / "codec.o"], capture_output=True, text=True, check=True).stdout.split(
-        "\n"
-    )
+def test_codec_has_no_heap_and_no_writable_globals(codec):
+    symbols = subprocess.run(["nm", codec[1]], capture_output=True, text=True, check=True).stdout.split("\n")
     used = {line.split()[-1] for line in symbols if " U " in line}
     assert {name for name in used if not name.startswith("vw_")} <= {"memcpy", "memset", "memcmp", "__stack_chk_fail"}
     assert not [line for line in symbols if line[17:18] in tuple("bBdDC")]

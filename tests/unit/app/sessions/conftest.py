@@ -1,6 +1,7 @@
 """A master's stream made by hand: voltages that differ by cell and move with time."""
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,12 @@ MONO_NS = 5_000 * 10**9
 FAST = ((420, 20), (1884, 204), (2280, 116), (2982, 2))
 
 
+@cache
+def voltages_at(phase: int) -> tuple[int, ...]:
+    """What every cell shows; it repeats after 50 samples."""
+    return tuple(36000 + 10 * cell + (phase + cell) % 50 for cell in range(96))
+
+
 class Stream:
     """Frames of a master that samples every `ts_ms`; `voltages` keeps what was sent."""
 
@@ -25,15 +32,15 @@ class Stream:
         self.count = 0
         self.uptime_ms = 1000
         self.image = bytearray(MASTER_SIZE)
+        FIELDS["t"].pack_into(self.image, tuple(20 + cell % 12 for cell in range(96)))
         self.voltages: list[tuple[int, ...]] = []
         self.currents: list[int] = []
 
     def next(self, windows: tuple[tuple[int, int], ...] = FAST) -> tuple[int, int, bytes]:
         """The next frame as (t_mono_ns, t_wall_ns, raw)."""
         step = self.count
-        voltages = tuple(36000 + 10 * cell + (step * 7 + cell) % 50 for cell in range(96))
+        voltages = voltages_at(step * 7 % 50)
         FIELDS["v"].pack_into(self.image, voltages)
-        FIELDS["t"].pack_into(self.image, tuple(20 + cell % 12 for cell in range(96)))
         current = 5000 * (-1) ** (step // 10) + step % 10
         FIELDS["i_fs"].pack_into(self.image, (current,))
         self.voltages.append(voltages)
@@ -70,14 +77,15 @@ def stream() -> Stream:
     return Stream()
 
 
+def recorder_in(folder: Path) -> Recorder:
+    """A recorder whose clocks stand still at the stream's start, and whose disk is never full."""
+    clock = FunctionClock(lambda: MONO_NS, lambda: WALL_NS)
+    return Recorder(folder, clock, version="1.2.3", free_bytes=lambda _: 1 << 40)
+
+
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Recorder]:
-    """A recorder whose clocks stand still at the stream's start, and whose disk is never full."""
-    recorder = Recorder(
-        tmp_path / "sessions",
-        FunctionClock(lambda: MONO_NS, lambda: WALL_NS),
-        version="1.2.3",
-        free_bytes=lambda _: 1 << 40,
-    )
+    """A recorder for one test."""
+    recorder = recorder_in(tmp_path / "sessions")
     yield recorder
     recorder.close()

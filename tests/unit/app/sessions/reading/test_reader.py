@@ -1,4 +1,5 @@
 import sqlite3
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,17 @@ from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS
 from firmware_protocol.messages import Data, Window
+from tests.unit.app.sessions.conftest import Stream, recorder_in
 
 MONO_NS = 5_000 * 10**9
 WALL_S = 1_790_000_000
 NAMES = ["v[36]", "i_fs", "estimate.soc[95]"]
 
 
-@pytest.fixture(params=["unclosed", "closed", "long", "long unclosed"])
-def recorded(request, recorder: Recorder, stream) -> tuple[Path, object]:
+@pytest.fixture(scope="module", params=["unclosed", "closed", "long", "long unclosed"])
+def recorded(request, tmp_path_factory) -> Iterator[tuple[Path, Stream]]:
     """Sessions with no chunk stored, one, and several; the unclosed ones with a part that is in no chunk."""
+    recorder, stream = recorder_in(tmp_path_factory.mktemp("sessions")), Stream()
     info = recorder.start()
     for _ in range(4 if "long" in request.param else 1):
         stream.feed(recorder, 450)
@@ -26,7 +29,8 @@ def recorded(request, recorder: Recorder, stream) -> tuple[Path, object]:
     if "unclosed" not in request.param:
         recorder.stop()
         recorder.flush()
-    return info.path, stream
+    yield info.path, stream
+    recorder.close()
 
 
 def test_series_hold_every_sample_where_they_are_few(recorded) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import random
+import shutil
 import struct
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sessions.transfer.fill import FILLED_LINK, HeardOnCanAlone, NothingInCommon, fill_gaps
 from tests.fake_clock import FunctionClock
+from tests.unit.app.sessions.conftest import Stream
 
 PIT_MONO_NS, PIT_WALL_NS = 900 * 10**9, 1_790_000_000 * 10**9
 CAR_MONO_NS, CAR_WALL_NS = 77 * 10**9, 86_400 * 10**9  # a machine without a real-time clock
@@ -56,19 +58,27 @@ def record(folder, stream, heard, mono_ns, wall_ns, *, jitter=lambda: 0, extra=b
     return info.path
 
 
-@pytest.fixture
-def run(tmp_path, stream):
+@pytest.fixture(scope="module")
+def recorded_run(tmp_path_factory):
     """Two recordings of 90 s: the pit's lacks the end, two holes and single frames."""
-    fresh = type(stream)
+    folder = tmp_path_factory.mktemp("run")
     rng = random.Random(1)
     lost = {*range(200, 300), *range(650, 660), *range(870, 900), *rng.sample(range(301, 600, 10), 20)}
     jitter = random.Random(2)
     pit = record(
-        tmp_path / "pit", fresh(), set(range(LENGTH)) - lost, PIT_MONO_NS, PIT_WALL_NS,
+        folder / "pit", Stream(), set(range(LENGTH)) - lost, PIT_MONO_NS, PIT_WALL_NS,
         jitter=lambda: LATENCY_NS + jitter.randrange(5_000_000),
     )  # fmt: skip
-    car = record(tmp_path / "car", fresh(), set(range(LENGTH)), CAR_MONO_NS, CAR_WALL_NS)
+    car = record(folder / "car", Stream(), set(range(LENGTH)), CAR_MONO_NS, CAR_WALL_NS)
     return pit, car, lost
+
+
+@pytest.fixture
+def run(recorded_run, tmp_path):
+    """Both recordings, in files of this test's own."""
+    pit, car, lost = recorded_run
+    own = [Path(shutil.copytree(path.parent, tmp_path / path.parent.name)) / path.name for path in (pit, car)]
+    return (*own, lost)
 
 
 def test_every_frame_that_was_lost_is_in_its_place_and_marked(run):
