@@ -197,7 +197,7 @@ class Charging:
         self._current = min(max(self._current, 0.0), config.i_chrg_max / 10)
         top = _top(config)
         string = min(N_CELLS * top + STRING_MARGIN, N_CELLS * config.v_cell_max + CABLE_MARGIN)
-        self._write(round(string / 1000), int(self._current), stop=False)
+        self._write((string + 500) // 1000, int(self._current), stop=False)
 
     def _learn_slope(self) -> None:
         """Find how much the highest cell rises with the current, by what it has risen more than the mean cell.

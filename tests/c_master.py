@@ -7,11 +7,14 @@ from dataclasses import fields
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from firmware_protocol.config_image import default_image
-from firmware_protocol.memory_map import CONFIG
-from firmware_protocol.messages import EventCode, EventMessage
+from firmware_protocol.memory_map import CELLS_PER_PACK, CONFIG, CONFIG_SIZE, MASTER_SIZE, N_CELLS, N_PACKS
+from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
 from simulator import protection, relays
-from simulator.memory import Config
+from simulator.charging import ChargingState
+from simulator.memory import Config, MasterMemory
 from tests.c_programs import master_library
 
 NONE = 0xFF
@@ -227,3 +230,83 @@ class CRelays:
     def retry(self) -> None:
         """Allow another try after a failed pre-charge."""
         library().vw_relays_retry(ctypes.byref(self._state))
+
+
+class BalanceState(ctypes.Structure):
+    """`vw_balance_t`."""
+
+    _fields_ = (
+        ("cells", ctypes.c_uint16 * N_PACKS),
+        ("is_active", ctypes.c_bool),
+        ("is_by_hand", ctypes.c_bool),
+        ("by_hand_until_ms", ctypes.c_uint32),
+    )
+
+
+class ChargingStruct(ctypes.Structure):
+    """`vw_charging_t`."""
+
+    _fields_ = (
+        ("master", ctypes.c_void_p),
+        ("balance", ctypes.c_void_p),
+        ("state", ctypes.c_int),
+        ("is_active", ctypes.c_bool),
+        ("is_slope_known", ctypes.c_bool),
+        ("is_full", ctypes.c_bool),
+        ("since_ms", ctypes.c_uint32),
+        ("control_ms", ctypes.c_uint32),
+        ("full_ms", ctypes.c_uint32),
+        ("current", ctypes.c_double),
+        ("slope", ctypes.c_double),
+        ("rest_v", ctypes.c_uint16 * N_CELLS),
+    )
+
+
+class CBalancer:
+    """The cells that `vw_balance` bleeds."""
+
+    def __init__(self) -> None:
+        self.state = BalanceState()
+        library().vw_balance_init(ctypes.byref(self.state))
+
+    @property
+    def cells(self) -> np.ndarray:
+        """One bool a cell, as `simulator.charging.Balancer` has them."""
+        return np.array([self.state.cells[k // CELLS_PER_PACK] >> k % CELLS_PER_PACK & 1 for k in range(N_CELLS)], bool)
+
+
+class CCharging:
+    """`vw_charging` on the same struct, with the interface of `simulator.charging.Charging`."""
+
+    def __init__(self, memory: MasterMemory, balancer: CBalancer) -> None:
+        self._memory, self.balancer, self._struct = memory, balancer, ChargingStruct()
+        self._image = (ctypes.c_char * MASTER_SIZE).from_buffer(memory.image)
+        library().vw_charging_init(ctypes.byref(self._struct), ctypes.byref(self._image), ctypes.byref(balancer.state))
+
+    @property
+    def state(self) -> ChargingState:
+        """The `charger.state` byte."""
+        return ChargingState(self._struct.state)
+
+    @property
+    def is_active(self) -> bool:
+        """The charge relays are closed."""
+        return bool(self._struct.is_active)
+
+    def start(self, now_s: float) -> list[EventMessage]:
+        """Start charging."""
+        return self._event(library().vw_charging_start(ctypes.byref(self._struct), ms(now_s)))
+
+    def stop(self, now_s: float, *, fault: bool = False) -> list[EventMessage]:
+        """Stop charging, on request or because of a fault."""
+        return self._event(library().vw_charging_stop(ctypes.byref(self._struct), fault, ms(now_s)))
+
+    def step(self, config: Config, now_s: float, *, charger_alive: bool, v_max: int) -> list[EventMessage]:
+        """Advance one pass."""
+        self._memory.image[:CONFIG_SIZE] = image_of(config)
+        step = library().vw_charging_step
+        return self._event(step(ctypes.byref(self._struct), charger_alive, v_max, ms(now_s)))
+
+    def _event(self, has_changed: int) -> list[EventMessage]:
+        state = int(self.state)
+        return [EventMessage(EventCode.CHARGER_STATE, 0, NO_OFFSET, state, 0)] if has_changed & 0xFF else []

@@ -2,16 +2,18 @@
 
 from dataclasses import replace
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.config_image import check, default_image
-from firmware_protocol.memory_map import CONFIG
+from firmware_protocol.memory_map import CONFIG, N_CELLS
+from simulator.charging import Balancer, Charging
 from simulator.fans import Fans
-from simulator.memory import Config
+from simulator.memory import Config, MasterMemory
 from simulator.protection import CHARGE_TOLERANCE, Latch, Reading
 from simulator.relays import Relays
-from tests.c_master import DUE_S, CFans, CProtection, CRelays, PythonProtection, image_of
+from tests.c_master import DUE_S, CBalancer, CCharging, CFans, CProtection, CRelays, PythonProtection, image_of
 from tests.campaign import examples
 
 DEFAULT = Config.from_image(default_image())
@@ -160,3 +162,111 @@ def test_both_sets_of_relays_switch_alike(steps):
             )
         assert len(states) == 1
         assert both[0].has_precharge_failed == both[1].has_precharge_failed
+
+
+CHARGE_CONFIGS = st.builds(
+    lambda chrg, above, amps, threshold: replace(
+        DEFAULT, v_cell_chrg=chrg, v_cell_max=chrg + above, i_chrg_max=amps, balance_threshold=threshold
+    ),
+    st.integers(40_000, 43_000),
+    st.integers(0, 60),
+    st.integers(0, 3000),
+    st.integers(10, 5000),
+)
+CHARGE_STEPS = st.lists(
+    st.fixed_dictionaries(
+        {
+            "do": st.sampled_from(("", "", "", "", "start", "start", "stop", "fault")),
+            "passes": st.sampled_from((1, 2, 15, 40)),
+            "pass_ms": st.sampled_from((20, 100, 1000, 1000)),
+            "below": st.integers(-40, 60) | st.integers(-2000, 3000),  # the mean cell under the end of charge
+            "highest": st.integers(0, 60),
+            "spread": st.integers(0, 40) | st.integers(0, 6000),
+            "missing": st.booleans(),
+            "rise": st.integers(-3, 3),  # of all cells in a pass
+            "i_out": st.integers(0, 12) | st.integers(0, 180),
+            "flags": st.sampled_from((0, 0, 0, 0, 0, 0, 16, 1, 2, 4, 8, 255)),
+            "alive": st.sampled_from((True, True, True, True, False)),
+        }
+    ),
+    min_size=1,
+    max_size=12,
+)
+
+
+@given(config=CHARGE_CONFIGS, steps=CHARGE_STEPS, seed=st.integers(0, 1 << 32))
+@settings(max_examples=examples(60))
+def test_both_chargings_ask_for_the_same_current_at_the_same_time(config, steps, seed):
+    rng = np.random.default_rng(seed)
+    memories = MasterMemory(), MasterMemory()
+    both = Charging(memories[0], Balancer()), CCharging(memories[1], CBalancer())
+    now_ms = looks = 0
+    for step in [{**steps[0], "do": "start", "flags": 0, "alive": True}, *steps]:
+        shape = rng.integers(0, step["spread"] + 1, N_CELLS)
+        shape[rng.integers(N_CELLS)] = step["spread"] + step["highest"]
+        for k in range(step["passes"]):
+            now_ms += step["pass_ms"]
+            looks += 1
+            now_s = now_ms / 1000 + looks * DUE_S
+            v = config.v_cell_chrg - step["below"] + k * step["rise"] + shape - step["spread"]
+            if step["missing"]:
+                v[7] = 0
+            for memory in memories:
+                memory.v[:] = v
+                memory.set_charger("i_out", step["i_out"])
+                memory.set_charger("flags", step["flags"])
+            events, ours = (told(charging, config, step, now_s, k == 0, int(v.max())) for charging in both)
+            assert ours == events
+            assert both[1].state == both[0].state
+            assert both[1].is_active == both[0].is_active
+            for name in ("v_set", "i_set", "control", "state"):
+                assert memories[1].charger(name) == memories[0].charger(name), name
+            assert both[1].balancer.cells.tolist() == both[0].balancer.cells.tolist()
+
+
+def told(charging, config, step, now_s, is_first, v_max):
+    """Carry out a step's command before its first pass; return the events of the pass."""
+    events = []
+    if is_first and step["do"] == "start":
+        events += charging.start(now_s)
+    elif is_first and step["do"]:
+        events += charging.stop(now_s, fault=step["do"] == "fault")
+    return events + charging.step(config, now_s, charger_alive=step["alive"], v_max=v_max)
+
+
+@given(
+    config=CHARGE_CONFIGS,
+    milliohm=st.integers(1, 45),
+    below=st.integers(10, 900),
+    spread=st.integers(0, 60),
+    pulled_at=st.none() | st.integers(100, 3000),
+)
+@settings(max_examples=examples(60))
+def test_both_chargings_bring_simple_cells_to_the_same_end(config, milliohm, below, spread, pulled_at):
+    """Cells of 3 mohm with one of another resistance; the charger answers a command a second late."""
+    memories = MasterMemory(), MasterMemory()
+    both = Charging(memories[0], Balancer()), CCharging(memories[1], CBalancer())
+    ocv = np.full(N_CELLS, config.v_cell_chrg - below, dtype=np.float64) + np.linspace(-spread, 0, N_CELLS)
+    resistance = np.full(N_CELLS, 30.0)
+    resistance[30] = 10.0 * milliohm
+    asked, current_a = [0] * 5, 0.0
+    for charging in both:
+        charging.start(0.0)
+    for k in range(4000):
+        now_s = 0.2 * (k + 1) + k * DUE_S
+        current_a += 0.5 * (asked[-5] / 10 - current_a)
+        ocv += current_a * 0.2 * 0.25 - 0.1 * both[0].balancer.cells
+        v = np.rint(ocv + resistance * current_a)
+        for memory in memories:
+            memory.v[:] = v
+            memory.set_charger("i_out", round(current_a * 10))
+        events, ours = (
+            charging.step(config, now_s, charger_alive=k != pulled_at, v_max=int(v.max())) for charging in both
+        )
+        assert ours == events
+        for name in ("v_set", "i_set", "control", "state"):
+            assert memories[1].charger(name) == memories[0].charger(name), name
+        assert both[1].balancer.cells.tolist() == both[0].balancer.cells.tolist()
+        asked.append(memories[0].charger("i_set") * (1 - memories[0].charger("control")))
+        if not both[0].is_active:
+            break

@@ -5,6 +5,7 @@ from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.elcon import ChargerFlags
 from simulator.charging import SETTLE_S, Balancer, Charging, ChargingState
 from simulator.memory import Config, MasterMemory
+from tests.c_master import CBalancer, CCharging
 
 CONFIG = Config.from_image(default_image())
 
@@ -12,11 +13,12 @@ CONFIG = Config.from_image(default_image())
 class Bench:
     """The state machine with a struct around it and nothing else."""
 
-    def __init__(self, config: Config = CONFIG) -> None:
+    def __init__(self, sides: tuple[type, type], config: Config = CONFIG) -> None:
+        charging, balancer = sides
         self.config = config
         self.memory = MasterMemory()
         self.memory.v[:] = 40_000
-        self.charging = Charging(self.memory, Balancer())
+        self.charging = charging(self.memory, balancer())
         self.now_s = 0.0
         self.alive = True
 
@@ -31,9 +33,15 @@ class Bench:
         return self.memory.charger("i_set"), self.memory.charger("control")
 
 
+@pytest.fixture(params=[(Charging, Balancer), (CCharging, CBalancer)], ids=["python", "c"])
+def sides(request) -> tuple[type, type]:
+    """The charging of the virtual master, and the one in C."""
+    return request.param
+
+
 @pytest.fixture
-def bench() -> Bench:
-    return Bench()
+def bench(sides) -> Bench:
+    return Bench(sides)
 
 
 def test_waits_for_a_charger_that_shows_itself(bench):
@@ -121,16 +129,16 @@ def test_no_cell_is_lifted_over_its_limit_and_the_current_does_not_chatter(bench
 
 
 @pytest.mark.parametrize("i_chrg_max", [0.5, 1, 2, 3, 5, 6, 12])
-def test_charging_ends_at_any_current(i_chrg_max):
-    bench = Bench(Config.from_image(with_value(default_image(), "i_chrg_max", i_chrg_max)))
+def test_charging_ends_at_any_current(sides, i_chrg_max):
+    bench = Bench(sides, Config.from_image(with_value(default_image(), "i_chrg_max", i_chrg_max)))
     highest, _ = charge_simple_cells(bench, 3, 41_300.0)
     assert bench.charging.state is ChargingState.DONE
     assert 41_400 < highest < 41_510
 
 
-def test_cells_stay_below_the_trip_where_the_end_of_charge_is_set_to_it():
+def test_cells_stay_below_the_trip_where_the_end_of_charge_is_set_to_it(sides):
     config = Config.from_image(with_value(default_image(), "v_cell_chrg", 4.2))
-    bench = Bench(config)
+    bench = Bench(sides, config)
     highest, _ = charge_simple_cells(bench, 3, 41_800.0)
     assert bench.charging.state is ChargingState.DONE
     assert highest < config.v_cell_max - 10
