@@ -57,13 +57,19 @@ class Season(Closing):
         return Table(self._store.query(query, parameters, Limits(seconds=3600.0, memory_mb=4096)).table)
 
     def ask(self, question: str, /, **parameters: object) -> Table:
-        """Answer one of `questions` by its name.
+        """Answer one of `questions` by its name; most take `car=`, else they tell of each car by itself.
 
         Raises:
             VoltwallError: there is none of this name, or a parameter is wrong.
         """
         given = {name: str(value) for name, value in parameters.items()}
         return Table(ask(self._store, question, Limits(seconds=3600.0, memory_mb=4096), **given).table)
+
+    @property
+    def cars(self) -> list[str]:
+        """The cars of the lake, by name; answers to `questions` keep them apart, and `car=` asks of one."""
+        found = self._store.query("SELECT DISTINCT car FROM sessions ORDER BY car").rows()
+        return [str(row[0]) for row in found]
 
     @property
     def questions(self) -> Mapping[str, str]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, TypeVar
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
 from app import __version__
-from app.season.cells.compare import SeasonCellDifference, SeasonDifference, compare
+from app.season.cells.compare import CarComparison, compare
 from app.season.cells.history import CellHistory, SeasonSource
 from app.season.matching.places import WithoutModule, without
 from app.season.modules import modules_of
@@ -17,68 +18,81 @@ from app.sessions.worker import Limits
 from app.words import naming_cells
 
 LIMITS: Final = Limits(120)
-T = TypeVar("T")
 
 
-def overview_at(source: SeasonSource, chosen: set[str]) -> tuple[list[str], SeasonOverview]:
-    """Return the ids of all sessions of the lake, and what the chosen ones say."""
+@dataclass(frozen=True)
+class SeasonWithout:
+    """The accumulator of a car without some modules; `has_capacity`: their capacities were measured."""
 
-    def overview(history: CellHistory) -> tuple[list[str], SeasonOverview]:
-        return list(history.sessions), overview_of(history.only(chosen), source.battery.segments)
-
-    return _answer(source, overview)
-
-
-def curves_at(source: SeasonSource, chosen: set[str], cell: int) -> SeasonCellCurves:
-    """Return both curves of a cell."""
-    return _answer(source, lambda history: curves_of(history.only(chosen), cell))
+    car: str
+    without: WithoutModule
+    has_capacity: bool
 
 
-def comparison_at(
-    source: SeasonSource, a: set[str], b: set[str]
-) -> tuple[int, int, list[SeasonDifference], list[SeasonCellDifference]]:
-    """Return how many sessions of the lake each group has, and how group `b` differs from group `a`."""
+def overviews_at(source: SeasonSource, chosen: set[str], car: str) -> tuple[dict[str, str], list[SeasonOverview]]:
+    """Return the car of every session of the lake by the session's id, and what the chosen ones say of each car.
 
-    def comparison(
-        history: CellHistory,
-    ) -> tuple[int, int, list[SeasonDifference], list[SeasonCellDifference]]:
-        known = set(history.sessions)
-        return len(a & known), len(b & known), *compare(history, a, b)
+    Args:
+        source: which season.
+        chosen: ids of sessions.
+        car: of this car alone; empty: of all, each by itself.
+    """
+    with naming_cells(source.battery.segments):
+        found = source.histories()
+        car_of = {session: history.car for history in found for session in history.sessions}
+        wanted = [history for history in found if car in ("", history.car)]
+        return car_of, [overview_of(history, source.battery.segments) for history in _only(wanted, chosen)]
 
-    return _answer(source, comparison)
 
-
-def without_at(source: SeasonSource, removed: list[int], current_a: float) -> tuple[WithoutModule, bool]:
-    """Return the accumulator without some modules, and whether capacities were measured.
+def curves_at(source: SeasonSource, chosen: set[str], car: str, cell: int) -> list[SeasonCellCurves]:
+    """Return both curves of a cell of each car that has a chosen session.
 
     Raises:
-        ConfigError: nothing was measured of any module.
+        ConfigError: there is no such car.
     """
-
-    def less(history: CellHistory) -> tuple[WithoutModule, bool]:
-        modules = modules_of(history)
-        found = without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, current_a)
-        return found, modules.has_capacity
-
-    return _answer(source, less)
+    with naming_cells(source.battery.segments):
+        return [curves_of(history, cell) for history in _only(source.histories(car), chosen)]
 
 
-def report_at(source: SeasonSource, infos: list[SessionInfo], made_s: float, language: str) -> str:
+def comparison_at(source: SeasonSource, a: set[str], b: set[str], car: str) -> list[CarComparison]:
+    """Return how group `b` differs from group `a`.
+
+    Raises:
+        ConfigError: there is no such car.
+    """
+    with naming_cells(source.battery.segments):
+        return compare(source.histories(car), a, b)
+
+
+def without_at(source: SeasonSource, removed: list[int], current_a: float, car: str) -> list[SeasonWithout]:
+    """Return the accumulator of each car without some modules; cars of which nothing was measured are left out.
+
+    Raises:
+        ConfigError: nothing was measured of any module, or there is no such car.
+    """
+    with naming_cells(source.battery.segments):
+        return [
+            SeasonWithout(
+                name,
+                without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, current_a),
+                modules.has_capacity,
+            )
+            for name, modules in modules_of(source.histories(car)).items()
+        ]
+
+
+def report_at(source: SeasonSource, infos: list[SessionInfo], car: str, made_s: float, language: str) -> str:
     """Return the season report as one HTML file.
 
     Raises:
+        ConfigError: there is no such car.
         NotBuilt: the front end was not built.
     """
-
-    def report(history: CellHistory) -> str:
-        known = set(history.sessions)
-        chosen = [info for info in infos if info.id in known]
-        only = history.only({info.id for info in chosen})
-        return season_document(season_report(source.battery, only, chosen, made_s, __version__), language)
-
-    return _answer(source, report)
-
-
-def _answer(source: SeasonSource, make: Callable[[CellHistory], T]) -> T:
     with naming_cells(source.battery.segments):
-        return make(source.history())
+        report = season_report(source.battery, source.histories(car), infos, made_s, __version__)
+        return season_document(report, language)
+
+
+def _only(histories: Sequence[CellHistory], chosen: set[str]) -> list[CellHistory]:
+    """The chosen sessions of each car that has any."""
+    return [history.only(chosen) for history in histories if chosen & {*history.sessions}]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,15 +26,24 @@ class Modules:
     has_capacity: bool  # else all are as the cell file says, 5 % off
 
 
-def modules_of(history: CellHistory) -> Modules:
-    """Return what the newest sessions say; what is not known of a module is the median's.
+def modules_of(histories: Sequence[CellHistory]) -> dict[str, Modules]:
+    """Return what the newest sessions of each car say, by the car; one whose cells were never driven is left out.
 
     Raises:
         ConfigError: nothing was measured of any.
     """
+    found = {history.car: modules for history in histories if (modules := _modules(history)) is not None}
+    if not found:
+        sessions = sum(len(history.sessions) for history in histories)
+        raise ConfigError("season", sessions, "a finished session in which the cells were driven")
+    return found
+
+
+def _modules(history: CellHistory) -> Modules | None:
+    """The newest sessions of a car; what is not known of a module is the median's."""
     resistance = history.today(history.resistance)
     if not np.isfinite(resistance).any():
-        raise ConfigError("season", len(history.sessions), "a finished session in which the cells were driven")
+        return None
     capacity, sigma = np.full(history.n_cells, np.nan), np.full(history.n_cells, np.nan)
     known = np.isfinite(history.today(history.capacity_ah))
     for cell in np.flatnonzero(known.any(axis=0)):

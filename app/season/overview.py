@@ -52,8 +52,9 @@ class CellRank:
 
 @dataclass(frozen=True)
 class SeasonOverview:
-    """The accumulator, its packs, and all cells, the one that limits soonest first."""
+    """The accumulator of a car, its packs, and all cells, the one that limits soonest first."""
 
+    car: str
     sessions: int
     is_absolute: bool
     charge_ah: float
@@ -102,6 +103,7 @@ def overview_of(history: CellHistory, segments: Sequence[int]) -> SeasonOverview
         for cell in range(history.n_cells)
     ]
     return SeasonOverview(
+        history.car,
         len(history.sessions),
         history.is_absolute,
         float(history.charge_ah[-1]) if len(history.charge_ah) else 0.0,

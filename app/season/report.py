@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -16,9 +17,10 @@ CURVES: Final = 3
 
 @dataclass(frozen=True)
 class SeasonSession:
-    """A session of the season with its tags."""
+    """A session of the season with its tags, and whose it is, as the lake names the car."""
 
     id: str
+    car: str
     name: str
     start_s: float
     duration_s: float
@@ -27,8 +29,9 @@ class SeasonSession:
 
 @dataclass(frozen=True)
 class SeasonCellCurves:
-    """Both quantities of a cell over the season."""
+    """Both quantities of a cell of a car over the season."""
 
+    car: str
     cell: int
     resistance: SeasonCurve
     capacity: SeasonCurve
@@ -43,35 +46,44 @@ class SeasonReport:
     made_s: float
     voltwall: str
     sessions: list[SeasonSession]
+    cars: list[CarReport]
+
+
+@dataclass(frozen=True)
+class CarReport:
+    """What the sessions of one car say, and the curves of its cells that limit soonest."""
+
     overview: SeasonOverview
     curves: list[SeasonCellCurves]
 
 
-def session_of(info: SessionInfo) -> SeasonSession:
+def session_of(info: SessionInfo, car: str) -> SeasonSession:
     """Return what the season shows of a session."""
-    return SeasonSession(info.id, info.name, info.started_wall_ns / 1e9, info.duration_s, tags_of(info))
+    return SeasonSession(info.id, car, info.name, info.started_wall_ns / 1e9, info.duration_s, tags_of(info))
 
 
 def season_report(
-    battery: Battery, history: CellHistory, sessions: list[SessionInfo], made_s: float, version: str
+    battery: Battery, histories: Sequence[CellHistory], infos: list[SessionInfo], made_s: float, version: str
 ) -> SeasonReport:
-    """Return the report of sessions, the oldest first."""
+    """Return the report of those of the sessions, the oldest first, that the histories hold."""
+    car_of = {session: history.car for history in histories for session in history.sessions}
+    sessions = [session_of(info, car_of[info.id]) for info in infos if info.id in car_of]
+    chosen = {session.id for session in sessions}
+    cars = [_car(history.only(chosen), battery) for history in histories if chosen & {*history.sessions}]
+    return SeasonReport(battery.name, list(battery.segments), made_s, version, sessions, cars)
+
+
+def _car(history: CellHistory, battery: Battery) -> CarReport:
     found = overview_of(history, battery.segments)
     weakest = [each.cell for each in found.cells[:CURVES] if each.reasons]
-    return SeasonReport(
-        battery.name,
-        list(battery.segments),
-        made_s,
-        version,
-        [session_of(info) for info in sessions],
-        found,
-        [curves_of(history, cell) for cell in weakest],
-    )
+    return CarReport(found, [curves_of(history, cell) for cell in weakest])
 
 
 def curves_of(history: CellHistory, cell: int) -> SeasonCellCurves:
     """Return both curves of a cell."""
-    return SeasonCellCurves(cell, curve_of(history, cell, "resistance"), curve_of(history, cell, "capacity"))
+    return SeasonCellCurves(
+        history.car, cell, curve_of(history, cell, "resistance"), curve_of(history, cell, "capacity")
+    )
 
 
 def season_document(report: SeasonReport, language: str = "en") -> str:

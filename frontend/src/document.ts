@@ -24,8 +24,7 @@ export interface SeasonReport {
   made_s: number;
   voltwall: string;
   sessions: SeasonSession[];
-  overview: SeasonOverview;
-  curves: SeasonCellCurves[];
+  cars: { overview: SeasonOverview; curves: SeasonCellCurves[] }[];
 }
 
 export type Subject =

@@ -19,11 +19,19 @@ from app.api.web.dependencies import (
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from app.battery.fields import MOST_CELLS
-from app.season.answers import LIMITS, comparison_at, curves_at, overview_at, report_at, without_at
-from app.season.cells.compare import SeasonCellDifference, SeasonDifference
+from app.season.answers import (
+    LIMITS,
+    SeasonWithout,
+    comparison_at,
+    curves_at,
+    overviews_at,
+    report_at,
+    without_at,
+)
+from app.season.cells.compare import CarComparison
 from app.season.estimates.changes import EstimateChange, changes
 from app.season.estimates.results import EstimateSet, Results
-from app.season.matching.places import WithoutModule
+from app.season.lake.facts import where_of
 from app.season.overview import SeasonOverview
 from app.season.report import SeasonCellCurves, SeasonSession, session_of
 from app.season.tags import LONGEST, NAMES, matches, write_tags
@@ -32,28 +40,29 @@ from app.words import Message
 
 router = APIRouter(prefix="/season", tags=["season"])
 Words = Annotated[str, Query(max_length=200, description="words of names and tags; `tyres:wet`, `since:2026-03-01`")]
+Car = Annotated[
+    str, Query(max_length=200, pattern=r"^[^\x00]*$", description="of this car alone; empty: of each, never mixed")
+]
 
 
 @dataclass(frozen=True)
 class Season:
-    """The sessions of the lake that match, the oldest first, and what they say; `to_read` are on their way into it."""
+    """The sessions of the lake that match, the oldest first, and what they say of each car, which share nothing.
+
+    Attributes:
+        to_read: sessions that are on their way into the lake.
+        is_kept: this service brings its lake up to date.
+        cars: all of the lake with this battery, as the lake names them.
+        overviews: of each car that has a session that matches.
+    """
 
     sessions: list[SeasonSession]
     all_sessions: int
     to_read: int
-    is_kept: bool  # this service brings its lake up to date
+    is_kept: bool
     tag_names: list[str]
-    overview: SeasonOverview
-
-
-@dataclass(frozen=True)
-class SeasonComparison:
-    """Group B against group A: figures of the accumulator, and cells that changed against the others."""
-
-    sessions_a: int
-    sessions_b: int
-    differences: list[SeasonDifference]
-    cells: list[SeasonCellDifference]
+    cars: list[str]
+    overviews: list[SeasonOverview]
 
 
 @dataclass(frozen=True)
@@ -64,14 +73,6 @@ class SeasonChanges:
     after: EstimateSet | None
     before: EstimateSet | None
     changes: list[EstimateChange]
-
-
-@dataclass(frozen=True)
-class SeasonWithout:
-    """The accumulator without some modules; `has_capacity`: their capacities were measured."""
-
-    without: WithoutModule
-    has_capacity: bool
 
 
 class NewTags(Body):
@@ -90,22 +91,28 @@ def _ids(infos: list[SessionInfo]) -> set[str]:
 
 @router.get("")
 def season_now(
-    source: SeasonSourcePart, season: SeasonPart, catalogue: CataloguePart, workers: WorkersPart, words: Words = ""
+    source: SeasonSourcePart,
+    season: SeasonPart,
+    catalogue: CataloguePart,
+    workers: WorkersPart,
+    words: Words = "",
+    car: Car = "",
 ) -> Season:
     """The season, out of the lake; sessions that are new or have changed are built in the background meanwhile."""
     closed = [info for info in catalogue.list() if info.is_closed]
     season.update(info.path for info in closed)
     chosen = _chosen(catalogue, words)
-    in_lake, overview = workers.run(LIMITS, overview_at, source, _ids(chosen))
-    known = set(in_lake)
-    lacking = [info for info in closed if info.id not in known and source.may_hold(info)]
+    car_of, overviews = workers.run(LIMITS, overviews_at, source, _ids(chosen), car)
+    lacking = [info for info in closed if info.id not in car_of and source.may_hold(info)]
+    found = [session_of(info, car_of[info.id]) for info in chosen if info.id in car_of]
     return Season(
-        [session_of(info) for info in chosen if info.id in known],
-        len(known),
+        [session for session in found if car in ("", session.car)],
+        len(car_of),
         len(lacking) if season.is_building else 0,
         season.builds,
         list(NAMES),
-        overview,
+        sorted(set(car_of.values())),
+        overviews,
     )
 
 
@@ -116,21 +123,30 @@ def season_cell(
     catalogue: CataloguePart,
     workers: WorkersPart,
     words: Words = "",
-) -> SeasonCellCurves:
-    """Resistance and capacity of one cell over the season, with the band of its ageing, also 90 days ahead."""
+    car: Car = "",
+) -> list[SeasonCellCurves]:
+    """Resistance and capacity of a cell of each car over the season, with the band of its ageing, 90 days ahead too."""
     if cell >= source.battery.n_cells:
         raise invalid("cell", cell, f"0..{source.battery.n_cells - 1}")
-    return workers.run(LIMITS, curves_at, source, _ids(_chosen(catalogue, words)), cell)
+    return workers.run(LIMITS, curves_at, source, _ids(_chosen(catalogue, words)), car, cell)
 
 
 @router.get("/compare")
 def season_compare(
-    source: SeasonSourcePart, catalogue: CataloguePart, workers: WorkersPart, a: Words = "", b: Words = ""
-) -> SeasonComparison:
-    """Two groups of sessions against each other, by words as in the search; a session of both counts in A alone."""
+    source: SeasonSourcePart,
+    catalogue: CataloguePart,
+    workers: WorkersPart,
+    a: Words = "",
+    b: Words = "",
+    car: Car = "",
+) -> list[CarComparison]:
+    """Two groups of sessions against each other, by words as in the search; a session of both counts in A alone.
+
+    A group of one car against a group of another one is one comparison; else there is one of each car.
+    """
     first = _ids(_chosen(catalogue, a))
     second = _ids(_chosen(catalogue, b)) - first
-    return SeasonComparison(*workers.run(LIMITS, comparison_at, source, first, second))
+    return workers.run(LIMITS, comparison_at, source, first, second, car)
 
 
 @router.get("/without")
@@ -141,13 +157,14 @@ def season_without(
         str, Query(max_length=400, pattern=r"^\d{1,4}(,\d{1,4})*$", description="indices from 0, as 30,31")
     ],
     current_a: Annotated[float, Query(ge=0, le=10_000)] = 150.0,
-) -> SeasonWithout:
-    """What the accumulator would be without some modules."""
+    car: Car = "",
+) -> list[SeasonWithout]:
+    """What the accumulator of each car would be without some modules."""
     removed = sorted({int(part) for part in cells.split(",")})
     n_cells = source.battery.n_cells
     if removed[-1] >= n_cells or len(removed) >= n_cells:
         raise invalid("cells", cells, f"some of 0..{n_cells - 1}, not all")
-    return SeasonWithout(*workers.run(LIMITS, without_at, source, removed, current_a))
+    return workers.run(LIMITS, without_at, source, removed, current_a, car)
 
 
 @router.get("/changes")
@@ -176,7 +193,7 @@ def tag_session(
     write_tags(path, body.tags, t_wall_ns=clock.wall_ns(), who=user.name)
     events.note("info", "session-tagged", Message("session-tagged", session=session_id), user.name)
     with catalogue.open(session_id) as session:
-        return session_of(session.info)
+        return session_of(session.info, where_of(session).car)
 
 
 @router.get("/report", response_class=Response, responses={200: {"content": {"text/html": {}}}})
@@ -187,7 +204,8 @@ def season_report_page(
     clock: ClockPart,
     words: Words = "",
     language: Annotated[str, Query(pattern="^(en|nb)$")] = "en",
+    car: Car = "",
 ) -> Response:
     """The season report as one HTML file, to print or to hand over."""
-    made = workers.run(LIMITS, report_at, source, _chosen(catalogue, words), clock.wall_s(), language)
+    made = workers.run(LIMITS, report_at, source, _chosen(catalogue, words), car, clock.wall_s(), language)
     return Response(made, media_type="text/html; charset=utf-8")

@@ -91,9 +91,7 @@ def _add_report(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     groups.add_argument("a", metavar="A", help="words of names and tags, as 'tyres:wet', 'since:2026-03-01'")
     groups.add_argument("b", metavar="B", help="likewise")
     for action in (report, groups):
-        add_car_arguments(action)
-        add_lake_argument(action)
-        add_json_argument(action, default=False)
+        _add_season_arguments(action)
     tag = new_action(actions, "tag", "set the tags of a session; they are kept in its file", "season.report.tag")
     add_session_argument(tag)
     for name in NAMES:
@@ -162,9 +160,7 @@ def _add_match(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     less.add_argument("cells", metavar="CELLS", help="pack/cell, as 3/7,3/8")
     less.add_argument("--current", type=float, default=150.0, metavar="A", help="default: %(default)s")
     for action in (match, less):
-        add_car_arguments(action)
-        add_lake_argument(action)
-        add_json_argument(action, default=False)
+        _add_season_arguments(action)
 
 
 def _add_simulate(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -204,6 +200,14 @@ def _add_simulate(actions: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--speed", type=between(1, 100, "times real time"), default=10.0, help="times real time (default: %(default)g)"
     )
+
+
+def _add_season_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare whose season is meant, and --json."""
+    add_car_arguments(parser)
+    parser.add_argument("--car", default="", metavar="NAME", help="of this car alone (default: of each, never mixed)")
+    add_lake_argument(parser)
+    add_json_argument(parser, default=False)
 
 
 def add_lake_argument(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,7 @@ from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.season.matching.groups import RANDOM_BUILDS, Build, match_groups, random_groups, sorted_groups
 from app.season.matching.places import Placing, place, without
-from app.season.modules import modules_of
+from app.season.modules import Modules, modules_of
 
 COLUMNS = ("cell", "capacity_ah", "resistance_ohm")
 
@@ -87,23 +87,32 @@ def _figures(build: Build) -> dict[str, float]:
 
 def _place(args: argparse.Namespace) -> int:
     with kept_season(args) as source:
-        modules = modules_of(source.history())
-        placing = place(
-            args.rise * (modules.resistance - 1.0), modules.warmer_k - args.rise * (modules.resistance - 1.0)
-        )
-        moves = [(int(module), at) for at, module in enumerate(placing.module_at) if module != at]
+        found = {car: _placed(modules, args.rise) for car, modules in modules_of(source.histories(args.car)).items()}
+        moves = {car: _moves(placing) for car, placing in found.items()}
         if args.out is not None:
-            lines = [f"{short_place(module)},{short_place(at)}" for module, at in moves]
-            args.out.write_text("module,to\n" + "\n".join(lines) + "\n", encoding="utf-8")
+            lines = [f"{car},{short_place(module)},{short_place(at)}" for car in found for module, at in moves[car]]
+            args.out.write_text("car,module,to\n" + "".join(f"{line}\n" for line in lines), encoding="utf-8")
         if args.json:
-            json.dump({"moves": moves} | _kelvin(placing), sys.stdout, allow_nan=False)
+            shown = [{"car": car, "moves": moves[car]} | _kelvin(placing) for car, placing in found.items()]
+            json.dump(shown, sys.stdout, allow_nan=False)
             print()
             return 0
-        print(
-            f"hottest module {placing.hottest_now_k:+.1f} K beyond the mean now, {placing.hottest_k:+.1f} K moved\n"
-            f"coldest to hottest {placing.spread_now_k:.1f} K now, {placing.spread_k:.1f} K then; {len(moves)} moves"
-        )
+        for car, placing in found.items():
+            print(
+                f"{car}: hottest module {placing.hottest_now_k:+.1f} K beyond the mean now,"
+                f" {placing.hottest_k:+.1f} K moved\ncoldest to hottest {placing.spread_now_k:.1f} K now,"
+                f" {placing.spread_k:.1f} K then; {len(moves[car])} moves"
+            )
     return 0
+
+
+def _placed(modules: Modules, rise_k: float) -> Placing:
+    heat_k = rise_k * (modules.resistance - 1.0)
+    return place(heat_k, modules.warmer_k - heat_k)
+
+
+def _moves(placing: Placing) -> list[tuple[int, int]]:
+    return [(int(module), at) for at, module in enumerate(placing.module_at) if module != at]
 
 
 def _kelvin(placing: Placing) -> dict[str, float]:
@@ -114,19 +123,26 @@ def without_modules(args: argparse.Namespace) -> int:
     """Print what the accumulator would be."""
     with kept_season(args) as source:
         removed = [cell_index(source.battery, part, "CELLS") for part in args.cells.split(",")]
-        modules = modules_of(source.history())
-        found = without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, args.current)
+        cars = modules_of(source.histories(args.car))
+        found = {
+            car: without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, args.current)
+            for car, modules in cars.items()
+        }
         if args.json:
-            json.dump(asdict(found) | {"has_capacity": modules.has_capacity}, sys.stdout, allow_nan=False)
+            shown = [
+                {"car": car} | asdict(each) | {"has_capacity": cars[car].has_capacity} for car, each in found.items()
+            ]
+            json.dump(shown, sys.stdout, allow_nan=False)
             print()
             return 0
-        if not modules.has_capacity:
-            print("no capacity was measured yet: all are taken as the cell file says, 5 % off")
-        print(
-            f"capacity {found.capacity_now_ah:.2f} Ah now, {found.capacity_ah:.2f} Ah without"
-            f" (95 % {found.capacity_low_ah:.2f}..{found.capacity_high_ah:.2f}), then limited by"
-            f" {short_place(found.limiting)}\nenergy {100 * found.energy:.1f} % of now"
-            f" (95 % {100 * found.energy_low:.1f}..{100 * found.energy_high:.1f})\nweakest module at"
-            f" {args.current:g} A: {1e3 * found.weakest_voltage_v:+.0f} mV"
-        )
+        for car, each in found.items():
+            if not cars[car].has_capacity:
+                print(f"{car}: no capacity was measured yet: all are taken as the cell file says, 5 % off")
+            print(
+                f"{car}: capacity {each.capacity_now_ah:.2f} Ah now, {each.capacity_ah:.2f} Ah without"
+                f" (95 % {each.capacity_low_ah:.2f}..{each.capacity_high_ah:.2f}), then limited by"
+                f" {short_place(each.limiting)}\nenergy {100 * each.energy:.1f} % of now"
+                f" (95 % {100 * each.energy_low:.1f}..{100 * each.energy_high:.1f})\nweakest module at"
+                f" {args.current:g} A: {1e3 * each.weakest_voltage_v:+.0f} mV"
+            )
     return 0

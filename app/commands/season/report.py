@@ -14,7 +14,8 @@ from app.commands.session_commands.selection import (
     find_session,
 )
 from app.errors import ConfigError
-from app.season.cells.compare import compare
+from app.season.cells.compare import CarComparison, compare
+from app.season.overview import SeasonOverview
 from app.season.report import SeasonReport, season_document, season_report
 from app.season.tags import NAMES, matches, write_tags
 from app.season.trends import SeasonQuantity, SeasonTrend
@@ -32,13 +33,8 @@ QUANTITIES = {
 def show_report(args: argparse.Namespace) -> int:
     """Print the season's report."""
     with kept_season(args) as source:
-        history = source.history()
-        known = set(history.sessions)
-        chosen = [
-            info for info in reversed(catalogue(args).list()) if info.id in known and matches(info, args.sessions)
-        ]
-        history = history.only({info.id for info in chosen})
-        report = season_report(source.battery, history, chosen, Clock().wall_s(), __version__)
+        chosen = [info for info in reversed(catalogue(args).list()) if matches(info, args.sessions)]
+        report = season_report(source.battery, source.histories(args.car), chosen, Clock().wall_s(), __version__)
         if args.json:
             json.dump(asdict(report), sys.stdout, allow_nan=False)
             print()
@@ -53,8 +49,13 @@ def show_report(args: argparse.Namespace) -> int:
 
 
 def _print(report: SeasonReport) -> None:
-    found = report.overview
-    print(f"{report.battery}: {found.sessions} sessions, {found.charge_ah:.0f} Ah passed")
+    print(f"{report.battery}: {len(report.sessions)} sessions")
+    for car in report.cars:
+        _print_car(car.overview)
+
+
+def _print_car(found: SeasonOverview) -> None:
+    print(f"{found.car}: {found.sessions} sessions, {found.charge_ah:.0f} Ah passed")
     for group in found.groups:
         print("accumulator" if group.pack is None else f"pack {group.pack + 1}")
         for name, unit in QUANTITIES.items():
@@ -93,24 +94,28 @@ def show_comparison(args: argparse.Namespace) -> int:
         groups = [{info.id for info in catalogue(args).list() if matches(info, words)} for words in (args.a, args.b)]
         if both := groups[0] & groups[1]:
             raise ConfigError("B", args.b, f"no session that is in A too, as {min(both)}")
-        differences, cells = compare(source.history(), *groups)
+        found = compare(source.histories(args.car), *groups)
         if args.json:
-            shown = {"differences": [asdict(each) for each in differences], "cells": [asdict(each) for each in cells]}
-            json.dump(shown, sys.stdout, allow_nan=False)
+            json.dump([asdict(each) for each in found], sys.stdout, allow_nan=False)
             print()
             return 0
-        print(f"{'':21} {'A':>9} {'B':>9}   B less A, 95 %")
-        for each in differences:
-            a, b = (f"{'-' if value is None else format(value, '.4g'):>9}" for value in (each.a, each.b))
-            change = (
-                "too few sessions" if each.change is None else f"{each.change:+.3g}, {each.low:+.3g}..{each.high:+.3g}"
-            )
-            chance = "" if each.is_sure or each.change is None else " (not more than chance)"
-            print(f"{each.name:21} {a} {b}   {change}{chance} {each.unit}")
-        for cell in cells[:SHOWN]:
-            band = f"{100 * cell.low:+.1f}..{100 * cell.high:+.1f}"
-            print(f"{short_place(cell.cell):6} resistance {100 * cell.change:+.1f} % against the others, 95 % {band}")
+        for each in found:
+            _print_comparison(each)
     return 0
+
+
+def _print_comparison(found: CarComparison) -> None:
+    cars = found.car_a if found.car_a == found.car_b else f"A: {found.car_a}, B: {found.car_b}"
+    print(f"{cars}; {found.sessions_a} sessions in A, {found.sessions_b} in B")
+    print(f"{'':21} {'A':>9} {'B':>9}   B less A, 95 %")
+    for each in found.differences:
+        a, b = (f"{'-' if value is None else format(value, '.4g'):>9}" for value in (each.a, each.b))
+        change = "too few sessions" if each.change is None else f"{each.change:+.3g}, {each.low:+.3g}..{each.high:+.3g}"
+        chance = "" if each.is_sure or each.change is None else " (not more than chance)"
+        print(f"{each.name:21} {a} {b}   {change}{chance} {each.unit}")
+    for cell in found.cells[:SHOWN]:
+        band = f"{100 * cell.low:+.1f}..{100 * cell.high:+.1f}"
+        print(f"{short_place(cell.cell):6} resistance {100 * cell.change:+.1f} % against the others, 95 % {band}")
 
 
 def tag(args: argparse.Namespace) -> int:

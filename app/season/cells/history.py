@@ -1,26 +1,28 @@
-"""The measurements of every cell, one row a session: what trends, ageing, ranking and comparison are computed from.
+"""The measurements of every cell of a car, a row a session: what trends, ageing, ranking and comparison are made of.
 
-They are facts of the season lake: resistance at the temperature and SOC of the moment, charge passed, capacity between
-rests, SOC at rests. Swaps of modules are those of the cell passports.
+Cars share nothing, also where their accumulators are of one profile: each has a history of its own. What is in it are
+facts of the season lake: resistance at the temperature and SOC of the moment, charge passed, capacity between rests,
+SOC at rests. Swaps of modules are those of the cell passports.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.analysis.passport.history import Swap, lost_in_pause
 from app.battery.battery import Battery
+from app.errors import ConfigError
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.season.store import SeasonStore, open_store
 from app.season.store.questions import ask
 from app.sessions.info import SessionInfo
+from app.words import Message
 
 DAY_S: Final = 86400.0
 RELATIVE_SIGMA: Final = 0.01  # of a resistance against the median cell, where nobody said
@@ -48,7 +50,7 @@ class CellHistory:
         is_present: where the module of today was in its place.
         is_absolute: whether resistances of different sessions compare.
         resistance_ohm: of a median cell, measured with its joint; NaN where nobody knows.
-        cars: whose each session is; empty where all are of one.
+        car: whose sessions they are, as the lake names it.
     """
 
     sessions: tuple[str, ...]
@@ -67,7 +69,7 @@ class CellHistory:
     is_present: BoolArray
     is_absolute: bool
     resistance_ohm: float = float("nan")
-    cars: tuple[str, ...] = ()
+    car: str = ""
 
     @property
     def days(self) -> FloatArray:
@@ -78,11 +80,6 @@ class CellHistory:
     def n_cells(self) -> int:
         """How many cells."""
         return int(self.resistance.shape[1])
-
-    @property
-    def before(self) -> NDArray[np.intp]:
-        """(n_sessions,) index of the session of the same car before each; its own where there is none."""
-        return before_each(self.cars or ("",) * len(self.sessions))
 
     def today(self, values: FloatArray) -> FloatArray:
         """Return values of today's modules alone."""
@@ -96,8 +93,7 @@ class CellHistory:
             for name, value in vars(self).items()
             if isinstance(value, np.ndarray) and len(value) == len(rows) and name != "self_discharge_per_day"
         }
-        cars = tuple(car for car, is_chosen in zip(self.cars, rows, strict=False) if is_chosen)
-        return replace(self, sessions=tuple(each for each in self.sessions if each in sessions), cars=cars, **cut)
+        return replace(self, sessions=tuple(each for each in self.sessions if each in sessions), **cut)
 
     def of(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return fractions of new and their sigmas: `resistance`, or `capacity`."""
@@ -120,27 +116,33 @@ class SeasonSource:
         """Whether a session may be of this season: a session that does not say where it comes from is the car's."""
         return (info.metadata.get("source") == "simulator") == self.is_simulated
 
-    def history(self) -> CellHistory:
-        """Ask the lake.
+    def histories(self, car: str = "") -> list[CellHistory]:
+        """Ask the lake; return the history of each car, by name, or of the one that is named.
 
         Raises:
+            ConfigError: the lake has other cars alone.
             ExtraMissing: the extra `season` is not installed.
             QueryFailed: a file of the lake is damaged, or a limit is passed.
         """
         store = open_store(self.lake)
         try:
-            return history_of(store, self)
+            found = histories_of(store, self)
         finally:
             store.close()
+        if not car:
+            return found
+        chosen = [history for history in found if history.car == car]
+        if found and not chosen:
+            raise ConfigError("car", car, Message("one-of", choices=tuple(history.car for history in found)))
+        return chosen
 
 
-def history_of(store: SeasonStore, source: SeasonSource) -> CellHistory:
-    """Return the history of a battery out of a store's facts.
+def histories_of(store: SeasonStore, source: SeasonSource) -> list[CellHistory]:
+    """Return the history of a battery of each car out of a store's facts, in the order of their names.
 
     Raises:
         QueryFailed: see `SeasonStore.query`.
     """
-    n_cells = source.battery.n_cells
     table = ask(
         store,
         "season_cells",
@@ -148,13 +150,22 @@ def history_of(store: SeasonStore, source: SeasonSource) -> CellHistory:
         segments=json.dumps(list(source.battery.segments)),
         simulated=str(int(source.is_simulated)),
     ).table
-    n = table.num_rows // n_cells
-    shape = (n, n_cells)
+    cars = table.column("car").to_pylist()
+    begins = [k for k, car in enumerate(cars) if k == 0 or car != cars[k - 1]]
+    return [
+        _history_of(table.slice(begin, end - begin), cars[begin], source)
+        for begin, end in pairwise([*begins, len(cars)])
+    ]
+
+
+def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
+    """The history of one car: rows by session and cell."""
+    n_cells = source.battery.n_cells
+    shape = (table.num_rows // n_cells, n_cells)
 
     def column(name: str) -> FloatArray:
         return _numbers(table.column(name)).reshape(shape)
 
-    sessions = tuple(table.column("session").to_pylist()[::n_cells])
     start_s = column("start_time")[:, 0]
     line = np.zeros(shape)  # number of swaps that the module in a place has seen, session by session
     line_now = np.zeros(n_cells)
@@ -169,16 +180,15 @@ def history_of(store: SeasonStore, source: SeasonSource) -> CellHistory:
         resistance = ohm / row_median(ohm)[:, None]
         sigma = np.where(np.isfinite(resistance), RELATIVE_SIGMA, np.nan)
     rest_soc, lost, days = column("first_rest_soc"), np.full(shape, np.nan), np.full(shape, np.nan)
-    cars = tuple(table.column("car").to_pylist()[::n_cells])
-    before = before_each(cars)
-    last_soc, gaps_s = column("last_rest_soc"), column("first_rest_time")[:, 0] - column("last_rest_time")[before, 0]
-    for k, earlier in enumerate(before):
-        if k != earlier and (moved := lost_in_pause(last_soc[earlier], rest_soc[k], gaps_s[k])) is not None:
-            is_same = line[k] == line[earlier]
-            lost[k, is_same], days[k, is_same] = moved[is_same], gaps_s[k] / DAY_S
+    last_soc = column("last_rest_soc")
+    gaps_s = column("first_rest_time")[1:, 0] - column("last_rest_time")[:-1, 0]
+    for k, gap_s in enumerate(gaps_s, 1):
+        if (moved := lost_in_pause(last_soc[k - 1], rest_soc[k], gap_s)) is not None:
+            is_same = line[k] == line[k - 1]
+            lost[k, is_same], days[k, is_same] = moved[is_same], gap_s / DAY_S
     is_present = line == line_now
     return CellHistory(
-        sessions,
+        tuple(table.column("session").to_pylist()[::n_cells]),
         start_s,
         np.cumsum(np.nanmax(np.nan_to_num(column("charge_ah")), axis=1, initial=0.0)),
         resistance,
@@ -194,18 +204,8 @@ def history_of(store: SeasonStore, source: SeasonSource) -> CellHistory:
         is_present,
         is_absolute,
         float(np.nanmedian(ohm)) if np.isfinite(ohm).any() else float("nan"),
-        cars,
+        car,
     )
-
-
-def before_each(cars: Sequence[str]) -> NDArray[np.intp]:
-    """Return (n,) the index of the one before each of the same car; its own where there is none."""
-    last: dict[str, int] = {}
-    found = np.arange(len(cars))
-    for k, car in enumerate(cars):
-        found[k] = last.get(car, k)
-        last[car] = k
-    return found
 
 
 def _numbers(column: Any) -> FloatArray:

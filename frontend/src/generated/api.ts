@@ -356,6 +356,16 @@ export interface CarAlarm {
   active: boolean;
 }
 
+/** Group B, sessions of `car_b`, against group A, sessions of `car_a`; `cells` where that is the same car. */
+export interface CarComparison {
+  car_a: string;
+  car_b: string;
+  sessions_a: number;
+  sessions_b: number;
+  differences: SeasonDifference[];
+  cells: SeasonCellDifference[];
+}
+
 /** A link of a car to its master. */
 export interface CarLink {
   state: string;
@@ -1784,14 +1794,15 @@ export interface Schema {
   struct: StructField[];
 }
 
-/** The sessions of the lake that match, the oldest first, and what they say; `to_read` are on their way into it. */
+/** The sessions of the lake that match, the oldest first, and what they say of each car, which share nothing. */
 export interface Season {
   sessions: SeasonSession[];
   all_sessions: number;
   to_read: number;
   is_kept: boolean;
   tag_names: string[];
-  overview: SeasonOverview;
+  cars: string[];
+  overviews: SeasonOverview[];
 }
 
 /** Rows of an answer; times in ISO 8601, null where nothing is known. */
@@ -1802,14 +1813,15 @@ export interface SeasonAnswer {
   seconds: number;
 }
 
-/** Both quantities of a cell over the season. */
+/** Both quantities of a cell of a car over the season. */
 export interface SeasonCellCurves {
+  car: string;
   cell: number;
   resistance: SeasonCurve;
   capacity: SeasonCurve;
 }
 
-/** A cell that changed against the others; `p` after the tests of all cells. */
+/** A cell that changed against the others of its car; `p` after the tests of all cells. */
 export interface SeasonCellDifference {
   cell: number;
   change: number;
@@ -1824,14 +1836,6 @@ export interface SeasonChanges {
   after: EstimateSet | null;
   before: EstimateSet | null;
   changes: EstimateChange[];
-}
-
-/** Group B against group A: figures of the accumulator, and cells that changed against the others. */
-export interface SeasonComparison {
-  sessions_a: number;
-  sessions_b: number;
-  differences: SeasonDifference[];
-  cells: SeasonCellDifference[];
 }
 
 /** A quantity of one cell: what was measured, and the band of 95 % of the Gaussian process, also ahead. */
@@ -1868,8 +1872,9 @@ export interface SeasonGroup {
   self_discharge: SeasonQuantity;
 }
 
-/** The accumulator, its packs, and all cells, the one that limits soonest first. */
+/** The accumulator of a car, its packs, and all cells, the one that limits soonest first. */
 export interface SeasonOverview {
+  car: string;
   sessions: number;
   is_absolute: boolean;
   charge_ah: number;
@@ -1889,9 +1894,10 @@ export interface SeasonQuestions {
   questions: Question[];
 }
 
-/** A session of the season with its tags. */
+/** A session of the season with its tags, and whose it is, as the lake names the car. */
 export interface SeasonSession {
   id: string;
+  car: string;
   name: string;
   start_s: number;
   duration_s: number;
@@ -1918,8 +1924,9 @@ export interface SeasonTrend {
   is_sure: boolean;
 }
 
-/** The accumulator without some modules; `has_capacity`: their capacities were measured. */
+/** The accumulator of a car without some modules; `has_capacity`: their capacities were measured. */
 export interface SeasonWithout {
+  car: string;
   without: WithoutModule;
   has_capacity: boolean;
 }

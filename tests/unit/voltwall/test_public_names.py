@@ -15,7 +15,7 @@ NAMES = {
         "weakest_cell",
     },
     "Live": {"latest", "url"},
-    "Season": {"ask", "build", "close", "lake", "questions", "sql"},
+    "Season": {"ask", "build", "cars", "close", "lake", "questions", "sql"},
     "Session": {
         *("close", "duration_s", "estimate", "events", "findings", "id", "laps", "metadata", "n_cells", "name"),
         *("segments", "signals", "start", "table", "to_arrow", "to_pandas", "to_polars"),

@@ -26,6 +26,16 @@ def test_questions_are_asked_by_name(lake):
     assert frame["voltage_min_v"].min() == pytest.approx(3.4, abs=1e-4)
 
 
+def test_cars_are_named_and_told_apart(lake):
+    season = voltwall.season(lake)
+    assert season.cars == ["e-26-simulated", "team-s-own-96-cells"]
+    every = season.ask("ranking").rows()
+    assert [row["car"] for row in every] != [season.cars[0]] * len(every)
+    one = season.ask("ranking", car=season.cars[0]).rows()
+    assert one == [row for row in every if row["car"] == season.cars[0]]
+    assert len(one) == 96
+
+
 def test_a_lake_is_built_from_sessions(season, tmp_path):
     shutil.copytree(season, tmp_path / "sessions")
     (tmp_path / "sessions" / "broken.sqlite").write_bytes(b"no session")

@@ -1,5 +1,6 @@
 -- Warnings and trips of the season, the latest first.
-SELECT time, session, lap, severity, code, text, cell, value, limit_value, unit
+-- $car = : name of the car; empty: of each
+SELECT time, car, session, lap, severity, code, text, cell, value, limit_value, unit
 FROM events
-WHERE severity <> 'info'
+WHERE severity <> 'info' AND ($car = '' OR car = $car)
 ORDER BY time DESC

@@ -1,4 +1,5 @@
 -- Cells by resistance against the median cell of their session, the worst first.
+-- $car = : name of the car; empty: of each
 WITH medians AS (
     SELECT car, session, median(resistance_ohm) AS usual_ohm
     FROM cells
@@ -14,6 +15,6 @@ SELECT cells.car AS car, pack, cell_in_pack,
        max(temperature_max_degc) AS temperature_max_degc
 FROM cells
 JOIN medians ON medians.car = cells.car AND medians.session = cells.session
-WHERE lap = 0
+WHERE lap = 0 AND ($car = '' OR cells.car = $car)
 GROUP BY cells.car, pack, cell_in_pack
 ORDER BY above_median_percent DESC, car, pack, cell_in_pack

@@ -12,4 +12,4 @@ WHERE lap = 0
   AND ($battery = '' OR battery = $battery)
   AND ($segments = '' OR segments = $segments)
   AND simulated = ($simulated = 1)
-ORDER BY start_time, session, cell
+ORDER BY car, start_time, session, cell

@@ -47,13 +47,13 @@ def season(seed, n_cells=96, n=60, years=1.5):
     return SimulatedSeason(days, np.array(charge), np.array(capacity), np.array(resistance), rng)
 
 
-def history(values, sigmas, days=None, capacity=None, rest_soc=None, lost=None):
+def history(values, sigmas, days=None, capacity=None, rest_soc=None, lost=None, car=""):
     """A history of resistances, every week one session, and of capacities where they are given."""
     n, n_cells = values.shape
     start_s = 1.79e9 + 86400.0 * (7.0 * np.arange(n) if days is None else days)
     nothing = np.full(values.shape, np.nan)
     return CellHistory(
-        tuple(f"s{k:02}" for k in range(n)),
+        tuple(f"{car}s{k:02}" for k in range(n)),
         start_s,
         np.arange(1.0, n + 1.0) * 30.0,
         values,
@@ -68,4 +68,5 @@ def history(values, sigmas, days=None, capacity=None, rest_soc=None, lost=None):
         25.0,
         np.ones(values.shape, dtype=bool),
         True,
+        car=car,
     )

@@ -30,11 +30,11 @@ def test_a_season_tells_sessions_trends_and_the_cell_that_limits(season):
     told = season.get("/api/v1/season").json()
     assert len(told["sessions"]) == told["all_sessions"] == 6
     assert (told["to_read"], told["is_kept"]) == (0, False)
-    first = told["overview"]["cells"][0]
+    first = told["overviews"][0]["cells"][0]
     assert first["cell"] == 30
     assert first["resistance"] == pytest.approx(0.5, abs=0.1)
     assert first["reasons"][0]["code"] == "season-resists"
-    assert told["overview"]["groups"][0]["resistance"]["trend"]["sessions"] == 6
+    assert told["overviews"][0]["groups"][0]["resistance"]["trend"]["sessions"] == 6
 
 
 def test_tags_are_set_found_and_refused(season):
@@ -44,18 +44,18 @@ def test_tags_are_set_found_and_refused(season):
         assert answer.json()["tags"] == {"tyres": "wet"}
     found = season.get("/api/v1/season", params={"words": "tyres:wet"}).json()
     assert [each["id"] for each in found["sessions"]] == ids[3:]
-    assert found["overview"]["sessions"] == 3
+    assert found["overviews"][0]["sessions"] == 3
     assert season.put(f"/api/v1/season/sessions/{ids[0]}/tags", json={"tags": {"colour": "red"}}).status_code == 422
     assert season.put("/api/v1/season/sessions/none/tags", json={"tags": {}}).status_code == 404
     compared = season.get("/api/v1/season/compare", params={"b": "tyres:wet"}).json()
-    assert (compared["sessions_a"], compared["sessions_b"]) == (6, 0)
+    assert [(each["sessions_a"], each["sessions_b"]) for each in compared] == [(6, 0)]
 
 
 def test_a_cell_a_string_without_it_and_what_changed(season):
-    curves = season.get("/api/v1/season/cells/30").json()
+    (curves,) = season.get("/api/v1/season/cells/30").json()
     assert len(curves["resistance"]["measured"]) == 6
     assert curves["resistance"]["low"][-1] < curves["resistance"]["high"][-1]
-    less = season.get("/api/v1/season/without", params={"cells": "30"}).json()
+    (less,) = season.get("/api/v1/season/without", params={"cells": "30"}).json()
     assert less["without"]["removed"] == [30]
     assert less["without"]["weakest_voltage_v"] > 0.0
     for bad in ("96", "x", "", "0," * 50):
@@ -76,8 +76,55 @@ def test_what_estimating_again_changed_is_told(season, tmp_path):
 
 def test_a_season_without_sessions_is_empty(client):
     told = client.get("/api/v1/season").json()
-    assert (told["sessions"], told["overview"]["sessions"]) == ([], 0)
-    assert client.get("/api/v1/season/compare").json()["cells"] == []
+    assert (told["sessions"], told["overviews"], told["cars"]) == ([], [], [])
+    assert client.get("/api/v1/season/compare").json() == []
     assert client.get("/api/v1/season/changes").json()["changes"] == []
     assert client.get("/api/v1/season/without", params={"cells": "3"}).status_code == 422
-    assert client.get("/api/v1/season/cells/3").json()["resistance"]["mean"] == []
+    assert client.get("/api/v1/season/cells/3").json() == []
+
+
+@pytest.fixture
+def two_cars(client, make_session, tmp_path):
+    """The client of a service whose lake holds three days of each of two cars, one after the other."""
+    for day in range(6):
+        ohm = np.where(np.arange(96) == (30 if day % 2 else 60), 0.003, 0.002)
+        volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * ohm
+        more = {"start_s": START_S + day * DAY_S, "cell_file": format_cell(CELL)}
+        make_session(TIME_S, CURRENT_A, volts, 25, metadata={"car": "E 26" if day % 2 else "E 25"}, **more)
+    build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
+    return client
+
+
+def test_two_cars_are_told_apart_everywhere(two_cars):
+    told = two_cars.get("/api/v1/season").json()
+    assert told["cars"] == ["e-25", "e-26"]
+    assert [(each["car"], each["sessions"], each["cells"][0]["cell"]) for each in told["overviews"]] == [
+        ("e-25", 3, 60),
+        ("e-26", 3, 30),
+    ]
+    assert [each["car"] for each in told["sessions"]] == ["e-25", "e-26"] * 3
+    curves = two_cars.get("/api/v1/season/cells/30").json()
+    assert [(each["car"], len(each["resistance"]["measured"])) for each in curves] == [("e-25", 3), ("e-26", 3)]
+    less = two_cars.get("/api/v1/season/without", params={"cells": "30"}).json()
+    assert [each["car"] for each in less] == ["e-25", "e-26"]
+    assert less[1]["without"]["weakest_voltage_v"] > less[0]["without"]["weakest_voltage_v"]
+    compared = two_cars.get("/api/v1/season/compare", params={"a": "car:25", "b": "car:26"}).json()
+    assert [(each["car_a"], each["car_b"], each["cells"]) for each in compared] == [("e-25", "e-26", [])]
+    halves = two_cars.get("/api/v1/season/compare", params={"a": "before:2026-09-24", "b": ""}).json()
+    assert [each["car_b"] for each in halves] == ["e-25", "e-26"]
+    report = two_cars.get("/api/v1/season/report").text
+    assert '"car":"e-25"' in report.replace(" ", "")
+    assert '"car":"e-26"' in report.replace(" ", "")
+
+
+def test_one_car_is_chosen_and_one_that_there_is_not_is_refused(two_cars):
+    told = two_cars.get("/api/v1/season", params={"car": "e-26"}).json()
+    assert ([each["car"] for each in told["overviews"]], len(told["sessions"])) == (["e-26"], 3)
+    assert told["cars"] == ["e-25", "e-26"]
+    assert [each["car"] for each in two_cars.get("/api/v1/season/cells/3", params={"car": "e-26"}).json()] == ["e-26"]
+    none = two_cars.get("/api/v1/season", params={"car": "e-27"}).json()
+    assert (none["sessions"], none["overviews"]) == ([], [])  # the page offers the others
+    for path in ("cells/3", "compare", "without?cells=3", "report"):
+        answer = two_cars.get(f"/api/v1/season/{path}{'&' if '?' in path else '?'}car=e-27")
+        assert answer.status_code == 422, path
+        assert answer.json()["errors"][0]["field"] == "car"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.analysis.passport.history import Swap
+from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.cells.history import DAY_S, SeasonSource
 from app.season.lake.build import build_lake, session_files
@@ -38,18 +39,23 @@ def source(lake, *, simulated=False, swaps=()):
     return SeasonSource(lake, team_battery().battery, simulated, CELL, swaps)
 
 
+def of_one(lake, **more):
+    (found,) = source(lake, **more).histories()
+    return found
+
+
 def test_the_lake_tells_every_session_of_the_car_and_none_of_the_simulated_one(lake):
-    found = source(lake).history()
+    found = of_one(lake)
     assert len(found.sessions) == 3
     assert np.diff(found.start_s) == pytest.approx(DAY_S)
     assert found.charge_ah == pytest.approx(AMPERE_HOURS * np.arange(1, 4), rel=0.02)
     assert found.is_absolute
     assert found.resistance[:, WEAK] / np.median(found.resistance, axis=1) == pytest.approx(1.5, abs=0.1)
-    assert len(source(lake, simulated=True).history().sessions) == 1
+    assert len(of_one(lake, simulated=True).sessions) == 1
 
 
 def test_a_cell_that_loses_charge_in_the_pauses_is_known_with_its_rate(lake):
-    found = source(lake).history()
+    found = of_one(lake)
     assert np.isnan(found.lost_per_day[0]).all()
     assert found.lost_per_day[1:, LEAKY] == pytest.approx(LEAK, rel=0.1)
     assert found.self_discharge_per_day[LEAKY] == pytest.approx(LEAK, rel=0.1)
@@ -59,13 +65,41 @@ def test_a_cell_that_loses_charge_in_the_pauses_is_known_with_its_rate(lake):
 
 def test_a_swapped_module_inherits_nothing(lake):
     swap = Swap(START_S + 0.5 * DAY_S, (LEAKY,))
-    found = source(lake, swaps=(swap,)).history()
+    found = of_one(lake, swaps=(swap,))
     assert found.is_present[:, LEAKY].tolist() == [False, True, True]
     assert found.is_present[:, WEAK].all()
     assert np.isnan(found.lost_per_day[1, LEAKY])
     assert found.lost_per_day[2, LEAKY] == pytest.approx(LEAK, rel=0.1)
 
 
-def test_an_empty_lake_has_no_session(tmp_path):
-    found = source(str(tmp_path)).history()
-    assert (found.sessions, found.resistance.shape) == ((), (0, 96))
+def test_an_empty_lake_has_no_car(tmp_path):
+    assert source(str(tmp_path)).histories() == source(str(tmp_path)).histories("red") == []
+
+
+def test_two_cars_with_one_battery_share_nothing(tmp_path):
+    """They drive in turns, each with a leaky cell of its own; the other car's sessions change no number."""
+    make, files = SessionMaker(tmp_path / "sessions"), {"red": [], "blue": []}
+    for day in range(6):
+        car = ("red", "blue")[day % 2]
+        soc = (0.8 if car == "red" else 0.6) - LEAK * day * (np.arange(96) == (LEAKY if car == "red" else WEAK))
+        volts = CELL.ocv.voltage(soc) - CURRENT_A[:, None] * (0.002 if car == "red" else 0.0025)
+        start_s = START_S + day * DAY_S
+        files[car] += [make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, metadata={"car": car})]
+    lakes = {}
+    for name, paths in (files | {"both": files["red"] + files["blue"]}).items():
+        build_lake(Place(tmp_path / name), paths)
+        lakes[name] = source(str(tmp_path / name)).histories()
+    assert [history.car for history in lakes["both"]] == ["blue", "red"]
+    for both, alone in zip(lakes["both"], lakes["blue"] + lakes["red"], strict=True):
+        for name, value in vars(alone).items():
+            if isinstance(value, np.ndarray):
+                np.testing.assert_allclose(value, getattr(both, name), 1e-12, err_msg=name)
+            else:
+                assert value == getattr(both, name), name
+    blue, red = lakes["both"]
+    assert red.self_discharge_per_day[LEAKY] == pytest.approx(LEAK, rel=0.1)
+    assert blue.self_discharge_per_day[WEAK] == pytest.approx(LEAK, rel=0.1)
+    both = source(str(tmp_path / "both"))
+    assert [history.car for history in both.histories("red")] == ["red"]
+    with pytest.raises(ConfigError, match=r"car.*blue"):
+        both.histories("green")

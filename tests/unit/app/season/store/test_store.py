@@ -131,8 +131,18 @@ def test_every_question_is_answered(store, question):
 
 
 def test_the_lowest_voltage_is_of_the_low_cell(store):
-    found = [row for row in ask(store, "lowest_voltage").rows() if row[1] == 2]
-    assert min(found, key=lambda row: row[4])[2:4] == [4, 5]
+    found = [row for row in ask(store, "lowest_voltage").rows() if row[2] == 2]
+    assert min(found, key=lambda row: row[5])[3:5] == [4, 5]
+
+
+@pytest.mark.parametrize("question", [each.name for each in questions() if each.name != "season_cells"])
+def test_every_question_keeps_the_cars_apart_and_can_be_asked_of_one(store, question):
+    every = ask(store, question)
+    at = every.table.column_names.index("car")
+    cars = {row[at] for row in every.rows()}
+    for car in cars:
+        assert ask(store, question, car=car).rows() == [row for row in every.rows() if row[at] == car]
+    assert ask(store, question, car="none").rows() == []
 
 
 def test_the_ranking_begins_with_the_cell_that_resists_most(store):
