@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 
 from app import __version__
+from app.commands.console.progress import leave_no_line
+from app.commands.console.terminal import RED, coloured
 from app.errors import AppError
 
 INTERRUPTED = 130  # as shells count a process that SIGINT ended
@@ -55,17 +57,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, TextIOWrapper):  # `Łukasz` on a terminal of code page 1252 is no reason to fail
             stream.reconfigure(errors="replace")
     only = next((word for word in arguments if word in COMMANDS), "")
-    if arguments[:1] == ["--no-color"]:
-        os.environ["NO_COLOR"] = "1"  # what argparse, from Python 3.14 on, and textual go by
+    if "--no-color" in arguments:  # before or behind the command
+        arguments.remove("--no-color")
+        os.environ["NO_COLOR"] = "1"  # what argparse goes by, too, from Python 3.14 on
     try:
         if "_ARGCOMPLETE" in os.environ:  # the shell asks, with the line so far
             _complete()
         args = build_parser(only).parse_args(arguments)
         return int(args.do(args))
     except AppError as error:
-        print(f"voltwall {only}: {error}", file=sys.stderr)
+        leave_no_line()
+        print(coloured(f"voltwall {only}:", RED, sys.stderr), error, file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        leave_no_line()
         print(f"voltwall {only}: interrupted".replace(" :", ":"), file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:

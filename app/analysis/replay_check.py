@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from app.analysis.expectations import Expectations, Raised, Values, Verdict
 from app.live.cells import mean
 from app.live.pipeline import Output, Pipeline
@@ -11,8 +13,17 @@ from app.sessions.reading.recorded_estimates import RecordedEstimates
 from app.sessions.replay import item_of, prepare
 
 
-def prove(session: SessionFile, expectations: Expectations, pipeline: Pipeline) -> list[Verdict]:
-    """Replay a session from its start to its end and return what held; the same each time."""
+def prove(
+    session: SessionFile,
+    expectations: Expectations,
+    pipeline: Pipeline,
+    on_progress: Callable[[int, int], None] = lambda done, of: None,
+) -> list[Verdict]:
+    """Replay a session from its start to its end and return what held; the same each time.
+
+    `on_progress` is told how many milliseconds of how many are replayed.
+    """
+    length_ms = round(1e3 * session.info.duration_s)
     recorded, start_ns = RecordedEstimates(session), session.info.started_mono_ns
     prepare(pipeline, session)
     for received in session.received():
@@ -20,6 +31,7 @@ def prove(session: SessionFile, expectations: Expectations, pipeline: Pipeline) 
             continue  # the stream carries it too
         output = pipeline.feed(item_of(received))
         pipeline.predict()
+        on_progress((received.t_mono_ns - start_ns) // 1_000_000, length_ms)
         _tell(expectations, output, (received.t_mono_ns - start_ns) / 1e9, recorded)
     return expectations.verdicts()
 

@@ -13,6 +13,7 @@ from app.analysis.document import document
 from app.analysis.evidence.evidence import METADATA, Evidence, StepResult, evidence_of
 from app.analysis.evidence.steps import STEPS, Cycles
 from app.clock import Clock
+from app.commands.console.terminal import print_table
 from app.commands.guided.benches import SCENARIO, PersonAtThePlug, SimulatedBench
 from app.commands.guided.station import Station
 from app.commands.guided.walk import walk
@@ -112,10 +113,11 @@ def _walked(station: Station, go: Callable[[], None]) -> Path:
 def _print(evidence: Evidence) -> None:
     car = "SIMULATED master" if evidence.is_simulated else f"master at {evidence.url}"
     print(f"{car}, firmware {evidence.firmware or 'unknown'}, configuration {evidence.config_hash}")
-    print(f"{'step':18} {'reaction':>22}  {'limit':>7}  verdict")
+    rows = []
     for step in evidence.steps:
         limit = "-" if step.allowed_s is None else f"{step.allowed_s * 1000:.0f} ms"
-        print(f"{step.name:18} {_band(step):>22}  {limit:>7}  {step.verdict} {step.why or step.skipped}".rstrip())
+        rows.append((step.name, _band(step), limit, f"{step.verdict} {step.why or step.skipped}".rstrip()))
+    print_table(("step", "reaction", "limit", "verdict"), rows, "<>><")
     coverage = evidence.coverage
     print(f"measured: {coverage.voltages} voltages and {coverage.temperatures} temperatures of {coverage.cells} cells")
     print(f"outcome: {evidence.outcome}")

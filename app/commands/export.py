@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from app.analysis.laps.from_session import lap_times
+from app.commands.console.progress import Progress
 from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
 from app.sessions.export.export import export
@@ -64,7 +65,9 @@ def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | N
                 "lap_times_s": laps,
                 "names": args.names,
             }
-            export(session, path, name, **wanted)
+            progress = Progress(path.name)
+            export(session, path, name, on_progress=progress, **wanted)
+            progress.end()
             if with_laps is not None:
                 with suppress(ConfigError):  # no lap in this range
                     export(session, with_laps, "ldx", **wanted)

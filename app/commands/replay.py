@@ -13,6 +13,8 @@ from app.analysis.replay_check import prove
 from app.analysis.session_cell import cell_of, judged_by
 from app.api.application import Replay
 from app.api.encoding.snapshot import snapshot_json
+from app.commands.console.progress import Progress
+from app.commands.console.terminal import GREEN, RED, coloured
 from app.commands.serve import serve
 from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
@@ -87,14 +89,17 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
         chosen = filter_name or expectations.filter_name or DEFAULT_FILTER
         chain = _chain(session, chosen, cell_name or expectations.cell_name)
         judged = [each.text for each in judged_by(session, cell_name or expectations.cell_name)]
-        verdicts = prove(session, expectations, chain.pipeline("replay", "recorded", "recorded"))
+        progress = Progress(path.stem)
+        verdicts = prove(session, expectations, chain.pipeline("replay", "recorded", "recorded"), progress)
+        progress.end()
     failed = sum(not verdict.held for verdict in verdicts)
     if as_json:
         document = {"held": failed == 0, "expectations": [asdict(verdict) for verdict in verdicts], "judged": judged}
         print(json.dumps(document, indent=2))
     else:
         for verdict in verdicts:
-            print(f"{'ok  ' if verdict.held else 'FAIL'}  {verdict.text}: {verdict.found}")
+            mark = coloured("ok  ", GREEN) if verdict.held else coloured("FAIL", RED)
+            print(f"{mark}  {verdict.text}: {verdict.found}")
         print(" ".join(judged))
         print(f"{len(verdicts) - failed} of {len(verdicts)} held")
     return 1 if failed else 0

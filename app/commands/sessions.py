@@ -7,6 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.clock import Clock
+from app.commands.console.progress import Progress
+from app.commands.console.terminal import GREEN, RED, coloured, print_table
 from app.commands.session_commands.selection import (
     catalogue,
     find_session,
@@ -55,13 +57,19 @@ def list_sessions(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps([_facts(info) for info in sessions], indent=2))
     else:
-        print(f"{'id':20} {'started':20} {'length':>9} {'frames':>9} {'MB':>7} {'state':9} name")
-        for info in sessions:
-            length = f"{info.duration_s / 60:.1f} min"
-            print(
-                f"{info.id:20} {_when(info.started_wall_ns):20} {length:>9} {info.frames:>9}"
-                f" {info.size_bytes / 1e6:>7.1f} {_state(info):9} {info.name}"
+        rows = [
+            (
+                info.id,
+                _when(info.started_wall_ns),
+                f"{info.duration_s / 60:.1f} min",
+                str(info.frames),
+                f"{info.size_bytes / 1e6:.1f}",
+                _state(info),
+                info.name,
             )
+            for info in sessions
+        ]
+        print_table(("id", "started", "length", "frames", "MB", "state", "name"), rows, "<<>>><<")
     for problem in problems:
         print(problem, file=sys.stderr)
     return 0
@@ -135,21 +143,33 @@ def check_sessions(args: argparse.Namespace) -> int:
         if args.session is None:
             raise ConfigError("repair", args.repair, "name one SESSION")
         return _repair(find_session(args, args.session), args.repair)
+    is_wrong = False
     if args.session is not None:
-        return _check_one(find_session(args, args.session))
-    sessions, problems = catalogue(args).survey()
-    for problem in problems:
-        print(problem)
-    return max([_check_one(info.path) for info in sessions], default=0) or int(bool(problems))
+        paths = [find_session(args, args.session)]
+    else:
+        sessions, unreadable = catalogue(args).survey()
+        paths, is_wrong = [info.path for info in sessions], bool(unreadable)
+        for problem in unreadable:
+            print(problem)
+    progress = Progress()
+    for k, path in enumerate(paths, 1):
+        line, has_problems = _checked(path)
+        progress.end()
+        print(line)
+        is_wrong |= has_problems
+        progress(k, len(paths))
+    progress.end()
+    return int(is_wrong)
 
 
-def _check_one(path: Path) -> int:
+def _checked(path: Path) -> tuple[str, bool]:
+    """Return what there is to say about a session, and whether something is wrong with it."""
     in_use = is_in_use(path)
     with SessionFile(path) as session:
         problems = session.problems()
         state = _state(session.info, in_use)
-    print(f"{path.stem}: {state}, " + ("sound" if not problems else "; ".join(problems)))
-    return 1 if problems else 0
+    found = coloured("; ".join(problems), RED) if problems else coloured("sound", GREEN)
+    return f"{path.stem}: {state}, {found}", bool(problems)
 
 
 def _repair(path: Path, target: Path) -> int:

@@ -1,5 +1,6 @@
 """`voltwall replay --assert` on a session of the simulated car, and its exit codes."""
 
+import io
 import json
 from pathlib import Path
 
@@ -60,3 +61,22 @@ def test_another_filter_is_compared_with_what_was_recorded(session, tmp_path, ca
 def test_what_cannot_be_checked_has_a_code_of_its_own(session, tmp_path, text):
     assert prove(session, tmp_path, text) == 2
     assert main(["replay", str(session), "--assert", str(tmp_path / "missing.toml")]) == 2
+
+
+def test_on_a_terminal_it_shows_how_far_it_is(session, tmp_path, capsys, monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    shown = Terminal()
+    monkeypatch.setattr("sys.stderr", shown)
+    monkeypatch.setattr("app.commands.console.progress.SHOWN_AFTER_S", 0.0)
+    monkeypatch.setattr("app.commands.console.progress.EVERY_S", 0.0)
+    assert prove(session, tmp_path, "[[agreement]]\nlargest_max = 0.00002") == 0
+    lines = [line.split() for line in shown.getvalue().split("\r") if "%" in line]
+    assert len(lines) > 10
+    shares = [float(words[1]) for words in lines]
+    assert shares == sorted(shares)
+    assert shares[-1] > 95.0
+    assert {words[-1] for words in lines} == {"left"}
+    assert shown.getvalue().endswith("\r")

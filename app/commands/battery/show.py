@@ -8,6 +8,7 @@ from app.battery.drawing import drawn, sensors_in_words
 from app.battery.library import bundled_profiles, load_part, load_profile
 from app.battery.source import CellSignals, SpeaksDbc, SpeaksMaster
 from app.battery.table_reader import ProfileError
+from app.commands.console.terminal import print_table
 
 
 def list_profiles(args: argparse.Namespace) -> int:
@@ -25,11 +26,13 @@ def list_profiles(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(found, indent=2))
         return 0
+    rows = []
     for each in found:
         text = "a part, to include in a profile"
         if each["name"] is not None:
             text = f"{each['name']}: {each['segments']} segments, {each['sensors']} temperature sensors"
-        print(f"{each['profile']:20} {text}")
+        rows.append((str(each["profile"]), text))
+    print_table((), rows)
     return 0
 
 

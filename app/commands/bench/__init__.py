@@ -11,6 +11,7 @@ from typing import Any
 from app.commands.bench.numerics import CHIP_US, chain_rates, filter_pass_us
 from app.commands.bench.service import at_line_limit, simulated
 from app.commands.console.number import between as between
+from app.commands.console.terminal import print_table
 from app.errors import ConfigError
 from app.live.pipeline_factory import PipelineFactory
 
@@ -32,8 +33,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([dict(zip(("what", "figure", "method"), row, strict=True)) for row in rows], indent=2))
         return 0
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}\n")
-    for what, figure, method in rows:
-        print(f"{what:<44} {figure:>18}   {method}")
+    print_table((), rows, "<><")
     return 0
 
 

@@ -10,6 +10,8 @@ EVERY_S = 0.2
 class Progress:
     """One line on standard error that is written over; nothing where that is no terminal."""
 
+    last: "Progress | None" = None  # whose line stands on the terminal
+
     def __init__(self, what: str = "", *, shows: bool = True) -> None:
         """Begin to count the time of the job.
 
@@ -28,7 +30,7 @@ class Progress:
         now_s = time.monotonic()
         if not self._shows or now_s < self._shown_s + EVERY_S:
             return
-        self._shown_s, self._is_shown = now_s, True
+        self._shown_s, self._is_shown, Progress.last = now_s, True, self
         left_s = (now_s - self._started_s) * (of - done) / max(done, 1)
         text = f"{self._what}{100 * done / max(of, 1):5.1f} %, {time_left(left_s)} left"
         print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)
@@ -37,6 +39,13 @@ class Progress:
         """Leave the line free for what follows."""
         if self._is_shown:
             print(f"\r{'':<60}\r", end="", file=sys.stderr, flush=True)
+            self._is_shown = False
+
+
+def leave_no_line() -> None:
+    """Take a line away whose job did not get to its end, for what is said next."""
+    if Progress.last is not None:
+        Progress.last.end()
 
 
 def time_left(seconds: float) -> str:

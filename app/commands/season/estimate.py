@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from app.commands.session_commands.analysis import in_column
+from app.commands.console.terminal import print_table
+from app.commands.session_commands.analysis import scaled
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.estimation.errors import EstimatorError
@@ -100,22 +101,16 @@ def _print_json(
 
 
 def _print_changes(found: list[EstimateChange]) -> None:
-    print(
-        f"{'session':22} {'SOC at the end %':^26} {'apart':>6} {'resistance':^15} {'capacity Ah':^15}"
-        f" {'innovation mV':^15}"
-    )
-    print(f"{'':22} {'recorded':>8} {'before':>8} {'after':>8} {'RMS %':>6}" + f" {'before':>7} {'after':>7}" * 3)
-    for each in found:
-        pairs = (
-            (each.resistance_before, each.resistance_after, 1.0, 3),
-            (each.capacity_before_ah, each.capacity_after_ah, 1.0, 3),
-            (each.innovation_before_v, each.innovation_after_v, 1e3, 2),
+    rows = [
+        (
+            each.session,
+            *(scaled(soc, 100, 2) for soc in (each.soc_recorded, each.soc_before, each.soc_after, each.soc_rms)),
+            *(scaled(factor, 1, 3) for factor in (each.resistance_before, each.resistance_after)),
+            *(scaled(ah, 1, 3) for ah in (each.capacity_before_ah, each.capacity_after_ah)),
+            *(scaled(volt, 1e3, 2) for volt in (each.innovation_before_v, each.innovation_after_v)),
         )
-        print(
-            f"{each.session:22} {in_column(each.soc_recorded, 100, 8, 2)} {in_column(each.soc_before, 100, 8, 2)}"
-            f" {in_column(each.soc_after, 100, 8, 2)} {in_column(each.soc_rms, 100, 6, 2)}"
-            + "".join(
-                f" {in_column(old, factor, 7, digits)} {in_column(new, factor, 7, digits)}"
-                for old, new, factor, digits in pairs
-            )
-        )
+        for each in found
+    ]
+    pairs = [f"{what} {when}" for what in ("resistance", "Ah", "mV") for when in ("before", "after")]
+    heads = ("session", "SOC % recorded", "SOC % before", "SOC % after", "apart", *pairs)
+    print_table(heads, rows, "<" + ">" * 10)

@@ -4,7 +4,9 @@ import argparse
 import csv
 import json
 import sys
+from dataclasses import asdict
 
+from app.commands.console.terminal import print_table
 from app.commands.season.lake import lake_of
 from app.errors import ConfigError
 from app.season.store import Answer, Limits, open_store
@@ -18,8 +20,10 @@ def answer_question(args: argparse.Namespace) -> int:
         AppError: the question is wrong, not allowed, or takes too long.
     """
     if args.question is None:
-        for each in questions():
-            print(f"{each.name:16} {each.meaning}{parameters_of(each)}")
+        if getattr(args, "json", False):
+            print(json.dumps([asdict(each) for each in questions()], indent=2))
+        else:
+            print_table((), [(each.name, each.meaning + parameters_of(each)) for each in questions()])
         return 0
     question = find_question(args.question)
     if question is None and " " not in args.question.strip():
@@ -58,10 +62,7 @@ def _print(args: argparse.Namespace, answer: Answer) -> None:
     elif args.csv:
         csv.writer(sys.stdout, lineterminator="\n").writerows([names, *rows])
     else:
-        shown = [names, *([_cell(value) for value in row] for row in rows)]
-        widths = [max(len(row[k]) for row in shown) for k in range(len(names))]
-        for row in shown:
-            print("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
+        print_table(names, [[_cell(value) for value in row] for row in rows])
 
 
 def _cell(value: object) -> str:

@@ -11,8 +11,10 @@ from pathlib import Path
 from app.analysis.black_box.from_session import black_boxes
 from app.analysis.document import document
 from app.analysis.finding import AnalysisFinding
+from app.analysis.laps.figures import DriverFigures, Lap
 from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
 from app.analysis.report.report import compare_sessions, report_of
+from app.commands.console.terminal import print_table
 from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
 from app.sessions.reading.reader import SessionFile
@@ -84,11 +86,11 @@ def show_comparison(args: argparse.Namespace) -> int:
         json.dump(shown, sys.stdout, indent=2)
         print()
         return 0
-    print(f"{'':24} {found.a.id:>22} {found.b.id:>22}  difference")
+    rows = []
     for name, a in found.a.figures.items():
         b = found.b.figures[name]
-        difference = "" if a is None or b is None else f"{b - a:+.5g}"
-        print(f"{name:24} {_figure(a):>22} {_figure(b):>22}  {difference}")
+        rows.append((name, _figure(a), _figure(b), "" if a is None or b is None else f"{b - a:+.5g}"))
+    print_table(("", found.a.id, found.b.id, "difference"), rows, "<>>>")
     with naming_cells(session.battery.segments):
         for cell in found.cells:
             print(f"cell {short_place(cell.cell)}: resistance {100 * cell.change:+.1f} % against the others")
@@ -143,34 +145,66 @@ def _source(text: str | None, session: SessionFile, dbc: Path | None) -> tuple[s
 
 def _print_laps(table: LapTable, start_s: float) -> None:
     print(f"laps from: {table.source}")
-    print(
-        "lap    at s  time s  out Wh   in Wh  mean kW  max kW  SOC %   rise K  hottest          lowest cell      driver"
-    )
-    for lap_number, each in enumerate(table.laps, 1):
-        lap = each.lap
-        print(
-            f"{lap_number:>3} {lap.start_s - start_s:>7.1f} {lap.duration_s:>7.2f} {each.energy_out_wh:>7.1f}"
-            f" {each.energy_in_wh:>7.1f} {in_column(each.power_mean_w, 1e-3, 8, 2)}"
-            f" {in_column(each.power_max_w, 1e-3, 7, 1)}"
-            f" {in_column(each.soc_used, 100, 6, 2)} {in_column(each.temperature_rise_k, 1, 8, 1)}"
-            f"  {_cell(each.temperature_max_cell, each.temperature_max_degc, 0, 'degC'):16}"
-            f" {_cell(each.weakest_cell, each.voltage_min_v, 3, 'V'):16}"
-            f" {' '.join(part for part in (lap.driver, lap.note, '' if lap.counts else '(not counted)') if part)}"
+    heads = [
+        "lap",
+        "at s",
+        "time s",
+        "out Wh",
+        "in Wh",
+        "mean kW",
+        "max kW",
+        "SOC %",
+        "rise K",
+        "hottest",
+        "lowest cell",
+        "driver",
+    ]
+    rows = [
+        (
+            str(lap_number),
+            f"{each.lap.start_s - start_s:.1f}",
+            f"{each.lap.duration_s:.2f}",
+            f"{each.energy_out_wh:.1f}",
+            f"{each.energy_in_wh:.1f}",
+            scaled(each.power_mean_w, 1e-3, 2),
+            scaled(each.power_max_w, 1e-3, 1),
+            scaled(each.soc_used, 100, 2),
+            scaled(each.temperature_rise_k, 1, 1),
+            _cell(each.temperature_max_cell, each.temperature_max_degc, 0, "degC"),
+            _cell(each.weakest_cell, each.voltage_min_v, 3, "V"),
+            _notes(each.lap),
         )
+        for lap_number, each in enumerate(table.laps, 1)
+    ]
+    print_table(heads, rows, ">>>>>>>>><<<")
     if len(table.drivers) > 1 or any(driver.driver for driver in table.drivers):
-        print("\ndriver               laps  mean s  best s  spread s  out Wh   in Wh  mean kW  SOC %   rise K")
-        for one in table.drivers:
-            print(
-                f"{one.driver or '(not named)':20} {one.laps:>4} {one.lap_s:>7.2f} {one.best_lap_s:>7.2f}"
-                f" {one.lap_spread_s:>9.2f} {one.energy_out_wh:>7.1f} {one.energy_in_wh:>7.1f}"
-                f" {in_column(one.power_mean_w, 1e-3, 8, 2)} {in_column(one.soc_used, 100, 6, 2)}"
-                f" {in_column(one.temperature_rise_k, 1, 8, 1)}"
-            )
+        print()
+        heads = ["driver", "laps", "mean s", "best s", "spread s", "out Wh", "in Wh", "mean kW", "SOC %", "rise K"]
+        print_table(heads, [_of_driver(one) for one in table.drivers], "<>>>>>>>>>")
 
 
-def in_column(value: float | None, factor: float, width: int, decimals: int) -> str:
-    """Return a number times a factor at the right of a column; a dash where there is none."""
-    return f"{'-':>{width}}" if value is None else f"{value * factor:>{width}.{decimals}f}"
+def _notes(lap: Lap) -> str:
+    return " ".join(part for part in (lap.driver, lap.note, "" if lap.counts else "(not counted)") if part)
+
+
+def _of_driver(one: DriverFigures) -> tuple[str, ...]:
+    return (
+        one.driver or "(not named)",
+        str(one.laps),
+        f"{one.lap_s:.2f}",
+        f"{one.best_lap_s:.2f}",
+        f"{one.lap_spread_s:.2f}",
+        f"{one.energy_out_wh:.1f}",
+        f"{one.energy_in_wh:.1f}",
+        scaled(one.power_mean_w, 1e-3, 2),
+        scaled(one.soc_used, 100, 2),
+        scaled(one.temperature_rise_k, 1, 1),
+    )
+
+
+def scaled(value: float | None, factor: float, decimals: int) -> str:
+    """Return a number times a factor; a dash where there is none."""
+    return "-" if value is None else f"{value * factor:.{decimals}f}"
 
 
 def short_place(cell: int) -> str:

@@ -11,7 +11,8 @@ from app.analysis.passport.keeper import PassportKeeper
 from app.analysis.totals import listed, number
 from app.battery.battery import Battery
 from app.clock import Clock
-from app.commands.session_commands.analysis import in_column, short_place
+from app.commands.console.terminal import print_table
+from app.commands.session_commands.analysis import scaled, short_place
 from app.commands.session_commands.selection import (
     catalogue,
     chosen_battery,
@@ -86,14 +87,13 @@ def _print_table(made: Passports, swaps: list[StoredSwap]) -> None:
     if not made.sessions:
         return
     now = {name: made.now(name).tolist() for name in _NOW}
-    print("cell   rank  capacity Ah  resistance mohm  against others %  self-discharge %/day  bled h")
+    rows = []
     for index, rank in enumerate(made.rank.tolist()):
         ah, ohm, apart, rate, hours = (number(now[name][index]) for name in _NOW)
-        print(
-            f"{short_place(index):5} {in_column(number(rank), 1, 5, 0)} {in_column(ah, 1, 12, 2)}"
-            f" {in_column(ohm, 1000, 16, 3)} {in_column(apart, 100, 17, 1)} {in_column(rate, 100, 21, 3)}"
-            f" {in_column(hours, 1, 7, 1)}"
-        )
+        figures = ((number(rank), 1, 0), (ah, 1, 2), (ohm, 1000, 3), (apart, 100, 1), (rate, 100, 3), (hours, 1, 1))
+        rows.append((short_place(index), *(scaled(*figure) for figure in figures)))
+    heads = ("rank", "capacity Ah", "resistance mohm", "against others %", "self-discharge %/day", "bled h")
+    print_table(("cell", *heads), rows, "<>>>>>>")
 
 
 def cell_index(battery: Battery, text: str, field: str = "--swap") -> int:

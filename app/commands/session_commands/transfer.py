@@ -3,12 +3,12 @@
 import argparse
 import json
 import os
-import sys
 import threading
 from pathlib import Path
 from typing import Any
 
 from app.clock import Clock
+from app.commands.console.progress import Progress
 from app.commands.session_commands.selection import (
     catalogue,
     data_folder,
@@ -30,7 +30,7 @@ def fetch(args: argparse.Namespace) -> int:
     folder = data_folder(args) / "sessions"
     if args.follow:
         return _follow(Follower(remote, folder, Clock(), order=args.order, note=print), folder)
-    shown = _Progress()
+    shown = _Shown()
     done = Fetch(remote, folder, catalogue(args), Clock(), shown.show).run(args.only, fill=not args.no_fill)
     print(f"{len(done.fetched)} fetched, {done.already_here} were here")
     return 0
@@ -85,18 +85,22 @@ def fill(args: argparse.Namespace) -> int:
     return 0
 
 
-class _Progress:
-    """A line a session; on a terminal with its share."""
+class _Shown:
+    """A line a session; on a terminal how far it is."""
 
     def __init__(self) -> None:
         self._before = FetchState("")
+        self._progress = Progress()
 
     def show(self, state: FetchState) -> None:
         """Tell what changed."""
         before, self._before = self._before, state
-        if sys.stderr.isatty() and state.total_bytes:
-            share = 100 * state.done_bytes / state.total_bytes
-            print(f"\r{state.session_id} {share:5.1f} %", end="\n" if share >= 100 else "", file=sys.stderr)
+        if state.session_id != before.session_id:
+            self._progress = Progress(state.session_id)
+        if state.total_bytes:
+            self._progress(state.done_bytes, state.total_bytes)
+        if state.fetched != before.fetched or state.filled != before.filled:
+            self._progress.end()
         for session_id in state.fetched[len(before.fetched) :]:
             print(f"{session_id}: {state.total_bytes / 1e6:.1f} MB")
         for text in state.filled[len(before.filled) :]:

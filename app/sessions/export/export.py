@@ -47,10 +47,12 @@ def export(
     t_to_s: float | None = None,
     lap_times_s: Sequence[float] | None = None,
     names: Names = "index",
+    on_progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> None:
     """Write signals of a range, both ends in unix time and included, as a file.
 
-    It appears whole or not at all: an export that is cut off leaves what was there before.
+    It appears whole or not at all: an export that is cut off leaves what was there before. `on_progress` is told how
+    much of how much is read, but for MoTeC's formats and those of CAN frames.
 
     Raises:
         ConfigError: there is no such format, nothing for it, or no such names in it.
@@ -63,7 +65,9 @@ def export(
     known = NAMES if export_format in WITH_NAMES else NAMES[:1]
     if names not in known:
         raise ConfigError("names", names, Message("one-of", choices=known))
-    table = SignalTable(session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s, names=names)
+    table = SignalTable(
+        session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s, names=names, on_progress=on_progress
+    )
     if path.exists() and not path.is_file():  # a device or a pipe
         WRITERS[export_format](table, path)
         return

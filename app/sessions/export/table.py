@@ -5,7 +5,7 @@ does not grow with the session.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,15 +63,17 @@ class SignalTable:
         *,
         lap_times_s: Sequence[float] | None = None,
         names: Names = "index",
+        on_progress: Callable[[int, int], None] = lambda done, of: None,
     ) -> None:
         """Choose signals and range, both ends included; `lap_times_s` are where laps meet, for formats with laps.
 
-        `names` are what `export_name` knows.
+        `names` are what `export_name` knows; `on_progress` is told how many microseconds of how many are read.
 
         Raises:
             UnknownSignal: a name means nothing.
         """
         self.session = session
+        self._on_progress = on_progress
         if signals:
             self.signals = [session.signals.find(name) for name in dict.fromkeys(signals)]
         else:
@@ -111,6 +113,7 @@ class SignalTable:
         held: list[Block] = []
         upcoming = next(blocks, None)
         last_time_us = np.iinfo(np.int64).min // 2
+        begin_us = first_us
         while first_us <= last_us:
             end_us = min(first_us + piece_us, last_us + 1)
             while upcoming is not None and upcoming.first_us <= end_us + MARGIN_US:
@@ -123,6 +126,7 @@ class SignalTable:
                 last_time_us = int(rows.time_us[-1])
                 yield rows
             first_us = end_us
+            self._on_progress(first_us - begin_us, last_us + 1 - begin_us)
 
     def is_filled(self, time_s: FloatArray) -> FloatArray:
         """Return (n,) 1 where a time lies in a gap that was filled, else 0."""

@@ -30,9 +30,11 @@ def test_a_name_that_the_code_page_lacks_is_printed_all_the_same(monkeypatch, tm
     assert "?ukasz.csv" in written.getvalue().decode("cp1252")
 
 
-def test_no_color_is_told_to_what_colours(monkeypatch, capsys):
+@pytest.mark.parametrize("place", [0, 1, 3])
+def test_no_color_is_told_to_what_colours(place, monkeypatch, capsys):
     monkeypatch.setattr(os, "environ", dict(os.environ))
-    assert main(["--no-color", "battery", "list", "--json"]) == 0
+    words = ["battery", "list", "--json"]
+    assert main([*words[:place], "--no-color", *words[place:]]) == 0
     assert os.environ["NO_COLOR"] == "1"
     assert {"profile", "name", "cells", "segments", "sensors"} <= json.loads(capsys.readouterr().out)[0].keys()
 

@@ -2,6 +2,7 @@ import io
 
 import pytest
 
+from app.cli import main
 from app.commands.console import progress
 from app.commands.console.progress import Progress, time_left
 
@@ -44,3 +45,21 @@ def test_nothing_is_shown_where_there_is_no_terminal(now: list[float], monkeypat
 @pytest.mark.parametrize(("seconds", "text"), [(8.2, "8 s"), (180.0, "3 min"), (7500.0, "2 h 5 min")])
 def test_a_time_is_told_as_people_do(seconds: float, text: str) -> None:
     assert time_left(seconds) == text
+
+
+def test_what_an_interrupted_job_says_stands_in_a_line_of_its_own(
+    now: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(_: object) -> int:
+        line = Progress("run.log")
+        now[0] += 5.0
+        line(2, 10)
+        raise KeyboardInterrupt
+
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setattr("app.commands.dbc.run", interrupted)
+    assert main(["dbc"]) == 130
+    shown = terminal.getvalue().removesuffix("\n").rpartition("\r")
+    assert "run.log" in shown[0]
+    assert shown[2] == "voltwall dbc: interrupted"

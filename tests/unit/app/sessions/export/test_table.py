@@ -12,6 +12,7 @@ from pyarrow import parquet
 from app.errors import ConfigError
 from app.sessions.errors import ExportUnavailable, UnknownSignal
 from app.sessions.export.export import export
+from app.sessions.export.formats import FORMATS
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 
@@ -200,3 +201,16 @@ def test_what_waited_on_its_way_is_old_and_a_range_knows_it_too(recorder: Record
             ages_s = [float(row[header.index("age (s)")]) for row in rows]
             assert ages_s[-1] == pytest.approx(2.5, abs=0.02)
             assert ages_s[0] == pytest.approx(0.0 if t_from_s is None else 2.5, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet", "mf4", "mcap"])
+def test_an_export_tells_how_far_it_is(name: str, session: SessionFile, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("app.sessions.export.table.PIECE_S", 20.0)
+    monkeypatch.setattr("app.sessions.export.parquet_file.ROW_GROUP_S", 20.0)
+    told: list[tuple[int, int]] = []
+    path = tmp_path / f"a{FORMATS[name].suffix}"
+    export(session, path, name, signals=["v[36]"], on_progress=lambda done, of: told.append((done, of)))
+    assert len(told) > 1
+    assert told == sorted(told)
+    assert len({of for _, of in told}) == 1
+    assert told[-1][0] == told[-1][1]
