@@ -2,10 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from app.estimation.cell_model.circuit import CellModel, charge_moved_coulomb
+from app.estimation.cell_model.circuit import CellLimits, CellModel, charge_moved_coulomb
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
+from tests.campaign import examples
 from tests.open_loop import simulate
 
 
@@ -90,6 +93,22 @@ def test_time_that_runs_backwards_is_refused():
         ({"hysteresis_v": -0.1}, "hysteresis_v"),
         ({"coulombic_efficiency": 1.1}, "coulombic_efficiency"),
         ({"v_min_v": 4.3}, "v_min_v"),
+        ({"v_max_v": 11.0}, "v_max_v"),
+        ({"v_nominal_v": 4.3}, "v_nominal_v"),
+        ({"mass_kg": 0.0}, "mass_kg"),
+        ({"mass_kg": 45.0}, "mass_kg"),  # grams
+        ({"r0_ohm": [[40.0, 20.0], [20.0, 10.0]]}, "r0_ohm"),  # milliohms
+        ({"r0_ohm": [[0.04, 0.02]]}, "r0_ohm"),
+        ({"r_ohm": np.full((1, 2, 2), 0.03), "tau_s": np.full((2, 2, 2), 20.0)}, "r_ohm"),
+        ({"r_ohm": np.full((1, 2, 2), -0.03)}, "r_ohm[0]"),
+        ({"overpotential_current_a": 0.0}, "overpotential_current_a"),
+        ({"overpotential_v": np.full((2, 2), -0.01)}, "overpotential_v"),
+        ({"hysteresis_rate": float("inf")}, "hysteresis_rate"),
+        ({"fit_voltage_rms_v": float("nan")}, "fit_voltage_rms_v"),
+        ({"activation_sigma_j_mol": -1.0}, "activation_sigma_j_mol"),
+        ({"coulombic_efficiency": 0.4}, "coulombic_efficiency"),
+        ({"fit_temperature_degc": []}, "fit_temperature_degc"),
+        ({"ocv": OcvCurve([0.0, 1.0], [3.0, 12.0])}, "ocv"),
     ],
 )
 def test_numbers_that_describe_no_cell_are_refused_by_name(changes, field):
@@ -121,3 +140,99 @@ def test_doubt_begins_where_measured_temperatures_end_not_where_tables_do():
     assert cell().drop_error(0.0) == 0.0, "a file of an earlier version vouches for its tables"
     with pytest.raises(ModelError, match="fit_temperature_degc"):
         cell(fit_temperature_degc=[30.0, 20.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "field"),
+    [
+        ({"temperature_min_degc": -100.0}, "limits.temperature_min_degc"),
+        ({"temperature_max_degc": 333.0}, "limits.temperature_max_degc"),
+        ({"temperature_min_degc": 60.0, "temperature_max_degc": 60.0}, "limits.temperature_min_degc"),
+        ({"discharge_max_a": 0.0}, "limits.discharge_max_a"),
+        ({"charge_max_a": -40.0}, "limits.charge_max_a"),
+        ({"charge_max_a": float("inf")}, "limits.charge_max_a"),
+    ],
+)
+def test_limits_of_no_data_sheet_are_refused_by_name(given, field):
+    with pytest.raises(ModelError) as caught:
+        CellLimits(**given)
+    assert caught.value.field == field
+
+
+def test_limits_that_were_not_said_are_none():
+    assert CellLimits(temperature_min_degc=-20.0).temperature_max_degc is None
+    assert cell().limits == CellLimits()
+
+
+inside = st.floats(0.0, 1.0), st.floats(0.0, 40.0)
+
+
+@settings(max_examples=examples(100))
+@given(*inside)
+def test_a_parameter_lies_between_the_corners_of_its_table(soc, degc):
+    model = cell()
+    r0 = float(model.parameters(soc, degc)[0])
+    by_hand = (1 - degc / 40) * (0.04 - 0.02 * soc) + degc / 40 * (0.02 - 0.01 * soc)
+    assert r0 == pytest.approx(by_hand, rel=1e-12)
+
+
+@settings(max_examples=examples(100))
+@given(st.lists(st.floats(-0.2, 1.2), min_size=1, max_size=5), st.lists(st.floats(-30, 70), min_size=1, max_size=4))
+def test_many_values_are_the_same_as_one_by_one(socs, temperatures):
+    """SOC and temperature broadcast together, as in a grid of both."""
+    model = cell(2, ocv_shift_v=[[-0.04, -0.02], [0.0, 0.01]])
+    soc, degc = np.array(socs)[:, None], np.array(temperatures)
+    table, volts = model.parameters(soc, degc), model.open_circuit_voltage(soc, degc)
+    assert table.shape == (2 + 2 * 2, len(socs), len(temperatures))
+    for i, j in np.ndindex(volts.shape):
+        np.testing.assert_array_equal(table[:, i, j], model.parameters(socs[i], temperatures[j]))
+        assert volts[i, j] == model.open_circuit_voltage(socs[i], temperatures[j])
+
+
+@settings(max_examples=examples(100))
+@given(st.floats(-8.0, 8.0), st.floats(0.05, 0.95), st.floats(0.0, 40.0))
+def test_discharge_lowers_and_charge_raises_the_voltage_alike(current, soc, degc):
+    """Every term of the drop is odd in the current."""
+    model = cell(1, overpotential_v=np.full((2, 2), 0.01))
+    ocv = model.open_circuit_voltage(soc, degc)
+    low = model.terminal_voltage(soc, [current], current, degc)
+    high = model.terminal_voltage(soc, [-current], -current, degc)
+    assert (low - ocv) == pytest.approx(ocv - high, abs=1e-12)
+    assert (ocv - low) * current >= 0.0
+
+
+def test_the_lasting_resistance_is_what_an_hour_of_current_shows():
+    """Measured as on a bench: voltage at rest less voltage under a 3C current once its pairs are charged."""
+    model = cell(2, overpotential_v=np.full((2, 2), 0.01), overpotential_current_a=2.0)
+    i = 3.0 * model.capacity_ah
+    drop = model.terminal_voltage(0.5, [0.0, 0.0], 0.0, 25.0) - model.terminal_voltage(0.5, [i, i], i, 25.0)
+    assert model.lasting_ohm(25.0) == pytest.approx(drop / i)
+    assert model.drop_per_c_v == pytest.approx(drop / 3.0)
+    assert model.lasting_ohm([0.0, 40.0])[0] > model.lasting_ohm([0.0, 40.0])[1]
+
+
+@settings(max_examples=examples(100))
+@given(st.lists(st.integers(-20, 60), min_size=1, max_size=4, unique=True), st.floats(-40.0, 90.0))
+def test_doubt_is_none_at_a_measured_temperature_and_grows_away_from_the_measured(measured, degc):
+    model = cell(fit_temperature_degc=sorted(measured))
+    for doubt in (model.drop_error, model.ocv_error_v):
+        assert np.asarray(doubt([float(each) for each in measured])) == pytest.approx(0.0, abs=1e-12)
+        assert doubt(degc) >= 0.0
+        assert doubt(max(measured) + 20.0) > doubt(max(measured) + 10.0) > 0.0
+        assert doubt(min(measured) - 20.0) > doubt(min(measured) - 10.0) > 0.0
+
+
+@settings(max_examples=examples(60))
+@given(st.floats(-30.0, 60.0), st.floats(1.0, 30.0))
+def test_between_two_measured_temperatures_is_less_doubt_than_beyond_one(low, apart):
+    both = cell(fit_temperature_degc=[low, low + apart])
+    alone = cell(fit_temperature_degc=[low])
+    middle = low + apart / 2
+    assert both.drop_error(middle) < alone.drop_error(middle)
+    assert both.ocv_error_v(middle) < alone.ocv_error_v(middle)
+
+
+def test_a_charge_moved_is_the_current_times_the_time_each_its_own():
+    model = cell(coulombic_efficiency=0.99)
+    moved = charge_moved_coulomb(model, np.array([2.0, 0.0, -2.0]), np.array([1.0, 5.0, 10.0]))
+    assert moved.tolist() == pytest.approx([2.0, 0.0, -19.8])

@@ -1,8 +1,20 @@
+from math import exp, inf, isnan
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.estimation.errors import EstimatorError, ShapeError
-from app.estimation.health.resistance_tracker import ResistanceTracker
+from app.estimation.health.resistance_tracker import (
+    DRIFT_S,
+    PAIR_S,
+    SAMPLES_MIN,
+    SETTLE_S,
+    STANDING_S,
+    ResistanceTracker,
+)
+from tests.campaign import examples
 
 R0 = 1.7e-3
 
@@ -76,3 +88,97 @@ def test_broken_samples_are_refused():
         tracker.step(0.1, 1.0, np.zeros(3))
     with pytest.raises(EstimatorError):
         tracker.step(-1.0, 1.0, np.zeros(4))
+
+
+def pair_current(current, dt=0.1):
+    """Of an RC pair with the tracker's time constant, by its own recursion."""
+    pair = [current[0]]
+    for i in current[1:]:
+        pair.append(pair[-1] + (1.0 - exp(-dt / PAIR_S)) * (i - pair[-1]))
+    return np.array(pair)
+
+
+def driven(tracker, ohmic, pair_ohm=0.0, seconds=160.0, seed=6, noise_v=0.0, level_v=3.8, drift_v_s=0.0):
+    """Drive cells whose voltage is exactly what the regression assumes, and noise."""
+    rng = np.random.default_rng(seed)
+    current = lap(rng, seconds)
+    time = 0.1 * np.arange(len(current))
+    volts = level_v - drift_v_s * time[:, None] - np.outer(current, ohmic) - np.outer(pair_current(current), pair_ohm)
+    tracker.take(np.full(len(current), 0.1), current, volts + noise_v * rng.normal(size=volts.shape))
+    return tracker
+
+
+@settings(max_examples=examples(40), deadline=None)
+@given(st.floats(0.3e-3, 30e-3), st.floats(0.1e-3, 10e-3), st.floats(2.0, 4.2))
+def test_both_resistances_are_found_whatever_the_voltage_level(ohmic, pair, level_v):
+    tracker = driven(ResistanceTracker(3), np.full(3, ohmic), np.full(3, pair), level_v=level_v)
+    assert tracker.resistance_ohm()[0] == pytest.approx(ohmic, rel=1e-6)
+    assert tracker.resistance_ohm()[1] == pytest.approx(pair, rel=1e-6)
+
+
+def test_a_slow_fall_of_the_ocv_changes_no_resistance_by_more_than_two_hundredths():
+    """A race takes 0.5 V of OCV in half an hour."""
+    still = driven(ResistanceTracker(1), np.array([R0])).resistance_ohm()[0, 0]
+    falling = driven(ResistanceTracker(1), np.array([R0]), drift_v_s=0.5 / 1800).resistance_ohm()[0, 0]
+    assert falling == pytest.approx(still, rel=0.02)
+
+
+def test_sigma_is_as_large_as_the_error_under_noise():
+    """Minutes after a start: before, the first voltage's noise is in the drift that all are compared with."""
+    n = 200
+    tracker = driven(ResistanceTracker(n), np.full(n, R0), np.full(n, 1e-3), seconds=800.0, noise_v=2e-3)
+    error = (tracker.resistance_ohm() - np.array([[R0], [1e-3]])) / tracker.sigma_ohm()
+    assert 0.5 < error[0].std() < 1.5
+    assert 0.5 < error[1].std() < 1.5
+
+
+def test_nothing_is_known_before_the_pair_has_settled_and_enough_samples_came():
+    tracker = ResistanceTracker(2)
+    assert isnan(tracker.excitation_a)
+    samples = 0
+    while np.isnan(tracker.resistance_ohm()).any():
+        current = 100.0 * (samples // 15 % 2)
+        tracker.step(0.1, current, np.full(2, 3.8 - R0 * current))
+        samples += 1
+        assert samples < 1000
+    assert 0.1 * samples > SETTLE_S
+    assert tracker.learned_s >= 0.1 * (SAMPLES_MIN - 2)
+    assert 40.0 < tracker.excitation_a < 100.0, "a current of 0 and 100 A about what it was when the pair had settled"
+
+
+def test_a_standing_car_teaches_nothing_and_nothing_is_forgotten():
+    tracker = driven(ResistanceTracker(2), np.full(2, R0))
+    before, learned_s = tracker.resistance_ohm(), tracker.learned_s
+    for _ in range(6000):
+        tracker.step(0.1, 0.5, np.full(2, 3.8))
+    np.testing.assert_allclose(tracker.resistance_ohm(), before, rtol=1e-3, atol=1e-5)
+    assert tracker.learned_s - learned_s <= STANDING_S + 0.1
+    assert tracker.age_s == pytest.approx(600.0 - (tracker.learned_s - learned_s), abs=0.2)
+
+
+def test_age_is_infinite_before_the_first_lesson_and_zero_after_one():
+    tracker = ResistanceTracker(1)
+    tracker.step(0.1, 50.0, np.array([3.7]))
+    assert tracker.age_s == inf
+    assert driven(ResistanceTracker(1), np.array([R0])).age_s < 5.0
+
+
+def test_old_samples_fade():
+    tracker = driven(ResistanceTracker(1, memory_s=30.0), np.array([R0]))
+    driven(tracker, np.array([2 * R0]), seconds=10 * DRIFT_S, seed=7)
+    assert tracker.resistance_ohm()[0, 0] == pytest.approx(2 * R0, rel=0.02)
+
+
+def test_a_tracker_adopts_the_cells_that_it_is_told_and_no_other():
+    mine, other = driven(ResistanceTracker(3), np.full(3, R0)), driven(ResistanceTracker(3), np.full(3, 3 * R0))
+    mine.adopt(other, np.array([False, True, False]))
+    assert mine.resistance_ohm()[0] == pytest.approx([R0, 3 * R0, R0], rel=1e-3)
+
+
+def test_a_set_resistance_holds_until_the_drive_says_otherwise():
+    tracker = driven(ResistanceTracker(3), np.full(3, R0), np.full(3, 1e-3))
+    tracker.set_ohmic(np.full(3, 2e-3), np.array([True, False, False]))
+    assert tracker.resistance_ohm()[0] == pytest.approx([2e-3, R0, R0], rel=1e-6)
+    assert tracker.resistance_ohm()[1] == pytest.approx(1e-3, rel=1e-3)
+    driven(tracker, np.full(3, R0), np.full(3, 1e-3), seconds=8 * 60.0, seed=8)
+    assert tracker.resistance_ohm()[0] == pytest.approx(R0, rel=0.02)
