@@ -24,6 +24,7 @@ ENGINE = ROOT / "app" / "estimation" / "filters" / "engine"
 ARM_FLAGS = ("-mcpu=cortex-m4", "-mthumb")
 FPU_FLAGS = ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
 ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", f"-I{ENGINE}", f"-I{C_FOLDER / 'estimator'}")
+SLAVES = tuple(C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "balance"))
 CELLS = (12, 96)
 QEMU = ("qemu-system-arm", "-M", "netduinoplus2", "-icount", "shift=0", "-nographic", "-monitor", "none")
 QEMU_OPTIONS = ("-serial", "none", "-semihosting-config", "enable=on,target=native")
@@ -33,6 +34,7 @@ CLOCK_HZ = 168e6
 LIBRARY_STACK = 32  # bytes for memcpy, memset, memcmp: newlib's push at most eight registers
 LIBRARY = {"memcpy", "memset", "memcmp", "memmove"}
 ENTRIES = ("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received")
+SLAVES_ENTRIES = ("vw_slaves_start", "vw_slaves_read_voltages", "vw_slaves_read_temperatures", "vw_slaves_self_check")
 ESTIMATOR_ENTRIES = ("vw_filter_start", "vw_filter_step")
 # Who can stand behind a pointer; the firmware's own callbacks are its own to add.
 INDIRECT = {
@@ -67,7 +69,7 @@ def call_graph(
     """Compile and read gcc's call graph; a function of which there are several copies gets the largest."""
     functions: dict[str, Function] = {}
     for source in sources:
-        flags = (*(ARM_FLAGS if compiler.startswith("arm") else ()), *options)
+        flags = (f"-I{C_FOLDER}", *(ARM_FLAGS if compiler.startswith("arm") else ()), *options)
         command = [compiler, "-std=c99", *flags, optimisation, "-fcallgraph-info=su", "-c", str(source)]
         subprocess.run([*command, "-o", str(folder / f"{source.stem}.o")], cwd=folder, check=True)
         text = (folder / f"{source.stem}.ci").read_text(encoding="utf-8")
@@ -97,10 +99,10 @@ def print_stack(compiler: str) -> None:
     """Print each entry's worst case, without the firmware's own callbacks."""
     for optimisation in ("-Os", "-O2"):
         with tempfile.TemporaryDirectory() as folder:
-            functions = call_graph(compiler, optimisation, Path(folder), sorted(C_FOLDER.glob("vw_*.c")))
+            functions = call_graph(compiler, optimisation, Path(folder), [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES])
             fpu = FPU_FLAGS if compiler.startswith("arm") else ()
             functions |= call_graph(compiler, optimisation, Path(folder), engine_sources(), (*ON_CHIP, *fpu))
-        for entry in (*ENTRIES, *ESTIMATOR_ENTRIES):
+        for entry in (*ENTRIES, *SLAVES_ENTRIES, *ESTIMATOR_ENTRIES):
             stack, path = deepest(functions, entry)
             print(f"{compiler} {optimisation} stack {entry}: {stack} bytes ({' > '.join(path)})")
 
@@ -131,6 +133,7 @@ def print_instructions() -> None:
     for optimisation in ("-Os", "-O2"):
         found = run_on_chip([*sorted(C_FOLDER.glob("vw_*.c")), HERE / "protocol.c"], (), optimisation)
         print_found(found, optimisation)
+        print_found(run_on_chip([*SLAVES, HERE / "slaves.c"], (), optimisation), f"slaves, {optimisation}")
     for optimisation in ("-Os", "-O2"):
         for n in CELLS:
             sources = [*engine_sources(), HERE / "estimator.c"]
@@ -157,6 +160,7 @@ def print_flash() -> None:
     tables = [C_FOLDER / "estimator" / "vw_estimator.c"]
     flags = (*FPU_FLAGS, *ON_CHIP)
     print_size("protocol", sorted(C_FOLDER.glob("vw_*.c")), ())
+    print_size("slaves", [*SLAVES], (f"-I{C_FOLDER}",))
     print_size("estimator", engine_sources(), flags)
     print_size("tables of the default cell, and the estimator on the struct", tables, flags)
 

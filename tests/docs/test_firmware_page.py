@@ -17,6 +17,7 @@ OF_THE_AUTHOR = """\
 static void coulomb_counter_set(int32_t soc) { (void)soc; }
 static bool relays_are_closed(void) { return false; }
 """
+SLAVES = re.findall(r"```c\n(.*?)```", PAGE, re.DOTALL)[-1]
 STATEMENTS = re.findall(r"`(vw_(?:memory|link_event)[^`]*;)`", PAGE)
 
 
@@ -52,4 +53,12 @@ def test_what_goes_into_main_compiles_against_the_hal(gcc: str, tmp_path: Path) 
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-fsyntax-only"]
     command = [gcc, *flags, f"-I{C_FOLDER}", f"-I{HAL}", str(source)]
     built = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+
+
+def test_the_task_of_the_slaves_compiles_with_every_warning(gcc: str, tmp_path: Path) -> None:
+    source = tmp_path / "slaves.c"
+    source.write_text(SLAVES, encoding="utf-8")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-fsyntax-only"]
+    built = subprocess.run([gcc, *flags, f"-I{C_FOLDER}", str(source)], capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr

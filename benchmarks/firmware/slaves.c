@@ -1,0 +1,51 @@
+/* Counts instructions of the slaves' driver on an emulated STM32F4: chips that answer at once, so what is counted is the
+ * processor's own work, without the bus.
+ */
+#include "bare_metal.h"
+#include "master/vw_balance.h"
+#include "master/vw_slaves.h"
+
+static bool transfer(void *context, const uint8_t *tx, size_t tx_length, uint8_t *rx, size_t rx_length)
+{
+    static const uint8_t answer[8] = { 0x88, 0x90, 0x88, 0x90, 0x88, 0x90, 0xE5, 0xB2 }; /* three cells at 3.7 V */
+    (void)context;
+    (void)tx;
+    (void)tx_length;
+    memcpy(rx, answer, rx_length);
+    return true;
+}
+
+static void wait_us(void *context, uint32_t time_us)
+{
+    (void)context;
+    (void)time_us;
+}
+
+static const vw_ltc_bus_t bus = { .transfer = transfer, .wait_us = wait_us };
+static vw_master_t memory;
+static vw_slaves_t slaves;
+static vw_balance_t balance;
+
+int main(void)
+{
+    static const uint16_t bleed[VW_N_PACKS] = { 1u };
+    uint16_t v[VW_N_CELLS];
+    size_t i;
+    for (i = 0; i < VW_N_CELLS; i++) {
+        v[i] = (uint16_t)(36000u + 10u * i);
+    }
+    calibrate();
+    print_number("size of vw_slaves_t", sizeof slaves);
+    vw_slaves_init(&slaves, &bus, memory.slave);
+    MEASURE("vw_slaves_start", (void)vw_slaves_start(&slaves));
+    MEASURE("vw_slaves_begin", vw_slaves_begin(&slaves, 20u));
+    MEASURE("vw_slaves_read_voltages (8 slaves)", (void)vw_slaves_read_voltages(&slaves));
+    MEASURE("vw_slaves_read_temperatures (8 slaves)", vw_slaves_read_temperatures(&slaves));
+    MEASURE("vw_slaves_self_check (a pattern)", (void)vw_slaves_self_check(&slaves));
+    MEASURE("vw_slaves_configure", vw_slaves_configure(&slaves, bleed));
+    MEASURE("vw_slaves_degc", (void)vw_slaves_degc(&slaves, 0u, 0u));
+    vw_balance_init(&balance);
+    MEASURE("vw_balance_choose (96 cells)", (void)vw_balance_choose(&balance, 250u, v));
+    finish();
+    return 0;
+}
