@@ -18,6 +18,7 @@ ENGINE = Path(__file__).parents[1] / "app" / "estimation" / "filters" / "engine"
 FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", "-I", str(ENGINE))  # how a microcontroller has the engine
 ESTIMATOR = (*sorted(ENGINE.glob("vw_*.c")), C_FOLDER / "estimator" / "vw_estimator.c")
+LIBRARY = (*sorted(C_FOLDER.glob("vw_*.c")), *ESTIMATOR)
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 BUILT = Path(__file__).parents[1] / ".pytest_cache" / "c"
 
@@ -35,8 +36,9 @@ def build_program(folder: str, *, sanitized: bool = True) -> Path:
 
     What is compiled once serves every test process, and later runs as long as no source has changed.
     """
-    sources = [*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / folder).glob("*.c")), *ESTIMATOR]
-    return _built(folder, sources, (FLAGS, ON_CHIP, sanitized), lambda part: _compile(part, sources, sanitized))
+    sources = sorted((C_FOLDER / folder).glob("*.c"))
+    how = (FLAGS, ON_CHIP, sanitized)
+    return _built(folder, [*LIBRARY, *sources], how, lambda part: _compile(part, sources, sanitized))
 
 
 @cache
@@ -125,14 +127,30 @@ def _built(name: str, sources: Iterable[Path], how: object, compile_into: Callab
 
 
 def _compile(program: Path, sources: list[Path], sanitized: bool) -> None:
-    command = ["gcc", *FLAGS, *ON_CHIP, *map(str, sources), "-o", str(program), "-lm"]
     if sanitized:
-        built = subprocess.run([*command, *SANITIZERS], capture_output=True, text=True, check=False)
+        built = _link(program, sources, SANITIZERS)
         if not (built.returncode and "cannot find" in built.stderr):  # a gcc without its sanitizers
             assert built.returncode == 0, built.stderr
             return
-    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    built = _link(program, sources, ())
     assert built.returncode == 0, built.stderr
+
+
+def _link(program: Path, sources: list[Path], flags: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
+    command = ["gcc", *FLAGS, *ON_CHIP, *flags, *map(str, [*sources, _library(flags)]), "-o", str(program), "-lm"]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+@cache
+def _library(flags: tuple[str, ...]) -> Path:
+    """Return the C library as one object, which every program is linked with."""
+
+    def compile_into(part: Path) -> None:
+        with tempfile.TemporaryDirectory() as made:
+            subprocess.run(["gcc", *FLAGS, *ON_CHIP, *flags, "-c", *map(str, LIBRARY)], cwd=made, check=True)
+            subprocess.run(["gcc", "-r", "-o", str(part), *map(str, Path(made).glob("*.o"))], check=True)
+
+    return _built("library", LIBRARY, (FLAGS, ON_CHIP, flags), compile_into)
 
 
 @dataclass
