@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--url", help=f"the running service (default: {_URL})")
     parser.add_argument("--url", default=_URL, help="the running service (default: %(default)s)")
     add_trust_argument(where)
-    parser.set_defaults(trust=None)
+    add_trust_argument(parser)
     parser.epilog = _EPILOG
     add = partial(parser.add_subparsers(dest="action", metavar="ACTION", required=True).add_parser, parents=[where])
     read = add("read", help="print a configuration as JSON in units, or save it")
