@@ -167,6 +167,18 @@ def test_the_first_reading_has_no_voltage_because_the_reference_is_not_up(librar
         assert both.c.known() == [is_known] * 96
 
 
+def test_the_start_names_the_slaves_that_do_not_hold_the_configuration(library):
+    chain = DamagedChain(INPUTS)
+    chain.set_powered(3, False)
+    chain.damaged = frozenset({(2, 6, 0)})
+    c = CReader(library, chain)
+    assert c.start(0.0) == 6
+    assert c.memory.slave_status.tolist() == [1, 1, 1, 255, 1, 1, 255, 1]
+    without_pin = DamagedChain(INPUTS)
+    without_pin.has_timer_pin = False  # the discharge timer does not run, so it reads as 0
+    assert CReader(library, without_pin).start(0.0) == 0
+
+
 def test_an_spi_that_fails_gives_no_value_and_every_slave_is_silent(library):
     both = Both(library, INPUTS)
     both.c.begin(0.1)
@@ -294,6 +306,38 @@ def test_what_each_fault_does_to_the_values(library):
     assert flags.multiplexer_failed
 
 
+@pytest.mark.parametrize(("wire", "cells"), [(2, [2, 3]), (11, [11]), (95, [95]), (47, [47]), (40, [40, 41])])
+def test_an_open_wire_takes_the_voltages_on_both_sides_until_it_is_back(library, wire, cells):
+    both = Both(library, INPUTS)
+    c, wires = both.c, both.chains[1].converters.open_wires
+    for number, is_open in ((1, True), (2, False)):
+        wires.add(wire) if is_open else wires.clear()
+        for stage in range(4):
+            c.begin(0.2 * number + 0.03 * stage)
+            c.read_voltages()
+            assert c.self_check() == (stage == 3)
+        assert np.flatnonzero(~np.array(c.known())).tolist() == (cells if is_open else [])
+
+
+def test_a_conversion_that_never_begins_is_asked_for_three_times(library):
+    """The chips convert nothing, as with all commands damaged; the driver goes on with what it has."""
+    both = Both(library, INPUTS)
+    c, chain = both.c, both.chains[1]
+    chain.damaged = frozenset({(0, 0, 0)})
+    c.begin(0.1)
+    c.read_voltages()
+    chain.bit_error_rate = 1.0
+    c.log.clear()
+    c.begin(0.12)
+    assert c.read_voltages() == 8
+    asked = [packet[:2].hex() for _, packet in c.log if packet[:2].hex() in ("03e0", "0714")]
+    assert asked == ["03e0", "0714"] * 3
+    c.log.clear()
+    c.read_temperatures()
+    assert sum(packet[:2].hex() == "0001" for _, packet in c.log) == 3 + 1  # sensors in, and what is bled again
+    assert not any(c.known())
+
+
 def test_on_a_noisy_pair_commands_are_repeated(library):
     chain = DamagedChain(INPUTS)
     c = CReader(library, chain)
@@ -366,6 +410,22 @@ CHOICES = st.lists(
     ),
     max_size=12,
 )
+
+
+def test_cells_chosen_by_hand_are_bled_until_their_time_is_over_or_they_are_low(library):
+    c, v = Balance(), (c_uint16 * 96)(*[36_000] * 96)
+    library.vw_balance_init(byref(c))
+    by_hand, watch = library.vw_balance_by_hand, library.vw_balance_watch
+    begin_ms = 0xFFFFFFFF - 1000  # the clock goes round meanwhile
+    by_hand(byref(c), c_uint8(1), c_uint16(0x801), c_uint32(begin_ms))
+    by_hand(byref(c), c_uint8(7), c_uint16(0x002), c_uint32(begin_ms))
+    by_hand(byref(c), c_uint8(8), c_uint16(0x002), c_uint32(begin_ms))  # there is no such pack
+    assert np.flatnonzero(cells_of(c.cells)).tolist() == [12, 23, 85]
+    v[23] = 30_000
+    watch(byref(c), c_uint16(30_000), v, c_uint32(begin_ms + 599_999 & 0xFFFFFFFF))
+    assert np.flatnonzero(cells_of(c.cells)).tolist() == [12, 85]
+    watch(byref(c), c_uint16(30_000), v, c_uint32(begin_ms + 600_000 & 0xFFFFFFFF))
+    assert (list(c.cells), c.is_active, c.is_by_hand) == ([0] * 8, False, False)
 
 
 @settings(max_examples=examples(100), deadline=None)
