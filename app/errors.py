@@ -132,4 +132,6 @@ def limit_of(error: EncodeError) -> Text:
             return Message("no-such-field")
         case "signal":
             return Message("a-signal")
+        case "buffer":
+            return Message("samples-of-buffer", bounds=error.bounds)
     return error.bounds

@@ -97,7 +97,7 @@ def stream_fast(url: str) -> None:
             call(
                 f"{url}/api/v1/config?reason=benchmark",
                 "PUT",
-                {"values": {"ts": FASTEST_MS}},
+                {"values": {"telemetry_period": FASTEST_MS}},
                 **{"If-Match": f'"{tag}"'},
             )
         except OSError:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from firmware_protocol import eeprom, exchange, framing, messages, schedule
+from firmware_protocol import eeprom, exchange, framing, messages, older_maps, schedule
 from firmware_protocol import memory_map as mm
 
 HEADER = Path(__file__).parent / "c" / "voltwall_protocol.h"
@@ -88,6 +88,7 @@ def _constants() -> Iterator[str]:
         ("EEPROM_PAGE_SIZE", eeprom.PAGE_SIZE),
         ("EEPROM_SLOT_SIZE", eeprom.SLOT_SIZE),
         ("EEPROM_LAYOUT_VERSION", eeprom.LAYOUT_VERSION),
+        ("EEPROM_FIRST_LAYOUT", older_maps.FIRST_LAYOUT),
         ("EEPROM_JOURNAL_OFFSET", eeprom.JOURNAL_OFFSET),
         ("EEPROM_JOURNAL_PAGES", eeprom.JOURNAL_PAGES),
         ("STREAM_SLOW_LENGTH", schedule.SLOW_LENGTH),

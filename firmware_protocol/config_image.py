@@ -6,7 +6,7 @@ Images are immutable bytes: what changes a value returns a new image. Nothing he
 import hashlib
 from dataclasses import dataclass
 
-from firmware_protocol.errors import DecodeError, EncodeError
+from firmware_protocol.errors import DecodeError, EncodeError, LimitKind
 from firmware_protocol.memory_map import (
     BYTE_UNUSED,
     CAN_ID_EXTENDED,
@@ -110,13 +110,14 @@ def to_raw(field: Field, value: Number) -> int:
     Raises:
         EncodeError: not a finite number, outside the field's range, or a fraction of what is counted in whole units.
     """
+    kind: LimitKind = "buffer" if field.name == "ts" else "bounds"
     if not abs(value) < 1 << 40:  # an integer beyond it may not even be a float
-        raise EncodeError(field.name, value, limit_text(field))
+        raise EncodeError(field.name, value, limit_text(field), kind)
     if field.scale == 1 and value != int(value):
         raise EncodeError(field.name, value, limit_text(field), "whole")
     raw = round(value / field.scale)
     if not _in_range(field, raw):
-        raise EncodeError(field.name, value, limit_text(field))
+        raise EncodeError(field.name, value, limit_text(field), kind)
     return raw
 
 
@@ -238,12 +239,13 @@ def is_live_change(before: Image, after: Image) -> bool:
 
 
 _OUT_OF_RANGE = "the master takes nothing else"
+_WHY_OUT_OF_RANGE = {"ts": "the buffer of the current's samples takes no more"}
 
 
 def _element_limit(field: Field, raw: int) -> tuple[str, str] | None:
     """Return the limit that a count violates, and its reason; None if it violates none."""
     if not _in_range(field, raw):
-        return limit_text(field), _OUT_OF_RANGE
+        return limit_text(field), _WHY_OUT_OF_RANGE.get(field.name, _OUT_OF_RANGE)
     if field.name in ("can_tx_msg_id", "can_rx_msg_id"):
         is_extended = bool(raw & CAN_ID_EXTENDED)
         highest = MAX_ID_EXTENDED if is_extended else MAX_ID_STANDARD

@@ -3,6 +3,7 @@
 A slot is eight pages: a header page, then the image in seven. A page write may be cut after any byte, so a store
 first wipes the older slot's header, then writes the image, then the header whose last bytes are the CRC: until that
 CRC is whole the slot is invalid, and the other slot was never touched.
+What a firmware of layout 1 left is read in the present map; it would not understand what is written now.
 CRC-32 here is the common one (reflected 0xEDB88320, start and final XOR 0xFFFFFFFF; 0xCBF43926 over "123456789").
 """
 
@@ -13,11 +14,12 @@ from dataclasses import dataclass
 from firmware_protocol.config_image import Image, canonical
 from firmware_protocol.errors import DecodeError, EncodeError
 from firmware_protocol.memory_map import CONFIG_SIZE
+from firmware_protocol.older_maps import FIRST_LAYOUT, present_charge, present_image
 
 EEPROM_SIZE = 32 * 1024
 PAGE_SIZE = 64
 N_PAGES = EEPROM_SIZE // PAGE_SIZE
-LAYOUT_VERSION = 1  # of the configuration struct; a slot with another one is not understood
+LAYOUT_VERSION = 2  # of the struct; a slot of none of these two is not understood
 
 SLOT_OFFSETS = (0, 8 * PAGE_SIZE)
 SLOT_SIZE = 8 * PAGE_SIZE
@@ -27,7 +29,8 @@ _CRC = struct.Struct("<I")
 
 JOURNAL_OFFSET = 16 * PAGE_SIZE
 JOURNAL_PAGES = N_PAGES - JOURNAL_OFFSET // PAGE_SIZE
-_JOURNAL = struct.Struct("<IIHH")  # counter, charge drawn [mA s], soc [0.01 %], 0
+_JOURNAL = struct.Struct("<IIHHI")  # counter, charge drawn [uAh], soc [0.01 %], layout version, 0
+_FIRST_JOURNAL = struct.Struct("<IIHH")  # counter, charge drawn [mA s], soc [0.01 %], 0
 JOURNAL_SIZE = _JOURNAL.size + _CRC.size
 
 _COUNTER_END = 1 << 32
@@ -52,7 +55,7 @@ class StoredConfig:
 
 @dataclass(frozen=True, slots=True)
 class JournalEntry:
-    """The Coulomb counter at one moment: charge drawn since full [mA s] and state of charge [0.01 %]."""
+    """The Coulomb counter at one moment: charge drawn since full [uAh] and state of charge [0.01 %]."""
 
     counter: int
     dod_raw: int
@@ -80,17 +83,17 @@ def encode_slot(image: Image, counter: int) -> bytes:
 
 
 def decode_slot(data: Image, slot: int) -> StoredConfig | None:
-    """Decode the SLOT_SIZE bytes of a slot; None where they are no valid configuration of this layout."""
+    """Decode the SLOT_SIZE bytes of a slot; None where they are no valid configuration of a known layout."""
     if len(data) != SLOT_SIZE:
         return None
     magic, length, layout, counter = _SLOT_HEADER.unpack_from(data)
-    if (magic, length, layout) != (SLOT_MAGIC, CONFIG_SIZE, LAYOUT_VERSION) or not counter:
+    if (magic, length) != (SLOT_MAGIC, CONFIG_SIZE) or layout not in (FIRST_LAYOUT, LAYOUT_VERSION) or not counter:
         return None
     image = bytes(data[PAGE_SIZE : PAGE_SIZE + CONFIG_SIZE])
     expected = crc32(bytes(data[: _SLOT_HEADER.size]) + image)
     if _CRC.unpack_from(data, _SLOT_HEADER.size)[0] != expected:
         return None
-    return StoredConfig(image, counter, slot)
+    return StoredConfig(present_image(image) if layout == FIRST_LAYOUT else image, counter, slot)
 
 
 def valid_slots(eeprom: Image) -> list[StoredConfig]:
@@ -145,13 +148,26 @@ def newest_journal(eeprom: Image) -> JournalEntry | None:
     """Return the newest valid journal entry, None without one."""
     best: JournalEntry | None = None
     for offset in range(JOURNAL_OFFSET, min(EEPROM_SIZE, len(eeprom) - JOURNAL_SIZE + 1), PAGE_SIZE):
-        entry = eeprom[offset : offset + JOURNAL_SIZE]
-        counter, dod_raw, soc_raw, _ = _JOURNAL.unpack_from(entry)
-        if not counter or (best is not None and counter <= best.counter):
-            continue
-        if _CRC.unpack_from(entry, _JOURNAL.size)[0] == crc32(entry[: _JOURNAL.size]):
-            best = JournalEntry(counter, dod_raw, soc_raw)
+        found = _journal_entry(eeprom[offset : offset + JOURNAL_SIZE])
+        if found is not None and (best is None or found.counter > best.counter):
+            best = found
     return best
+
+
+def _journal_entry(entry: Image) -> JournalEntry | None:
+    counter, dod_raw, soc_raw, layout, _ = _JOURNAL.unpack_from(entry)
+    if not counter:
+        return None
+    if layout == LAYOUT_VERSION and _is_whole(entry, _JOURNAL.size):
+        return JournalEntry(counter, dod_raw, soc_raw)
+    if layout == 0 and _is_whole(entry, _FIRST_JOURNAL.size):
+        return JournalEntry(counter, present_charge(dod_raw), soc_raw)
+    return None
+
+
+def _is_whole(data: Image, length: int) -> bool:
+    """True where the CRC behind so many bytes is theirs."""
+    return bool(_CRC.unpack_from(data, length)[0] == crc32(data[:length]))
 
 
 def journal_write(last: JournalEntry | None, dod_raw: int, soc_raw: int) -> PageWrite:
@@ -165,6 +181,6 @@ def journal_write(last: JournalEntry | None, dod_raw: int, soc_raw: int) -> Page
     counter = 1 if last is None else last.counter + 1
     if not (0 <= dod_raw < _COUNTER_END and 0 <= soc_raw <= 0xFFFF and counter < _COUNTER_END):
         raise EncodeError("journal", (counter, dod_raw, soc_raw), "counter and dod below 2**32, soc below 2**16")
-    body = _JOURNAL.pack(counter, dod_raw, soc_raw, 0)
+    body = _JOURNAL.pack(counter, dod_raw, soc_raw, LAYOUT_VERSION, 0)
     offset = JOURNAL_OFFSET + (counter - 1) % JOURNAL_PAGES * PAGE_SIZE
     return PageWrite(offset, body + _CRC.pack(crc32(body)))

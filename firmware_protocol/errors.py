@@ -7,7 +7,7 @@ ProtocolError
 
 from typing import Literal
 
-LimitKind = Literal["bounds", "whole", "counts", "number", "array", "field", "signal"]
+LimitKind = Literal["bounds", "whole", "counts", "number", "array", "field", "signal", "buffer"]
 _LIMITS: dict[LimitKind, str] = {
     "bounds": "{}",
     "whole": "a whole number, {}",
@@ -15,6 +15,7 @@ _LIMITS: dict[LimitKind, str] = {
     "number": "a number",
     "array": "an array of {}",
     "field": "no configuration field has this name",
+    "buffer": "{}: the buffer of the current's samples takes no more",
     "signal": "a value of the master's struct, as v_tot, v[36], slave[3].cvr[5]",
 }
 

@@ -19,6 +19,7 @@ BYTE_UNUSED = 0xFFFF  # a CAN table entry: send 0, ignore on receipt
 CAN_ID_EXTENDED = 1 << 31  # in a table's id: this is a 29-bit id
 NO_RESPONSE = 0xFF
 RESPONSE_CHARGES = 0x40  # added to a response: charging begins with the message and ends with its silence
+CURRENT_BUFFER = 200  # samples of the current that the converter's buffer takes
 BASE_ADDRESS = 0x200005A8  # where the debugger view found the struct
 
 
@@ -89,7 +90,7 @@ _TX_DATA = _TX_CHARGER + _TX_ECU + _TX_EXTREMES + _UNUSED_ROW * 5
 _RX_DATA = (433, 432, 435, 434, 437, _U16, _U16, _U16) + _UNUSED_ROW * 7
 
 CONFIG_FIELDS = (
-    Field("ts", 0, "H", (), "ms", 1, 20, 10000, 100, "sampling", "time between two telemetry frames", is_live=True),
+    Field("ts", 0, "H", (), "sample", 1, 1, CURRENT_BUFFER, 100, "sampling", "1 kHz samples of one current mean: the pace of the current, its protection and the charge count"),
     Field("v_cell_min", 2, "H", (), "V", 1e-4, 15000, 40000, 25000, "cell limits", "lowest cell voltage; below it the master opens the relays"),
     Field("v_cell_max", 4, "H", (), "V", 1e-4, 30000, 45000, 42000, "cell limits", "highest cell voltage; above it the master opens the relays"),
     Field("v_cell_chrg", 6, "H", (), "V", 1e-4, 30000, 45000, 41500, "charging", "charge until the first cell reaches this voltage"),
@@ -118,6 +119,7 @@ CONFIG_FIELDS = (
     Field("can_tx_msg_len", 88, "B", (8,), "byte", 1, 0, 8, (8, 8, 8, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
     Field("can_tx_msg_data", 96, "H", (8, 8), "", 1, 0, _U16, _TX_DATA, "can", "offset in this struct of each byte sent; 65535 sends 0"),
     Field("can_rx_msg_en_startup", 224, "B", (), "mask", 1, 0, 255, 1, "can", "messages received from start-up on, one bit each"),
+    Field("telemetry_period", 226, "H", (), "ms", 1, 20, 10000, 100, "sampling", "time between two telemetry frames (ours)", is_live=True),
     Field("can_rx_msg_id", 228, "I", (8,), "", 1, 0, 0xFFFFFFFF, _RX_IDS, "can", "CAN id; bit 31 marks a 29-bit id"),
     Field("can_rx_msg_timeout", 260, "H", (8,), "ms", 1, 0, 60000, (5000, 0, 0, 0, 0, 0, 0, 0), "can", "silence after which the message counts as lost; 0 never"),
     Field("can_rx_msg_len", 276, "B", (8,), "byte", 1, 0, 8, (8, 0, 0, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
@@ -163,8 +165,8 @@ SLAVE_SIZE = 180
 
 TOP_FIELDS = (
     Field("n_slaves", 440, "B", meaning="slaves that answered"),
-    Field("i_fs", 1884, "i", unit="A", scale=0.01, meaning="current, positive on discharge, latest sample"),
-    Field("i_fc", 1888, "i", unit="A", scale=0.01, meaning="current, averaged over fc_avg samples"),
+    Field("i_fs", 1884, "i", unit="A", scale=0.01, meaning="current, positive on discharge, mean of the last ts samples"),
+    Field("i_fc", 1888, "i", unit="A", scale=0.01, meaning="current, mean of the newest fc_avg samples, in whole means of ts"),
     Field("i_fc_hp", 1892, "i", unit="A", scale=0.01, meaning="averaged current in the master's high-precision path"),
     Field("v", 1896, "H", (96,), "V", 1e-4, meaning="cell voltages, filtered; 0 no measurement"),
     Field("ocv", 2088, "H", (96,), "V", 1e-4, meaning="open-circuit voltages"),
@@ -180,7 +182,7 @@ TOP_FIELDS = (
     Field("t_avg", 2388, "b", unit="degC", meaning="mean cell temperature"),
     Field("t_min_id", 2389, "B", meaning="cell index of t_min"),
     Field("t_max_id", 2390, "B", meaning="cell index of t_max"),
-    Field("dod", 2392, "I", unit="Ah", scale=1 / 3.6e6, meaning="charge drawn since full, in mA s (ours)"),
+    Field("dod", 2392, "I", unit="Ah", scale=1e-6, meaning="charge drawn since full, in uAh"),
     Field("c", 2396, "H", (96,), "Ah", 0.01, meaning="cell capacities"),
     Field("c_min", 2588, "H", unit="Ah", scale=0.01, meaning="lowest capacity"),
     Field("c_max", 2590, "H", unit="Ah", scale=0.01, meaning="highest capacity"),

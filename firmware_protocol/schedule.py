@@ -1,7 +1,7 @@
 """Which parts of the struct the master's stream sends, and when. Pure: time is an argument.
 
-The fast set leaves every `ts` in one DATA frame. The slow ranges go round in pieces, one DATA frame each, cut to what
-the line has left before the next fast frame; a full turn starts no oftener than once a second.
+The fast set leaves every `telemetry_period` in one DATA frame. The slow ranges go round in pieces, one DATA frame each,
+cut to what the line has left before the next fast frame; a full turn starts no oftener than once a second.
 """
 
 from firmware_protocol.framing import LINE_BYTES_PER_S, OVERHEAD
@@ -25,7 +25,7 @@ SLOW_LENGTH = 200  # at most, of one piece
 SLOW_LENGTH_WORTHWHILE = 32  # a shorter piece is sent only where it ends its range
 ALIGNMENT = 4  # pieces are cut where no number of the struct is split
 SLOW_TURN_S = 1.0
-FAST_PER_SLOW = 20  # where `ts` leaves no room at all, one piece follows this many fast frames all the same
+FAST_PER_SLOW = 20  # where the period leaves no room at all, one piece follows this many fast frames all the same
 _WINDOW_HEADER = 4
 _DELIMITERS = 2
 
@@ -49,8 +49,8 @@ def data_frame_time_s(spans: tuple[Span, ...]) -> float:
 class StreamSchedule:
     """Chooses the content of the next stream frame whenever the line is free. Created when the stream starts."""
 
-    def __init__(self, ts_s: float, now_s: float) -> None:
-        self.ts_s = ts_s
+    def __init__(self, period_s: float, now_s: float) -> None:
+        self.period_s = period_s
         self._fast_s = now_s
         self._turn_s = now_s  # when the next slow turn may start
         self._range = 0
@@ -68,7 +68,7 @@ class StreamSchedule:
         if now_s >= self._slow_from_s() and (length := self._slow_length(now_s)):
             return (self._take_slow(length, now_s),)
         if now_s >= self._fast_s:
-            self._fast_s = max(self._fast_s + self.ts_s, now_s)
+            self._fast_s = max(self._fast_s + self.period_s, now_s)
             self._fast_in_a_row += 1
             return FAST_WINDOWS
         return None

@@ -107,7 +107,7 @@ class VirtualMaster(TellsRelays):
         config = self.config
         reading = self._measurement.run(config, now_s, dt_s, true_current_a, self.charging.is_active)
         is_ready = self._measurement.is_ready
-        self._count_charge(now_s, dt_s, reading.i_fc)
+        self._count_charge(now_s, reading.i_fc)
         events = self.protection.judge(violations(config, reading), now_s) if is_ready else []
         events += self.can.expire(now_s)
         charger_alive = bool(self.can.rx_active & self._charger_mask)
@@ -146,15 +146,16 @@ class VirtualMaster(TellsRelays):
     def _may_charge(self) -> bool:
         return self._relays.state not in _DRIVING and not self.drive_requested and self.protection.is_ok
 
-    def _count_charge(self, now_s: float, dt_s: float, i_fc: int) -> None:
+    def _count_charge(self, now_s: float, i_fc: int) -> None:
         if self._soc.is_started:
-            self._soc.count(self.config, i_fc, dt_s)
+            for i_fs in self._measurement.new_means:
+                self._soc.count(self.config, i_fs)
         elif self._measurement.is_ready:
             self._soc.start_from_rest(self.config, self._measurement.v_avg, i_fc)
-        dod_mas, soc = int(self._soc.dod_mas), self._soc.soc_counts(self.config)
-        self.memory.set_charge(dod_mas, soc)
+        dod, soc = int(self._soc.dod_uah), self._soc.soc_counts(self.config)
+        self.memory.set_charge(dod, soc)
         if self._soc.is_started:
-            self.store.remember(dod_mas, soc, now_s)
+            self.store.remember(dod, soc, now_s)
 
     def _stop_balancing(self) -> None:
         self._balance_asked = False
@@ -190,7 +191,7 @@ class VirtualMaster(TellsRelays):
         self.memory.config = config
         self.config = Config.from_image(self.memory.image)
         if self._stream is not None:
-            self._stream.ts_s = self.config.ts / 1000
+            self._stream.period_s = self.config.telemetry_period / 1000
         self.can.reload()
         self._charger_mask = self.can.mask_writing(_CHARGER_FLAGS_OFFSET)
         self._slave_refresh_s = 0.0
@@ -294,7 +295,7 @@ class VirtualMaster(TellsRelays):
         if not on:
             self._stream = None
         elif self._stream is None:
-            self._stream = StreamSchedule(self.config.ts / 1000, now_s)
+            self._stream = StreamSchedule(self.config.telemetry_period / 1000, now_s)
 
     def next_frame(self, now_s: float) -> bytes | None:
         """Return the next frame for the free line, None where there is none."""

@@ -21,6 +21,35 @@ _NO_TEMPERATURES = (127, 0, -128, 0)  # coldest above, hottest below every limit
 _MAX_SAMPLES = 1000  # the longest average that the configuration allows
 
 
+class CurrentMeans:
+    """The converter's buffer: `ts` samples fill it, their mean is taken, and the next one fills meanwhile."""
+
+    def __init__(self) -> None:
+        self._sum = 0.0
+        self._n = 0
+        self._means: list[float] = []  # the newest, enough for the longest average
+
+    def take(self, config: Config, counts: NDArray[np.float64]) -> list[float]:
+        """Take samples; return the means of the buffers that they filled, oldest first."""
+        found, at = [], 0
+        while at < len(counts):
+            part = counts[at : at + max(config.ts - self._n, 1)]  # a `ts` made shorter ends the buffer
+            at += len(part)
+            self._sum += float(np.add.reduce(part))
+            self._n += len(part)
+            if self._n >= config.ts:
+                found.append(self._sum / self._n)
+                self._sum, self._n = 0.0, 0
+        if found:
+            self._means = [*self._means, *found][-_MAX_SAMPLES:]
+        return found
+
+    def over(self, n_samples: int, ts: int) -> float:
+        """Return the mean of the newest buffers that hold so many samples, at least of one."""
+        newest = self._means[-max(-(-n_samples // ts), 1) :]
+        return sum(newest) / len(newest)
+
+
 class MeasuringTask:
     """Fills the measured fields of the struct."""
 
@@ -32,8 +61,10 @@ class MeasuringTask:
         self._start_s = now_s
         self._temperature_due_s = now_s
         self._self_check_due_s = now_s
-        self._counts = np.zeros(0)
+        self._current = CurrentMeans()
+        self._i_fc = 0
         self._i_fc_hp = 0.0
+        self.new_means: list[int] = []  # of the current, that this pass has completed [10 mA]
         self._filtered = np.zeros(N_CELLS)
         self._raw = np.empty(N_CELLS)
         self._raw_by_slave = self._raw.reshape(memory.slave_cvr.shape)
@@ -80,25 +111,20 @@ class MeasuringTask:
                 self._fill_slow_fields(config)
 
     def _measure_current(self, config: Config, dt_s: float, true_current_a: float) -> tuple[int, bool]:
+        """Take the samples of a pass; return `i_fc` as it stands, and whether the sensor is lost."""
         n = min(max(round(dt_s / SAMPLE_S), 1), _MAX_SAMPLES)
         counts = self._board.current_sensor.sample(true_current_a, n)
-        if config.fc_avg > n:
-            counts = self._kept_with(counts)
-        averaged = counts[-max(config.fc_avg, 1) :].tolist()
-        latest = int(averaged[-1])
-        i_fs = _amperes_raw(config, latest)
-        i_fc = _amperes_raw(config, sum(averaged) / len(averaged))
-        self._i_fc_hp += (i_fc - self._i_fc_hp) * min(dt_s / HIGH_PRECISION_TIME_S, 1.0)
-        self._memory.set_currents(i_fs, i_fc, round(self._i_fc_hp))
+        means = self._current.take(config, counts)
+        self.new_means = [_amperes_raw(config, mean) for mean in means]
+        if means:
+            self._i_fc = _amperes_raw(config, self._current.over(config.fc_avg, config.ts))
+            share = min(len(means) * config.ts * SAMPLE_S / HIGH_PRECISION_TIME_S, 1.0)
+            self._i_fc_hp += (self._i_fc - self._i_fc_hp) * share
+            self._memory.set_currents(self.new_means[-1], self._i_fc, round(self._i_fc_hp))
         # an open input stands still there; a current does not for as long as it takes to trip
+        latest = int(counts[-1])
         is_open = abs(latest - UNPLUGGED_COUNT) <= UNPLUGGED_WIDTH
-        return i_fc, is_open or latest in (0, ADC_MAX)
-
-    def _kept_with(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Keep the samples of this pass for an average longer than a pass; return all that are kept."""
-        n = len(counts)
-        self._counts = np.concatenate((self._counts[n - _MAX_SAMPLES :], counts))
-        return self._counts
+        return self._i_fc, is_open or latest in (0, ADC_MAX)
 
     def _filter_voltages(self, config: Config, silent: BoolArray) -> int | None:
         """Filter and summarise; return the first cell without a voltage although its slave answers."""

@@ -79,6 +79,7 @@ class Config:
     can_brp: int
     can_tx_msg_en_startup: int
     can_rx_msg_en_startup: int
+    telemetry_period: int
 
     @classmethod
     def from_image(cls, image: bytes | bytearray) -> Self:
@@ -169,9 +170,9 @@ class MasterMemory:
         """Write coldest, hottest and mean cell [degC] and their cells."""
         _TEMPERATURE_SUMMARY.pack_into(self.image, _TEMPERATURE_SUMMARY_OFFSET, t_min, t_max, t_avg, min_id, max_id)
 
-    def set_charge(self, dod_mas: int, soc: int) -> None:
-        """Write the charge drawn [mA s] and the state of charge [0.01 %]."""
-        _U32.pack_into(self.image, _DOD_OFFSET, dod_mas)
+    def set_charge(self, dod: int, soc: int) -> None:
+        """Write the charge drawn [uAh] and the state of charge [0.01 %]."""
+        _U32.pack_into(self.image, _DOD_OFFSET, dod)
         _U16.pack_into(self.image, _SOC_OFFSET, soc)
 
     def set_capacity_summary(self, capacity: int) -> None:

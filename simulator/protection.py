@@ -2,7 +2,8 @@
 
 The rules count from the violation, and tell to consider the sample rate: the persistence is what measuring and
 filtering leave of those times. A voltage is up to 20 ms old, and the filter at its default weight takes up to nine
-passes to follow a step; a temperature is up to 400 ms old.
+passes to follow a step; a temperature is up to 400 ms old. A current is a mean: of the whole buffers of `ts` samples
+that `fc_avg` takes, and it begins anywhere in the first of them.
 
 A lost measurement is critical like a passed limit. Once tripped, the OK signal stays off until faults are cleared: a
 flip-flop on the board holds it, which no restart of the firmware and no loss of power resets (EV 6.1.6).
@@ -15,6 +16,8 @@ from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
 from simulator.memory import Config
 
+CURRENT_ALLOWED_S = 0.4  # to the OK signal; the relays and who has to show it by telemetry get the rest of the 500 ms
+PASS_S = 0.02
 FAST_PERSISTENCE_S = 0.3
 SLOW_PERSISTENCE_S = 0.4
 WIRE_PERSISTENCE_S = 0.5  # a lost measurement has no time in the rules: on a disturbed line it may come back
@@ -79,17 +82,23 @@ def violations(config: Config, reading: Reading) -> Iterator[Violation]:
         yield Violation(EventCode.TRIP_SENSOR_LOST, SENSOR_PERSISTENCE_S, reading.lost_temperature, 0, 0)
 
 
+def current_persistence_s(config: Config) -> float:
+    """Return what the mean of the current leaves of the time allowed [s]."""
+    averaged = max(-(-config.fc_avg // config.ts), 1) * config.ts
+    return max(min(FAST_PERSISTENCE_S, CURRENT_ALLOWED_S - PASS_S - (averaged + config.ts) / 1000), 0.0)
+
+
 def _current_violations(config: Config, reading: Reading) -> Iterator[Violation]:
-    charge = -reading.i_fc
+    charge, persistence_s = -reading.i_fc, current_persistence_s(config)
     if reading.is_charging:
         if charge > config.i_chrg_max + CHARGE_TOLERANCE:
-            yield Violation(EventCode.TRIP_I_CHRG, FAST_PERSISTENCE_S, NO_OFFSET, charge, config.i_chrg_max)
+            yield Violation(EventCode.TRIP_I_CHRG, persistence_s, NO_OFFSET, charge, config.i_chrg_max)
         elif charge < config.i_chrg_min - CHARGE_TOLERANCE:
-            yield Violation(EventCode.TRIP_I_CHRG, FAST_PERSISTENCE_S, NO_OFFSET, charge, config.i_chrg_min)
+            yield Violation(EventCode.TRIP_I_CHRG, persistence_s, NO_OFFSET, charge, config.i_chrg_min)
     elif reading.i_fc > config.i_disc_max:
-        yield Violation(EventCode.TRIP_I_DISC, FAST_PERSISTENCE_S, NO_OFFSET, reading.i_fc, config.i_disc_max)
+        yield Violation(EventCode.TRIP_I_DISC, persistence_s, NO_OFFSET, reading.i_fc, config.i_disc_max)
     elif reading.i_fc < config.i_disc_min:
-        yield Violation(EventCode.TRIP_I_DISC, FAST_PERSISTENCE_S, NO_OFFSET, reading.i_fc, config.i_disc_min)
+        yield Violation(EventCode.TRIP_I_DISC, persistence_s, NO_OFFSET, reading.i_fc, config.i_disc_min)
 
 
 class Latch:

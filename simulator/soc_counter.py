@@ -13,6 +13,7 @@ OCV_V = np.array([
 ])  # fmt: skip
 OCV_SOC = np.linspace(0, 1, len(OCV_V))
 AT_REST_COUNTS = 200  # 2 A [10 mA]
+MAMS_PER_UAH = 3600  # mA ms in 1 uAh
 SOC_SCALE = 10_000  # one count is 0.01 %
 
 
@@ -22,10 +23,10 @@ def soc_from_rest(cell_voltage_v: float) -> float:
 
 
 class SocCounter:
-    """Charge drawn since full, in mA s, counted from the averaged current."""
+    """Charge drawn since full, in uAh, counted from the means of the current, each for the `ts` samples it is of."""
 
     def __init__(self) -> None:
-        self.dod_mas = 0.0
+        self.dod_uah = 0.0
         self.is_started = False
 
     def start_from_rest(self, config: Config, v_avg: int, i_fc: int) -> None:
@@ -40,26 +41,27 @@ class SocCounter:
         self.start_from_rest(config, v_avg, i_fc)
         return True
 
-    def start_from_journal(self, dod_mas: int) -> None:
+    def start_from_journal(self, dod_uah: int) -> None:
         """Continue from a stored count."""
-        self.dod_mas = float(dod_mas)
+        self.dod_uah = float(dod_uah)
         self.is_started = True
 
     def set_soc(self, config: Config, soc: float) -> None:
         """Set the counter by a SOC (0..1)."""
-        self.dod_mas = (1 - soc) * _capacity_mas(config)
+        self.dod_uah = (1 - soc) * _capacity_uah(config)
         self.is_started = True
 
-    def count(self, config: Config, i_fc: int, dt_s: float) -> None:
-        """Count one interval of current [10 mA]."""
-        self.dod_mas = min(max(self.dod_mas + i_fc * 10 * dt_s, 0.0), _capacity_mas(config))
+    def count(self, config: Config, i_fs: int) -> None:
+        """Count one mean of `ts` samples of 1 ms [10 mA]."""
+        drawn_uah = i_fs * 10 * config.ts / MAMS_PER_UAH
+        self.dod_uah = min(max(self.dod_uah + drawn_uah, 0.0), _capacity_uah(config))
 
     def soc_counts(self, config: Config) -> int:
         """Return the SOC [0.01 %]; 0 before the start."""
         if not self.is_started:
             return 0
-        return max(round((1 - self.dod_mas / _capacity_mas(config)) * SOC_SCALE), 0)
+        return max(round((1 - self.dod_uah / _capacity_uah(config)) * SOC_SCALE), 0)
 
 
-def _capacity_mas(config: Config) -> float:
-    return config.c_avg * 10 * 3600.0
+def _capacity_uah(config: Config) -> float:
+    return config.c_avg * 10_000.0

@@ -8,7 +8,7 @@ from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage, Messa
 from simulator.eeprom import Eeprom, PageJob
 
 JOURNAL_PERIOD_S = 10.0
-JOURNAL_STEP_MAS = 90_000  # 0.1 % of 25 Ah: less is not worth a page
+JOURNAL_STEP_UAH = 25_000  # 0.1 % of 25 Ah: less is not worth a page
 
 
 class ConfigStore:
@@ -55,17 +55,17 @@ class ConfigStore:
         event = EventMessage(EventCode.CONFIG_STORED, 0, NO_OFFSET, stored.counter, 0)
         return Reply(MessageType.STORE, self._sequence, Result.DONE), event
 
-    def remember(self, dod_mas: int, soc: int, now_s: float) -> None:
+    def remember(self, dod: int, soc: int, now_s: float) -> None:
         """Write the count to the journal, every ten seconds if it has moved."""
         if now_s < self._journal_due_s or self.is_busy:
             return
         self._journal_due_s = now_s + JOURNAL_PERIOD_S
-        if self._journal is not None and abs(self._journal.dod_raw - dod_mas) < JOURNAL_STEP_MAS:
+        if self._journal is not None and abs(self._journal.dod_raw - dod) < JOURNAL_STEP_UAH:
             return
-        page = journal_write(self._journal, dod_mas, soc)
+        page = journal_write(self._journal, dod, soc)
         self._eeprom.write(page.offset, page.data)
         counter = 1 if self._journal is None else self._journal.counter + 1
-        self._journal = JournalEntry(counter, dod_mas, soc)
+        self._journal = JournalEntry(counter, dod, soc)
 
     def lose_power(self, rng: np.random.Generator) -> None:
         """Interrupt the page write that is running."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from firmware_protocol.framing import FrameDecoder, encode_frame
+from firmware_protocol.memory_map import CONFIG
 from firmware_protocol.messages import Command, CommandId, Write, encode_request
 from simulator.accumulator import AccumulatorParameters
 from simulator.fault_kinds import FAULTS
@@ -55,7 +56,7 @@ class Car:
         self.simulation.set_load(ConstantCurrent(LOAD_A))
         self.simulation.run_until(1.0)
         self.simulation.receive(b"x")
-        self.request(Write(0, self.ts_ms.to_bytes(2, "little")))
+        self.request(Write(CONFIG["telemetry_period"].offset, self.ts_ms.to_bytes(2, "little")))
         self.run(4.0)
         assert self.simulation.master.relay_state is RelayState.VEHICLE
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 TEXT = (Path(__file__).parents[1] / "firmware_protocol" / "SPEC.md").read_text(encoding="utf-8")
 CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i"}
 MAX_CHUNK, MAX_PAYLOAD, NONE = 523, 520, 0xFFFF
-EXACT = {0.00392156863: 1 / 255, 2.77777778e-07: 1 / 3600000}  # what section 6 says of the two scales that are cut
+EXACT = {0.00392156863: 1 / 255}  # what section 6 says of the scale that is cut
 
 
 class Field(NamedTuple):
@@ -265,7 +265,9 @@ def newest_slot(memory: bytes) -> tuple[int, int, bytes] | None:
         raw = memory[512 * slot : 512 * slot + 512]
         magic, length, layout, counter, crc = struct.unpack_from("<4sHHII", raw)
         image = raw[64:484]
-        right = crc == zlib.crc32(raw[:12] + image) and (magic, length, layout) == (b"VWCF", 420, 1)
+        right = crc == zlib.crc32(raw[:12] + image) and (magic, length) == (b"VWCF", 420) and layout in (1, 2)
+        if layout == 1:
+            image = default_image()[:2] + image[2:226] + image[:2] + image[228:]
         if right and counter:
             found.append((counter, slot, image))
     return (max(found)[1], max(found)[0], max(found)[2]) if found else None
@@ -273,8 +275,17 @@ def newest_slot(memory: bytes) -> tuple[int, int, bytes] | None:
 
 def journal_entry(counter: int, dod: int, soc: int) -> tuple[int, bytes]:
     """Return the address and the bytes of an entry."""
-    raw = struct.pack("<IIHH", counter, dod, soc, 0)
+    raw = struct.pack("<IIHHI", counter, dod, soc, 2, 0)
     return 1024 + 64 * ((counter - 1) % 496), raw + struct.pack("<I", zlib.crc32(raw))
+
+
+def journal_meaning(raw: bytes) -> tuple[int, int, int] | None:
+    """Return (counter, dod, soc) of an entry, None where it is none."""
+    counter, dod, soc, layout = struct.unpack_from("<IIHH", raw)
+    at = {0: 12, 2: 16}.get(layout)
+    if at is None or not counter or struct.unpack_from("<I", raw, at)[0] != zlib.crc32(raw[:at]):
+        return None
+    return counter, dod if layout else (5 * dod + 9) // 18, soc
 
 
 # Section 11: what a WRITE may hold

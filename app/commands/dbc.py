@@ -8,6 +8,7 @@ from app.errors import ConfigError
 from firmware_protocol.config_image import default_image
 from firmware_protocol.dbc import to_dbc
 from firmware_protocol.memory_map import CONFIG_SIZE
+from firmware_protocol.older_maps import present_image
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,4 +32,4 @@ def _image(path: Path) -> bytes:
         raise ConfigError("image", path, error.strerror or str(error)) from error
     if len(image) != CONFIG_SIZE:
         raise ConfigError("image", path, f"{len(image)} bytes, a configuration has {CONFIG_SIZE}")
-    return image
+    return present_image(image)

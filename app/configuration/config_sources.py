@@ -15,6 +15,7 @@ from app.sessions.catalogue import Catalogue
 from app.words import Message
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CONFIG_SIZE
+from firmware_protocol.older_maps import present_image
 
 NAMES = Message("source-names")
 
@@ -79,7 +80,8 @@ class ConfigSources:
             raise NoSource(Message("no-record", number=number))
         image = record.before if which else record.after
         return self._known(
-            image if len(image) == CONFIG_SIZE else None, Message("record-without-config", number=number)
+            present_image(image) if len(image) == CONFIG_SIZE else None,
+            Message("record-without-config", number=number),
         )
 
     @staticmethod

@@ -1,6 +1,7 @@
 """A configuration as a JSON file for people and for git: units, comments, one value a line, always in the same order.
 
-What is not a plain value is a CAN message, with its bytes as offsets and a comment that names them.
+What is not a plain value is a CAN message, with its bytes as offsets and a comment that names them. A file of the first
+memory map is converted when it is read: its `ts` is the telemetry period of now, and `ts` gets its default.
 """
 
 import json
@@ -29,6 +30,7 @@ from firmware_protocol.memory_map import (
     MAP_HASH,
     N_CAN_MESSAGES,
 )
+from firmware_protocol.older_maps import FIRST_MAP, is_known
 
 FORMAT = "voltwall configuration"
 FORMAT_VERSION = 1
@@ -49,6 +51,13 @@ class Profile:
     saved_by: str
     saved_at: str  # ISO 8601, UTC
     image: bytes
+    memory_map: str = MAP_HASH.hex()  # of the file; the image is of the present one
+
+    @property
+    def origin(self) -> str:
+        """What a record of a write says of it: name, version, and the map that it was converted from."""
+        converted = "" if self.memory_map == MAP_HASH.hex() else f", converted from map {self.memory_map}"
+        return f"{self.name}@{self.version}{converted}"
 
 
 def profile_text(profile: Profile) -> str:
@@ -135,9 +144,10 @@ def profile_of(document: object) -> Profile:
         raise ConfigError("format", _shown(document), Message("json-object", format=repr(FORMAT)))
     if document.get("format_version") != FORMAT_VERSION:
         raise ConfigError("format_version", document.get("format_version"), f"{FORMAT_VERSION}")
-    if document.get("memory_map") != MAP_HASH.hex():
+    memory_map = document.get("memory_map")
+    if not isinstance(memory_map, str) or not is_known(memory_map):
         limit = Message("other-memory-map", map_hash=MAP_HASH.hex())
-        raise ConfigError("memory_map", _shown(document.get("memory_map")), limit)
+        raise ConfigError("memory_map", _shown(memory_map), limit)
     version = document.get("version")
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise ConfigError("version", _shown(version), Message("whole-number-from", low=1))
@@ -149,7 +159,7 @@ def profile_of(document: object) -> Profile:
     for key, value in texts.items():
         if not isinstance(value, str):
             raise ConfigError(key, _shown(value), Message("a-text"))
-    return Profile(version=version, image=image, **texts)
+    return Profile(version=version, image=image, memory_map=memory_map, **texts)
 
 
 def _image(document: dict[str, Any]) -> bytes:
@@ -158,9 +168,13 @@ def _image(document: dict[str, Any]) -> bytes:
     if not isinstance(values, dict):
         raise ConfigError("values", _shown(values), Message("value-for-every-field"))
     names = {field.name for field in PLAIN}
+    if document["memory_map"] == FIRST_MAP:
+        names.remove("telemetry_period")
     for name in values:
         if name not in names:
             raise ConfigError(f"values.{name}", Message("given"), Message("no-config-field"))
+    if document["memory_map"] == FIRST_MAP:
+        values = values | {"telemetry_period": values.get("ts"), "ts": {"value": CONFIG["ts"].default}}
     for field in PLAIN:
         entry = values.get(field.name)
         if not isinstance(entry, dict) or "value" not in entry:

@@ -36,6 +36,7 @@ PROTECTION = {  # the limits at which the master trips, and whether a higher one
 
 _WHY_OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
     "the master takes nothing else": Message("master-takes-nothing-else"),
+    "the buffer of the current's samples takes no more": Message("current-buffer"),
     "an 11-bit id ends there": Message("short-id-ends"),
     "a 29-bit id ends there": Message("long-id-ends"),
     "a CAN message may not write the configuration": Message("may-not-write-config"),
@@ -205,9 +206,9 @@ def _fans_and_line(image: bytes) -> Iterator[Finding]:
         why = Message("fans-too-late")
         yield finding("warning", "fans", image, "fan_ramp_stop", 0, limit, why)
     frame_s = data_frame_time_s(FAST_WINDOWS)
-    if value["ts"] < frame_s * 1000:
+    if value["telemetry_period"] < frame_s * 1000:
         why = Message("frame-takes-so-long")
-        yield finding("warning", "line", image, "ts", 0, _at_least(math.ceil(frame_s * 1000), "ms"), why)
+        yield finding("warning", "line", image, "telemetry_period", 0, _at_least(math.ceil(frame_s * 1000), "ms"), why)
 
 
 def _refused(image: bytes, error: FieldError) -> Finding:

@@ -6,7 +6,7 @@
 #include <stdint.h>
 
 #define VW_PROTOCOL_VERSION 1u
-#define VW_MAP_HASH { 0x3bu, 0x6bu, 0xf9u, 0x84u, 0xadu, 0x19u, 0xa4u, 0x56u }
+#define VW_MAP_HASH { 0x51u, 0x95u, 0x07u, 0xdau, 0x6du, 0x48u, 0x8du, 0x89u }
 #define VW_MASTER_SIZE 2984u
 #define VW_CONFIG_SIZE 420u
 #define VW_N_PACKS 8u
@@ -33,7 +33,8 @@
 #define VW_EEPROM_SIZE 32768u
 #define VW_EEPROM_PAGE_SIZE 64u
 #define VW_EEPROM_SLOT_SIZE 512u
-#define VW_EEPROM_LAYOUT_VERSION 1u
+#define VW_EEPROM_LAYOUT_VERSION 2u
+#define VW_EEPROM_FIRST_LAYOUT 1u
 #define VW_EEPROM_JOURNAL_OFFSET 1024u
 #define VW_EEPROM_JOURNAL_PAGES 496u
 #define VW_STREAM_SLOW_LENGTH 200u
@@ -147,7 +148,7 @@ enum vw_slave_status {
 };
 
 typedef struct {  /* 420 bytes */
-    uint16_t ts;  /* time between two telemetry frames [ms] */
+    uint16_t ts;  /* 1 kHz samples of one current mean: the pace of the current, its protection and the charge count [sample] */
     uint16_t v_cell_min;  /* lowest cell voltage; below it the master opens the relays [0.0001 V] */
     uint16_t v_cell_max;  /* highest cell voltage; above it the master opens the relays [0.0001 V] */
     uint16_t v_cell_chrg;  /* charge until the first cell reaches this voltage [0.0001 V] */
@@ -176,6 +177,7 @@ typedef struct {  /* 420 bytes */
     uint8_t can_tx_msg_len[8];  /* data bytes in the message [byte] */
     uint16_t can_tx_msg_data[8][8];  /* offset in this struct of each byte sent; 65535 sends 0 */
     uint8_t can_rx_msg_en_startup;  /* messages received from start-up on, one bit each [mask] */
+    uint16_t telemetry_period;  /* time between two telemetry frames (ours) [ms] */
     uint32_t can_rx_msg_id[8];  /* CAN id; bit 31 marks a 29-bit id */
     uint16_t can_rx_msg_timeout[8];  /* silence after which the message counts as lost; 0 never [ms] */
     uint8_t can_rx_msg_len[8];  /* data bytes in the message [byte] */
@@ -219,8 +221,8 @@ typedef struct {  /* 2984 bytes */
     vw_charger_t charger;
     uint8_t n_slaves;  /* slaves that answered */
     vw_slave_t slave[8];
-    int32_t i_fs;  /* current, positive on discharge, latest sample [0.01 A] */
-    int32_t i_fc;  /* current, averaged over fc_avg samples [0.01 A] */
+    int32_t i_fs;  /* current, positive on discharge, mean of the last ts samples [0.01 A] */
+    int32_t i_fc;  /* current, mean of the newest fc_avg samples, in whole means of ts [0.01 A] */
     int32_t i_fc_hp;  /* averaged current in the master's high-precision path [0.01 A] */
     uint16_t v[96];  /* cell voltages, filtered; 0 no measurement [0.0001 V] */
     uint16_t ocv[96];  /* open-circuit voltages [0.0001 V] */
@@ -236,7 +238,7 @@ typedef struct {  /* 2984 bytes */
     int8_t t_avg;  /* mean cell temperature [degC] */
     uint8_t t_min_id;  /* cell index of t_min */
     uint8_t t_max_id;  /* cell index of t_max */
-    uint32_t dod;  /* charge drawn since full, in mA s (ours) [2.77777778e-07 Ah] */
+    uint32_t dod;  /* charge drawn since full, in uAh [1e-06 Ah] */
     uint16_t c[96];  /* cell capacities [0.01 Ah] */
     uint16_t c_min;  /* lowest capacity [0.01 Ah] */
     uint16_t c_max;  /* highest capacity [0.01 Ah] */
@@ -283,6 +285,7 @@ VW_ASSERT(config_can_tx_msg_timing, offsetof(vw_config_t, can_tx_msg_timing) == 
 VW_ASSERT(config_can_tx_msg_len, offsetof(vw_config_t, can_tx_msg_len) == 88u);
 VW_ASSERT(config_can_tx_msg_data, offsetof(vw_config_t, can_tx_msg_data) == 96u);
 VW_ASSERT(config_can_rx_msg_en_startup, offsetof(vw_config_t, can_rx_msg_en_startup) == 224u);
+VW_ASSERT(config_telemetry_period, offsetof(vw_config_t, telemetry_period) == 226u);
 VW_ASSERT(config_can_rx_msg_id, offsetof(vw_config_t, can_rx_msg_id) == 228u);
 VW_ASSERT(config_can_rx_msg_timeout, offsetof(vw_config_t, can_rx_msg_timeout) == 260u);
 VW_ASSERT(config_can_rx_msg_len, offsetof(vw_config_t, can_rx_msg_len) == 276u);
@@ -351,7 +354,7 @@ VW_ASSERT(master_size, sizeof(vw_master_t) == 2984u);
  * live: 1 where it may be changed while the car drives or charges
  */
 #define VW_CONFIG_FIELDS(X) \
-    X(ts, 0u, uint16_t, 1u, 20, 10000, 1) \
+    X(ts, 0u, uint16_t, 1u, 1, 200, 0) \
     X(v_cell_min, 2u, uint16_t, 1u, 15000, 40000, 0) \
     X(v_cell_max, 4u, uint16_t, 1u, 30000, 45000, 0) \
     X(v_cell_chrg, 6u, uint16_t, 1u, 30000, 45000, 0) \
@@ -380,6 +383,7 @@ VW_ASSERT(master_size, sizeof(vw_master_t) == 2984u);
     X(can_tx_msg_len, 88u, uint8_t, 8u, 0, 8, 0) \
     X(can_tx_msg_data, 96u, uint16_t, 64u, 0, 65535, 0) \
     X(can_rx_msg_en_startup, 224u, uint8_t, 1u, 0, 255, 0) \
+    X(telemetry_period, 226u, uint16_t, 1u, 20, 10000, 1) \
     X(can_rx_msg_id, 228u, uint32_t, 8u, 0, 4294967295u, 0) \
     X(can_rx_msg_timeout, 260u, uint16_t, 8u, 0, 60000, 0) \
     X(can_rx_msg_len, 276u, uint8_t, 8u, 0, 8, 0) \
@@ -417,6 +421,7 @@ VW_ASSERT(master_size, sizeof(vw_master_t) == 2984u);
     { 8, 8, 8, 0, 0, 0, 0, 0 }, /* can_tx_msg_len */ \
     { { 429, 428, 431, 430, 436, 65535, 65535, 65535 }, { 2982, 2983, 2288, 2289, 1884, 1885, 1886, 1887 }, { 2280, 2281, 2282, 2283, 2286, 2287, 2387, 420 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 } }, /* can_tx_msg_data */ \
     1, /* can_rx_msg_en_startup */ \
+    100, /* telemetry_period */ \
     { 2566869221u, 0, 0, 0, 0, 0, 0, 0 }, /* can_rx_msg_id */ \
     { 5000, 0, 0, 0, 0, 0, 0, 0 }, /* can_rx_msg_timeout */ \
     { 8, 0, 0, 0, 0, 0, 0, 0 }, /* can_rx_msg_len */ \

@@ -21,7 +21,7 @@ static enum vw_result use_config(vw_answer_t *answer, uint8_t image[VW_CONFIG_SI
     vw_lock(answer->board);
     (void)memcpy(&answer->master->conf, image, VW_CONFIG_SIZE);
     vw_unlock(answer->board);
-    answer->stream.ts_ms = answer->master->conf.ts;
+    answer->stream.period_ms = answer->master->conf.telemetry_period;
     if (answer->can != NULL) {
         vw_can_reload(answer->can);
     }

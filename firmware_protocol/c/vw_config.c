@@ -7,6 +7,7 @@
 
 #define MAX_STANDARD_ID 0x7FFu
 #define MAX_EXTENDED_ID 0x1FFFFFFFu
+#define LAYOUT_AT 6u
 #define CRC_AT 12u
 
 static const uint8_t magic[4] = { 0x56u, 0x57u, 0x43u, 0x46u }; /* "VWCF" */
@@ -124,7 +125,7 @@ bool vw_config_is_live(const uint8_t before[VW_CONFIG_SIZE], const uint8_t after
 void vw_config_clear_padding(uint8_t image[VW_CONFIG_SIZE])
 {
     size_t at;
-    for (at = OFFSET(can_rx_msg_en_startup) + 1u; at < OFFSET(can_rx_msg_id); at++) {
+    for (at = OFFSET(can_rx_msg_en_startup) + 1u; at < OFFSET(telemetry_period); at++) {
         image[at] = 0u;
     }
 }
@@ -139,17 +140,32 @@ void vw_slot_header(uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_
 {
     (void)memcpy(header, magic, sizeof magic);
     vw_put_u16(header + 4, VW_CONFIG_SIZE);
-    vw_put_u16(header + 6, VW_EEPROM_LAYOUT_VERSION);
+    vw_put_u16(header + LAYOUT_AT, VW_EEPROM_LAYOUT_VERSION);
     vw_put_u32(header + 8, counter);
     vw_put_u32(header + CRC_AT, slot_crc(header, image));
+}
+
+static bool is_layout_known(const uint8_t *header)
+{
+    uint16_t layout = vw_get_u16(header + LAYOUT_AT);
+    return layout == VW_EEPROM_LAYOUT_VERSION || layout == VW_EEPROM_FIRST_LAYOUT;
 }
 
 uint32_t vw_slot_counter(const uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_CONFIG_SIZE])
 {
     bool is_valid = memcmp(header, magic, sizeof magic) == 0 && vw_get_u16(header + 4) == VW_CONFIG_SIZE
-                    && vw_get_u16(header + 6) == VW_EEPROM_LAYOUT_VERSION
+                    && is_layout_known(header)
                     && vw_get_u32(header + CRC_AT) == slot_crc(header, image);
     return is_valid ? vw_get_u32(header + 8) : 0u;
+}
+
+void vw_slot_to_present(const uint8_t header[VW_SLOT_HEADER_SIZE], uint8_t image[VW_CONFIG_SIZE])
+{
+    static const vw_config_t defaults = VW_CONFIG_DEFAULTS;
+    if (vw_get_u16(header + LAYOUT_AT) == VW_EEPROM_FIRST_LAYOUT) {
+        vw_put_u16(image + OFFSET(telemetry_period), vw_get_u16(image + OFFSET(ts)));
+        vw_put_u16(image + OFFSET(ts), defaults.ts);
+    }
 }
 
 void vw_slot_encode(uint8_t slot[VW_EEPROM_SLOT_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter)

@@ -24,11 +24,15 @@ void vw_slot_header(uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_
 /* The counter of a valid slot, 0 where header and image make none. */
 uint32_t vw_slot_counter(const uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_CONFIG_SIZE]);
 
+/* Turn the image of a valid slot of layout 1 into one of this layout: its `ts` was the telemetry period. Any other
+ * stays. Before the check: the image in the slot may be of either. */
+void vw_slot_to_present(const uint8_t header[VW_SLOT_HEADER_SIZE], uint8_t image[VW_CONFIG_SIZE]);
+
 /* A slot as it stands in the EEPROM. Write it so that a power cut leaves the old or the new configuration, never a
  * mixture: zeros over the first page of the slot that is not the newest, then pages 1 to 7, then page 0. */
 void vw_slot_encode(uint8_t slot[VW_EEPROM_SLOT_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter);
 
-/* The image inside a valid slot, NULL where it is not valid. */
+/* The image inside a valid slot, as it stands there, NULL where it is not valid. */
 const uint8_t *vw_slot_image(const uint8_t slot[VW_EEPROM_SLOT_SIZE], uint32_t *counter);
 
 /* Index of the newest valid slot, -1 without one. */

@@ -20,7 +20,7 @@ static void on_item(void *context, vw_item_t item, const vw_frame_t *frame)
         link->is_streaming = false;
     } else if (item == VW_ITEM_START && !link->is_streaming) {
         link->is_streaming = true;
-        vw_stream_start(&link->answer.stream, link->answer.master->conf.ts, link->answer.now_ms);
+        vw_stream_start(&link->answer.stream, link->answer.master->conf.telemetry_period, link->answer.now_ms);
     } else {
         /* a bad chunk, which the decoder has counted */
     }

@@ -9,7 +9,9 @@
 
 #define N_IMAGE_PAGES ((VW_CONFIG_SIZE + VW_EEPROM_PAGE_SIZE - 1u) / VW_EEPROM_PAGE_SIZE)
 #define PAGE_TIMEOUT_MS 50u /* ten times what the data sheet allows for a page */
-#define JOURNAL_SIZE 16u
+#define JOURNAL_SIZE 20u
+#define JOURNAL_CRC_AT 16u
+#define FIRST_JOURNAL_CRC_AT 12u
 
 /* Steps of a store, in this order. */
 #define STEP_IDLE 0u
@@ -42,6 +44,9 @@ static bool read_slot(const vw_board_t *board, uint16_t slot, uint8_t image[VW_C
         return false;
     }
     *counter = vw_slot_counter(header, image);
+    if (*counter != 0u) {
+        vw_slot_to_present(header, image);
+    }
     return true;
 }
 
@@ -190,19 +195,36 @@ vw_store_state_t vw_store_run(vw_store_t *store, uint32_t now_ms)
 
 /* -- journal ------------------------------------------------------------------------------------------------------- */
 
+static bool is_whole(const uint8_t *entry, size_t length)
+{
+    return vw_get_u32(entry + length) == ~vw_crc32_update(VW_CRC32_START, entry, length);
+}
+
+/* Of layout 1 the last two bytes of the entry's 12 are 0, and its charge counts 1 mA s: 18/5 of them are 1 uAh. */
+static bool read_entry(const uint8_t entry[JOURNAL_SIZE], vw_journal_t *found)
+{
+    uint16_t layout = vw_get_u16(entry + 10);
+    found->counter = vw_get_u32(entry);
+    found->dod = vw_get_u32(entry + 4);
+    found->soc = vw_get_u16(entry + 8);
+    if (layout == VW_EEPROM_LAYOUT_VERSION) {
+        return is_whole(entry, JOURNAL_CRC_AT);
+    }
+    found->dod = (uint32_t)(((uint64_t)found->dod * 5u + 9u) / 18u);
+    return layout == 0u && is_whole(entry, FIRST_JOURNAL_CRC_AT);
+}
+
 void vw_journal_read(const vw_board_t *board, vw_journal_t *newest)
 {
     uint8_t entry[JOURNAL_SIZE];
+    vw_journal_t found;
     uint16_t page;
     (void)memset(newest, 0, sizeof *newest);
     for (page = 0u; page < VW_EEPROM_JOURNAL_PAGES; page++) {
         uint16_t address = (uint16_t)(VW_EEPROM_JOURNAL_OFFSET + page * VW_EEPROM_PAGE_SIZE);
         if (board->eeprom_read(board->context, address, entry, (uint16_t)sizeof entry)
-            && vw_get_u32(entry) > newest->counter
-            && vw_get_u32(entry + 12) == ~vw_crc32_update(VW_CRC32_START, entry, 12u)) {
-            newest->counter = vw_get_u32(entry);
-            newest->dod = vw_get_u32(entry + 4);
-            newest->soc = vw_get_u16(entry + 8);
+            && vw_get_u32(entry) > newest->counter && read_entry(entry, &found)) {
+            *newest = found;
         }
     }
 }
@@ -219,6 +241,7 @@ bool vw_journal_write(const vw_board_t *board, vw_journal_t *newest, uint32_t do
     vw_put_u32(entry, newest->counter);
     vw_put_u32(entry + 4, dod);
     vw_put_u16(entry + 8, soc);
-    vw_put_u32(entry + 12, ~vw_crc32_update(VW_CRC32_START, entry, 12u));
+    vw_put_u16(entry + 10, VW_EEPROM_LAYOUT_VERSION);
+    vw_put_u32(entry + JOURNAL_CRC_AT, ~vw_crc32_update(VW_CRC32_START, entry, JOURNAL_CRC_AT));
     return board->eeprom_write(board->context, address, entry, (uint16_t)sizeof entry);
 }

@@ -42,7 +42,7 @@ bool vw_store_is_busy(const vw_store_t *store);
 
 typedef struct {
     uint32_t counter; /* 0: none yet */
-    uint32_t dod;
+    uint32_t dod; /* 1 uAh */
     uint16_t soc;
 } vw_journal_t;
 

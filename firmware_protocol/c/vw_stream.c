@@ -14,9 +14,9 @@ static const vw_span_t slow_ranges[] = VW_STREAM_SLOW_RANGES;
 
 VW_ASSERT(stream_spans, N_FAST <= VW_STREAM_MAX_SPANS);
 
-void vw_stream_start(vw_stream_t *stream, uint16_t ts_ms, uint32_t now_ms)
+void vw_stream_start(vw_stream_t *stream, uint16_t period_ms, uint32_t now_ms)
 {
-    stream->ts_ms = ts_ms;
+    stream->period_ms = period_ms;
     stream->fast_ms = now_ms;
     stream->turn_ms = now_ms;
     stream->range = 0u;
@@ -90,7 +90,7 @@ uint8_t vw_stream_take(vw_stream_t *stream, uint32_t now_ms, vw_span_t spans[VW_
     if (!vw_is_due(now_ms, stream->fast_ms)) {
         return 0u;
     }
-    stream->fast_ms += stream->ts_ms;
+    stream->fast_ms += stream->period_ms;
     if (vw_is_due(now_ms, stream->fast_ms)) {
         stream->fast_ms = now_ms;
     }

@@ -15,7 +15,7 @@ typedef struct {
 } vw_span_t;
 
 typedef struct {
-    uint16_t ts_ms; /* may be changed while the stream runs */
+    uint16_t period_ms; /* may be changed while the stream runs */
     uint32_t fast_ms; /* when the next fast frame is due */
     uint32_t turn_ms; /* when the next slow turn may start */
     uint8_t range;
@@ -23,7 +23,7 @@ typedef struct {
     uint8_t fast_in_a_row;
 } vw_stream_t;
 
-void vw_stream_start(vw_stream_t *stream, uint16_t ts_ms, uint32_t now_ms);
+void vw_stream_start(vw_stream_t *stream, uint16_t period_ms, uint32_t now_ms);
 
 /* Called when the line is free: the windows of the frame to be sent now, and how many; 0 while nothing is due. */
 uint8_t vw_stream_take(vw_stream_t *stream, uint32_t now_ms, vw_span_t spans[VW_STREAM_MAX_SPANS]);

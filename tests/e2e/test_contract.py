@@ -46,10 +46,10 @@ def test_a_series_has_the_documented_members_and_no_other(racing):
 def test_a_difference_has_the_documented_members_and_no_other(racing):
     etag = racing.get("/config").headers["etag"]
     answer = racing.put(
-        "/config?dry_run=true", json={"values": {"ts": 120}}, headers={"If-Match": etag}
+        "/config?dry_run=true", json={"values": {"telemetry_period": 120}}, headers={"If-Match": etag}
     ).raise_for_status()
     found = WriteResultOut.model_validate_json(answer.text, strict=True, extra="forbid")
-    assert [change.field for change in found.difference] == ["ts"]
+    assert [change.field for change in found.difference] == ["telemetry_period"]
 
 
 def test_cells_are_arrays_of_96(racing):

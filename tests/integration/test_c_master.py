@@ -34,7 +34,7 @@ from firmware_protocol.messages import (
 from tests.c_programs import build_program
 
 OLD = with_value(default_image(), "v_cell_chrg", 4.1)
-NEW = with_value(with_value(default_image(), "v_cell_chrg", 4.12), "ts", 50)
+NEW = with_value(with_value(default_image(), "v_cell_chrg", 4.12), "telemetry_period", 50)
 POWER_LOST = 9
 
 

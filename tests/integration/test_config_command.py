@@ -15,7 +15,7 @@ def config(voltwall, make_service):
 
 
 def test_read_compare_write_store_and_roll_back(config, tmp_path):
-    assert json.loads(config("read").stdout)["ts"] == 100
+    assert json.loads(config("read").stdout)["telemetry_period"] == 100
     image = tmp_path / "image.bin"
     assert config("read", "--out", str(image)).returncode == 0
     assert image.stat().st_size == 420
@@ -28,7 +28,11 @@ def test_read_compare_write_store_and_roll_back(config, tmp_path):
     assert "read back and equal" in written.stdout
     assert "counter" in written.stdout
 
-    for edit, words in (("t_cell_max=500", "t_cell_max"), ("t_cell_max=61", "the rules"), ("ts=fast", "number")):
+    for edit, words in (
+        ("t_cell_max=500", "t_cell_max"),
+        ("t_cell_max=61", "the rules"),
+        ("telemetry_period=fast", "number"),
+    ):
         refused = config("write", edit)
         assert refused.returncode == 2
         assert words in refused.stderr

@@ -63,17 +63,17 @@ def test_two_engineers_and_a_viewer_at_once(ada, bob, eve):
     mine, theirs = etag(ada), etag(bob)
     assert mine == theirs
     assert put(bob, {"t_cell_max": 48}, theirs).json()["verified"]
-    conflict = put(ada, {"ts": 110}, mine)
+    conflict = put(ada, {"telemetry_period": 110}, mine)
     assert (conflict.status_code, conflict.json()["type"]) == (412, "urn:voltwall:changed-meanwhile")
     [meanwhile] = conflict.json()["meanwhile"]
     assert (meanwhile["field"], meanwhile["from"], meanwhile["to"]) == ("t_cell_max", 45, 48)
     [mine_now] = conflict.json()["difference"]
-    assert (mine_now["field"], mine_now["to"]) == ("ts", 110)
-    assert put(eve, {"ts": 110}, conflict.headers["ETag"]).status_code == 403
+    assert (mine_now["field"], mine_now["to"]) == ("telemetry_period", 110)
+    assert put(eve, {"telemetry_period": 110}, conflict.headers["ETag"]).status_code == 403
     assert eve.get("/config").json()["values"]["t_cell_max"] == 48
-    assert put(ada, {"ts": 110}, conflict.headers["ETag"]).json()["verified"]
+    assert put(ada, {"telemetry_period": 110}, conflict.headers["ETag"]).json()["verified"]
     values = eve.get("/config").json()["values"]
-    assert (values["t_cell_max"], values["ts"]) == (48, 110)
+    assert (values["t_cell_max"], values["telemetry_period"]) == (48, 110)
 
 
 def test_errors_block_and_warnings_need_a_reason(ada):

@@ -50,7 +50,10 @@ def test_a_port_that_does_not_exist_is_said_in_words(make_service, tmp_path):
         assert client.get("/health", params={"strict": True}).status_code == 503
         assert client.get("/config").status_code == 503
         assert "never read" in client.get("/can/dbc").text
-        assert client.put("/config", json={"values": {"ts": 50}}, headers={"If-Match": '"x"'}).status_code == 503
+        assert (
+            client.put("/config", json={"values": {"telemetry_period": 50}}, headers={"If-Match": '"x"'}).status_code
+            == 503
+        )
         assert client.post("/commands/charge-start").status_code == 503
         assert client.get("/sessions").json() == {"sessions": []}
 

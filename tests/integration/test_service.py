@@ -82,8 +82,9 @@ def test_dry_run_compares_and_writes_nothing(service):
     ("values", "field", "words"),
     [
         ({"v_cell_max": 5.5}, "v_cell_max", "4.5"),
-        ({"ts": "fast"}, "ts", "number"),
-        ({"ts": 100.5}, "ts", "whole number"),
+        ({"ts": 201}, "ts", "1..200 sample: the buffer of the current's samples takes no more"),
+        ({"telemetry_period": "fast"}, "telemetry_period", "number"),
+        ({"telemetry_period": 100.5}, "telemetry_period", "whole number"),
         ({"can_tx_msg_id": [1.5, 0, 0, 0, 0, 0, 0, 0]}, "can_tx_msg_id[0]", "whole number"),
         ({"no_such": 1}, "no_such", ""),
         ({"v_cell_min": 4.0, "v_cell_max": 3.5}, "v_cell_min", "v_cell_max"),
@@ -102,10 +103,12 @@ def test_a_bad_value_is_refused_with_field_and_limit(service, values, field, wor
 
 def test_a_write_without_the_right_hash_is_refused(service):
     with service.client() as client:
-        missing = client.put("/config", json={"values": {"ts": 100}})
-        wrong = client.put("/config", json={"values": {"ts": 90}}, headers={"If-Match": '"0000000000000000"'})
+        missing = client.put("/config", json={"values": {"telemetry_period": 100}})
+        wrong = client.put(
+            "/config", json={"values": {"telemetry_period": 90}}, headers={"If-Match": '"0000000000000000"'}
+        )
         weak = {"If-Match": "W/" + client.get("/config").headers["ETag"]}
-        assert client.put("/config", json={"values": {"ts": 90}}, headers=weak).status_code == 412
+        assert client.put("/config", json={"values": {"telemetry_period": 90}}, headers=weak).status_code == 412
     assert missing.status_code == 428
     assert wrong.status_code == 412
     assert wrong.json()["difference"][0]["to"] == 90

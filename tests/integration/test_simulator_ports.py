@@ -95,7 +95,7 @@ def serial_argument(request, tmp_path) -> str:
 def test_stream_is_whole_and_no_faster_than_the_line(simulator, serial_argument):
     started = simulator("--serial", serial_argument)
     with Line(started.urls["serial"]) as line:
-        line.ask(Write(0, with_value(default_image(), "ts", 20)))
+        line.ask(Write(0, with_value(default_image(), "telemetry_period", 20)))
         line.port.write(b"x")
         line.frames_until(lambda frame: frame.type == MessageType.DATA)
         begin_s, frames = time.monotonic(), []

@@ -9,7 +9,7 @@ from simulator.eeprom import Eeprom
 from simulator.master import VirtualMaster
 
 OLD = with_value(default_image(), "v_cell_chrg", 4.1)
-NEW = with_value(with_value(default_image(), "v_cell_chrg", 4.12), "ts", 50)
+NEW = with_value(with_value(default_image(), "v_cell_chrg", 4.12), "telemetry_period", 50)
 
 
 def test_a_cut_at_any_byte_leaves_the_old_or_the_new_configuration():

@@ -8,7 +8,7 @@ from firmware_protocol import config_image, eeprom
 from tests.campaign import examples
 
 OLD = config_image.default_image()
-NEW = config_image.with_value(config_image.with_value(OLD, "ts", 50), "can_rx_msg_id", list(range(8)))
+NEW = config_image.with_value(config_image.with_value(OLD, "telemetry_period", 50), "can_rx_msg_id", list(range(8)))
 BLANK = b"\xff" * (2 * eeprom.SLOT_SIZE)
 
 

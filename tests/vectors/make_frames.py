@@ -31,7 +31,7 @@ STRUCT = (
     ("v_min", 2280, "H", 1, 0.0001), ("v_max", 2282, "H", 1, 0.0001), ("v_avg", 2284, "H", 1, 0.0001),
     ("v_min_id", 2286, "B", 1, 1), ("v_max_id", 2287, "B", 1, 1), ("v_tot", 2288, "H", 1, 0.01),
     ("t", 2290, "b", 96, 1), ("t_min", 2386, "b", 1, 1), ("t_max", 2387, "b", 1, 1), ("t_avg", 2388, "b", 1, 1),
-    ("t_min_id", 2389, "B", 1, 1), ("t_max_id", 2390, "B", 1, 1), ("dod", 2392, "I", 1, 1 / 3.6e6),
+    ("t_min_id", 2389, "B", 1, 1), ("t_max_id", 2390, "B", 1, 1), ("dod", 2392, "I", 1, 1e-06),
     ("c", 2396, "H", 96, 0.01), ("c_min", 2588, "H", 1, 0.01), ("c_max", 2590, "H", 1, 0.01),
     ("c_avg", 2592, "H", 1, 0.01), ("c_min_id", 2594, "H", 1, 1), ("c_max_id", 2596, "H", 1, 1),
     ("r_fs", 2598, "H", 96, 1e-05), ("r_fc", 2790, "H", 96, 1e-05), ("soc", 2982, "H", 1, 0.0001),
@@ -40,7 +40,7 @@ SIZES = {"B": 1, "H": 2, "I": 4}
 
 # name, offset, bytes, signed, lowest, highest count: the configuration's ranges in SPEC.md section 6
 RANGES = (
-    ("ts", 0, 2, False, 20, 10000), ("v_cell_min", 2, 2, False, 15000, 40000),
+    ("ts", 0, 2, False, 1, 200), ("v_cell_min", 2, 2, False, 15000, 40000),
     ("v_cell_max", 4, 2, False, 30000, 45000), ("v_cell_chrg", 6, 2, False, 30000, 45000),
     ("t_cell_min", 8, 1, True, -40, 40), ("t_cell_max", 9, 1, True, 0, 100), ("i_offset", 10, 2, False, 0, 40950),
     ("i_gain", 12, 2, False, 1, 65535), ("i_disc_min", 14, 2, True, -32767, 0), ("i_disc_max", 16, 2, True, 0, 32767),
@@ -51,7 +51,8 @@ RANGES = (
     ("fan_ramp_max", 33, 1, False, 0, 255), ("balance_threshold", 34, 2, False, 10, 5000),
     ("v_alpha", 36, 2, False, 1, 1000), ("can_brp", 38, 1, False, 3, 255),
     ("can_tx_msg_timing", 86, 2, False, 0, 60000), ("can_tx_msg_len", 95, 1, False, 0, 8),
-    ("can_tx_msg_data", 222, 2, False, 0, 65535), ("can_rx_msg_timeout", 274, 2, False, 0, 60000),
+    ("can_tx_msg_data", 222, 2, False, 0, 65535), ("telemetry_period", 226, 2, False, 20, 10000),
+    ("can_rx_msg_timeout", 274, 2, False, 0, 60000),
     ("can_rx_msg_len", 283, 1, False, 0, 8), ("can_rx_msg_response", 291, 1, False, 0, 255),
 )  # fmt: skip
 
@@ -256,12 +257,12 @@ def config_limits():
         ("can_rx_msg_data", 418, "a301", 418), ("can_rx_msg_data", 418, "a401", NO_OFFSET),
         ("can_rx_msg_data", 418, "a70b", NO_OFFSET), ("can_rx_msg_data", 418, "a80b", 418),
         ("can_rx_msg_response", 291, "07", NO_OFFSET), ("can_rx_msg_response", 291, "08", 291),
-        ("can_rx_msg_response", 291, "fe", 291), ("padding", 225, "aabbcc", NO_OFFSET),
+        ("can_rx_msg_response", 291, "fe", 291), ("padding", 225, "aa", NO_OFFSET),
     ):  # fmt: skip
         yield row(f"{field} with {content} at {offset}", offset, bytes.fromhex(content), refused)
 
 
-def slot(counter, *, image=None, magic=b"VWCF", length=420, layout=1, damage=None):
+def slot(counter, *, image=None, magic=b"VWCF", length=420, layout=2, damage=None):
     image = default_image() if image is None else image
     header = magic + le(length, 2) + le(layout, 2) + le(counter, 4)
     raw = bytearray((header + le(crc32(header + image), 4)).ljust(64, b"\0") + image + bytes(28))
@@ -270,9 +271,21 @@ def slot(counter, *, image=None, magic=b"VWCF", length=420, layout=1, damage=Non
     return bytes(raw)
 
 
+def first_image(ts_ms):
+    """The default configuration in layout 1: the telemetry period in front, nothing before the rx ids."""
+    return le(ts_ms, 2) + default_image()[2:226] + bytes(2) + default_image()[228:]
+
+
+def meant(raw):
+    """What the image of a slot says in the present layout."""
+    image = raw[64:484]
+    return image if raw[6] == 2 else default_image()[:2] + image[2:226] + image[:2] + image[228:]
+
+
 def eeprom_images():
     blank = b"\xff" * 512
     other = b"\x32\x00" + default_image()[2:]
+    at_100, at_250, at_10000 = (first_image(ts_ms) for ts_ms in (100, 250, 10000))
     table = (
         ("never written", blank, blank, -1, 0), ("zeros", bytes(512), bytes(512), -1, 0),
         ("first store", slot(1), blank, 0, 1), ("second store", slot(1), slot(2, image=other), 1, 2),
@@ -283,21 +296,41 @@ def eeprom_images():
         ("newer header with a damaged bit", slot(8), slot(9, damage=15), 0, 8),
         ("newer image with a damaged bit", slot(8), slot(9, damage=64 + 419), 0, 8),
         ("padding after the image does not count", slot(8), slot(9, damage=64 + 420), 1, 9),
-        ("another layout", slot(8), slot(9, layout=2), 0, 8), ("another length", slot(8), slot(9, length=419), 0, 8),
+        ("another layout", slot(8), slot(9, layout=3), 0, 8), ("layout 0", slot(8), slot(9, layout=0), 0, 8),
+        ("layout 1", slot(4, image=at_100, layout=1), blank, 0, 4),
+        ("layout 1, of 250 ms", slot(4, image=at_100, layout=1), slot(5, image=at_250, layout=1), 1, 5),
+        ("the first store after layout 1", slot(6), slot(5, image=at_250, layout=1), 0, 6),
+        ("layout 1 is the newer one", slot(6), slot(7, image=at_10000, layout=1), 1, 7),
+        ("another length", slot(8), slot(9, length=419), 0, 8),
         ("another magic", slot(8, magic=b"VWCX"), slot(7), 1, 7), ("counter 0", slot(0), blank, -1, 0),
         ("both damaged", slot(1, damage=0), slot(2, damage=64), -1, 0),
     )  # fmt: skip
     for name, first, second, newest, counter in table:
         yield {"name": name, "source": "SPEC.md section 9, laid down by hand; CRC-32 bit by bit",
-               "slot_0": first.hex(), "slot_1": second.hex(), "newest": newest, "counter": counter}  # fmt: skip
+               "slot_0": first.hex(), "slot_1": second.hex(), "newest": newest, "counter": counter,
+               "image": "" if newest < 0 else meant((first, second)[newest]).hex()}  # fmt: skip
 
 
 def journal():
     for counter, dod, soc in ((1, 0, 10000), (2, 123456, 9876), (496, 9000000, 1), (497, 1, 2), (993, 7, 7),
                               (4294967295, 4294967295, 65535)):  # fmt: skip
-        entry = le(counter, 4) + le(dod, 4) + le(soc, 2) + bytes(2)
-        yield {"name": f"entry {counter}", "source": "SPEC.md section 9, laid down by hand; CRC-32 bit by bit",
-               "counter": counter, "dod": dod, "soc": soc, "offset": 1024 + (counter - 1) % 496 * 64,
+        entry = le(counter, 4) + le(dod, 4) + le(soc, 2) + le(2, 2) + bytes(4)
+        yield {
+            "name": f"entry {counter}",
+            "source": "SPEC.md section 9, laid down by hand; CRC-32 bit by bit",
+            "layout": 2,
+            "counter": counter,
+            "dod": dod,
+            "soc": soc,
+            "offset": 1024 + (counter - 1) % 496 * 64,
+            "data": (entry + le(crc32(entry), 4)).hex(),
+        }
+    # 1 uAh is 3.6 mA s: 0.5 is rounded up
+    for mas, dod in ((0, 0), (1, 0), (2, 1), (9, 3), (90_000_000, 25_000_000), (10_165_135, 2_823_649),
+                     (4294967295, 1193046471)):  # fmt: skip
+        entry = le(7, 4) + le(mas, 4) + le(9000, 2) + bytes(2)
+        yield {"name": f"layout 1, {mas} mA s", "source": "SPEC.md section 9, laid down by hand; CRC-32 bit by bit",
+               "layout": 1, "counter": 7, "dod": dod, "soc": 9000, "offset": 1024 + 6 * 64,
                "data": (entry + le(crc32(entry), 4)).hex()}  # fmt: skip
 
 

@@ -168,7 +168,7 @@ CONFIG = (
     ("can_tx_msg_data", 96, 2, (429, 428, 431, 430, 436, 65535, 65535, 65535,
                                 2982, 2983, 2288, 2289, 1884, 1885, 1886, 1887,
                                 2280, 2281, 2282, 2283, 2286, 2287, 2387, 420) + (65535,) * 40),
-    ("can_rx_msg_en_startup", 224, 1, (1,)),
+    ("can_rx_msg_en_startup", 224, 1, (1,)), ("telemetry_period", 226, 2, (100,)),
     ("can_rx_msg_id", 228, 4, (0x98FF50E5, 0, 0, 0, 0, 0, 0, 0)),
     ("can_rx_msg_timeout", 260, 2, (5000, 0, 0, 0, 0, 0, 0, 0)),
     ("can_rx_msg_len", 276, 1, (8, 0, 0, 0, 0, 0, 0, 0)),
@@ -200,7 +200,9 @@ def config():
                 "raw": value,
             }
     refused = (
-        ("ts", 0, "1300", "below 20 ms"),
+        ("ts", 0, "c900", "201 samples are more than the buffer takes"),
+        ("ts", 0, "0000", "no sample has no mean"),
+        ("telemetry_period", 226, "1300", "below 20 ms"),
         ("v_cell_max", 4, "c9af", "45001 is above 4.5 V"),
         ("t_cell_min", 8, "29", "41 degC is above 40 degC"),
         ("can_tx_msg_id", 44, "00080000", "0x800 needs 29 bits, bit 31 is not set"),
@@ -253,7 +255,7 @@ def pec15():
 def eeprom():
     image = default_image()
     for counter in (1, 0x01020304):
-        header = b"VWCF" + le(420, 2) + le(1, 2) + le(counter, 4)
+        header = b"VWCF" + le(420, 2) + le(2, 2) + le(counter, 4)
         slot = (header + le(crc32(header + image), 4)).ljust(64, b"\0") + image + bytes(28)
         yield {
             "name": f"default image, store {counter}",

@@ -155,7 +155,7 @@ def evidence_of(session: SessionFile) -> Evidence:
         map_matches=None if ident is None else ident.map_hash == MAP_HASH,
         url=str(metadata["url"]),
         config_hash=image_hash(image),
-        interval_s=CONFIG["ts"].unpack(image)[0] / 1000,
+        interval_s=CONFIG["telemetry_period"].unpack(image)[0] / 1000,
         cell=cell.name,
         cycles=cycles,
         limits=rows,

@@ -39,6 +39,7 @@ class Limits:
     i_disc_min: int
     i_disc_max: int
     v_alpha: int
+    ts: int
     fc_avg: int
 
     @classmethod
@@ -233,7 +234,8 @@ def _latency_s(sign: Sign, limits: Limits, cycles: Cycles, looks: Sequence[Look]
     if sign.startswith("temperature"):
         return cycles.temperature_s + cycles.pass_s
     if sign.startswith("current"):
-        return cycles.pass_s + limits.fc_avg * 1e-3  # samples of 1 ms
+        averaged = max(math.ceil(limits.fc_avg / limits.ts), 1) * limits.ts  # whole buffers of samples of 1 ms
+        return cycles.pass_s + (averaged + limits.ts) * 1e-3  # a violation begins anywhere in the first of them
     if sign == "wire-lost":
         return cycles.wire_check_s + cycles.pass_s
     if sign == "slave-lost" or cell is None:

@@ -36,6 +36,7 @@ from app.errors import ConfigError
 from app.words import Message, render
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.memory_map import CONFIG_SIZE
+from firmware_protocol.older_maps import present_image
 
 router = APIRouter(prefix="/config", tags=["config"])
 Name = Annotated[str, Path(max_length=40)]
@@ -151,9 +152,14 @@ def _record_json(record: Record) -> dict[str, Any]:
         "result": record.result,
         "from_hash": image_hash(record.before) if len(record.before) == CONFIG_SIZE else None,
         "to_hash": image_hash(record.after) if len(record.after) == CONFIG_SIZE else None,
-        "difference": [*map(change_json, difference(record.before, record.after))] if knows_both else [],
+        "difference": _difference_json(record) if knows_both else [],
         "genuine": record.is_genuine,
     }
+
+
+def _difference_json(record: Record) -> list[dict[str, Any]]:
+    """What a write changed, in the present memory map."""
+    return [*map(change_json, difference(present_image(record.before), present_image(record.after)))]
 
 
 @router.get("/history", response_model=ConfigHistoryOut)

@@ -19,6 +19,7 @@ from app.configuration.safe_write import ConfigurationWriter, Draft, WholeImage
 from app.words import Message
 from firmware_protocol.config_image import image_hash, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
+from firmware_protocol.older_maps import FIRST_MAP, is_first_image, present_image
 
 router = APIRouter(prefix="/config", tags=["config"])
 OCTETS = "application/octet-stream"
@@ -139,14 +140,15 @@ def write(
 def _image_draft(body: bytes, reason: str) -> Draft:
     if len(body) != CONFIG_SIZE:
         raise invalid("body", Message("bytes", count=len(body)), Message("exactly-bytes", count=CONFIG_SIZE))
-    return Draft(WholeImage(body), reason, "image")
+    source = f"image, converted from map {FIRST_MAP}" if is_first_image(body) else "image"
+    return Draft(WholeImage(present_image(body)), reason, source)
 
 
 def _json_draft(body: bytes, reason: str, config_sources: ConfigSources) -> Draft:
     """A profile's file, or fields to change in what is in force or in a named source."""
     if is_profile(document := _loads(body)):
         profile = profile_of(document)
-        return Draft(WholeImage(profile.image), reason, f"file {profile.name}@{profile.version}")
+        return Draft(WholeImage(profile.image), reason, f"file {profile.origin}")
     edit = _parse(body)
     for twice in edit.values.keys() & edit.raw.keys():
         raise invalid(twice, edit.raw[twice], Message("values-or-raw"))

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "edits",
             nargs="+",
             metavar="EDIT",
-            help="FIELD=VALUE as ts=50, a file (image, profile, JSON of values), or a SOURCE",
+            help="FIELD=VALUE as telemetry_period=50, a file (image, profile, JSON of values), or a SOURCE",
         )
         action.add_argument("--reason", default="", help="why it is right in spite of warnings")
     write.add_argument("--store", action="store_true", help="then store in the EEPROM and read it back")

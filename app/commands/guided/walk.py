@@ -80,13 +80,13 @@ def _clear(station: Station) -> None:
 @contextmanager
 def _quick_telemetry(station: Station, image: bytes, say: Callable[[str], None]) -> Iterator[None]:
     """Set the telemetry to its quickest, and back: only in force, never stored."""
-    ts = CONFIG["ts"]
-    own_ms = ts.unpack(image)[0]
+    period = CONFIG["telemetry_period"]
+    own_ms = period.unpack(image)[0]
     if own_ms <= TEST_INTERVAL_MS:
         yield
         return
     try:
-        station.client.write(ts.offset, TEST_INTERVAL_MS.to_bytes(ts.size, "little"))
+        station.client.write(period.offset, TEST_INTERVAL_MS.to_bytes(period.size, "little"))
     except (MasterRefused, MasterSilent) as error:
         say(f"telemetry stays at {own_ms} ms, the bands get wider: {error}")
         yield
@@ -94,4 +94,4 @@ def _quick_telemetry(station: Station, image: bytes, say: Callable[[str], None])
     try:
         yield
     finally:
-        station.client.write(ts.offset, own_ms.to_bytes(ts.size, "little"))
+        station.client.write(period.offset, own_ms.to_bytes(period.size, "little"))

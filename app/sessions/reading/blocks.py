@@ -15,7 +15,7 @@ from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, Track
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.streams import CountArray, stream_ranges, unpack_streams
 from app.sources.loaded_battery import LoadedBattery
-from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.older_maps import fields_of
 
 _ALWAYS_US = 1 << 50
 ElementArray = NDArray[np.intp]
@@ -69,9 +69,10 @@ class Block:
 class BlockReader:
     """Reads the blocks of a session. Keeps the last decoded tail."""
 
-    def __init__(self, stored: StoredSession, battery: LoadedBattery) -> None:
+    def __init__(self, stored: StoredSession, battery: LoadedBattery, map_hash: str | None) -> None:
         self._stored = stored
         self._battery = battery
+        self._map_hash = map_hash
         self._tail: tuple[tuple[int, ...], Chunk] | None = None
 
     def blocks(self, wanted: Mapping[str, ElementArray], first_us: int, last_us: int) -> Iterator[Block]:
@@ -172,6 +173,7 @@ class BlockReader:
                 last_good[0][0] if last_good else None,
                 battery=self._battery,
                 decodes_can=not metadata or FOREIGN_CAN not in json.loads(metadata[0][0]),
+                map_hash=self._map_hash,
             )
             builder.add(
                 stored.rows("SELECT t_mono_ns, raw FROM frames WHERE id > ? AND ok ORDER BY id", (last_frame,)),
@@ -189,7 +191,7 @@ class BlockReader:
         rows = self._stored.rows("SELECT t_mono_ns, image FROM configs ORDER BY id") if names else []
         if not rows:
             return []
-        sampled = self.fields()
+        sampled, fields = self.fields(), fields_of(self._map_hash)
         last_frame = self._stored.rows("SELECT t_mono_ns FROM frames ORDER BY id DESC LIMIT 1")
         end_ns = max(row[0] for row in (rows[-1], *last_frame))
         times_us = np.array([*(row[0] for row in rows), end_ns], np.int64) // 1000
@@ -198,7 +200,7 @@ class BlockReader:
         for name in names:
             if name not in sampled:
                 with self._stored.sound():
-                    values = np.array([FIELDS[name].unpack(image) for _, image in (*rows, rows[-1])], np.int64)
+                    values = np.array([fields[name].unpack(image) for _, image in (*rows, rows[-1])], np.int64)
                 columns.append(Column(name, wanted[name], track, partial(np.take, values, wanted[name], axis=1)))
         return columns
 

@@ -14,7 +14,7 @@ from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.streams import stream_ranges, unpack_streams
 from app.words import render
 from firmware_protocol.framing import Frame, decode_chunk
-from firmware_protocol.memory_map import MAP_HASH
+from firmware_protocol.older_maps import is_known
 
 
 def find_problems(stored: StoredSession) -> list[str]:
@@ -84,13 +84,13 @@ def _all_frames(stored: StoredSession, first: int, last: int) -> Iterator[tuple[
 def _columns(stored: StoredSession) -> Iterator[str]:
     """Every column can be unpacked; what the master told over its line is what its frames say."""
     ((map_hash,),) = stored.rows("SELECT value FROM meta WHERE key = 'map_hash'")
-    is_own_map = map_hash == MAP_HASH.hex()
+    is_known_map = is_known(map_hash)
     series = {row[0]: SeriesKey(*row[1:]) for row in stored.rows("SELECT * FROM series")}
-    builder = ChunkBuilder(decodes_can=False)
+    builder = ChunkBuilder(decodes_can=False, map_hash=map_hash)
     wrong: set[str] = set()
     for number, first, last, boots in stored.rows("SELECT id, first_frame, last_frame, boots FROM chunks ORDER BY id"):
         expected = None
-        if is_own_map:
+        if is_known_map:
             rows = stored.rows(
                 "SELECT t_mono_ns, raw FROM frames WHERE id >= ? AND id <= ? AND ok ORDER BY id", (first, last)
             )

@@ -5,6 +5,7 @@ import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from heapq import merge
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, Signals
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
 from app.words import Message
-from firmware_protocol.memory_map import CONFIG, FIELDS
+from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 
 MAX_POINTS = 100_000
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig
@@ -57,12 +59,13 @@ class SessionFile:
         try:
             self.loaded_battery = self._load_battery()
             self._offset_ns = self._wall_offset_ns()
+            self._map_hash = self._meta()["map_hash"]
         except NotASession:
             self._stored.close()
             raise
 
-        self._blocks = BlockReader(self._stored, self.loaded_battery)
-        self.signals = Signals(self.loaded_battery)
+        self._blocks = BlockReader(self._stored, self.loaded_battery, self._map_hash)
+        self.signals = Signals(self.loaded_battery, self._map_hash)
 
     def __enter__(self) -> "SessionFile":
         return self
@@ -159,7 +162,14 @@ class SessionFile:
             yield RecordedCanFrame(*row)
 
     def configs(self) -> list[RecordedConfig]:
-        """Every configuration in force, in order."""
+        """Every configuration in force, in order, in the present memory map."""
+        recorded = self.configs_as_recorded()
+        if self._map_hash != FIRST_MAP:
+            return recorded
+        return [replace(config, image=present_image(config.image)) for config in recorded]
+
+    def configs_as_recorded(self) -> list[RecordedConfig]:
+        """Every configuration in force, in order, in the memory map of the session."""
         rows = self._stored.rows("SELECT t_mono_ns, t_wall_ns, why, image FROM configs ORDER BY id")
         return [RecordedConfig(*row) for row in rows]
 
@@ -324,7 +334,7 @@ class SessionFile:
         with self.consistent():
             names = self._blocks.fields()
             if self._stored.last_id("configs"):
-                names |= {f"conf.{name}" for name in CONFIG}
+                names |= {name for name in fields_of(self._map_hash) if name.startswith("conf.")}
         order = self.signals.order
         return sorted(names, key=lambda name: (order.get(name, len(order)), name))
 

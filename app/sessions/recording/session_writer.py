@@ -95,7 +95,8 @@ class SessionWriter:
         """
         self._path = info.path
         self._connection = open_for_writing(info.path, SESSION)
-        self._builder = ChunkBuilder(battery=battery, decodes_can=FOREIGN_CAN not in info.metadata)
+        decodes_can = FOREIGN_CAN not in info.metadata
+        self._builder = ChunkBuilder(battery=battery, decodes_can=decodes_can, map_hash=info.map_hash)
         self._between = between
         self._closing: _Closing | None = None
         self._digests = Digests()

@@ -21,8 +21,8 @@ from firmware_protocol.can_tables import TableReader
 from firmware_protocol.config_image import default_image
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import Frame, decode_chunk
-from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Data, MessageType
+from firmware_protocol.older_maps import fields_of
 
 ESTIMATE_SCALE = 2e-5  # per count of a stored estimate; 65535 is missing
 ESTIMATE_MISSING = 0xFFFF
@@ -78,12 +78,12 @@ def encode_estimate(values: NDArray[np.float64]) -> bytes:
 
 
 @lru_cache(maxsize=256)
-def _segments(layout: Layout) -> tuple[tuple[SeriesKey, int], ...]:
-    """What whole elements the windows carry and where in their joined bytes each run of them starts."""
+def _segments(layout: Layout, map_hash: str | None = None) -> tuple[tuple[SeriesKey, int], ...]:
+    """What whole elements of a map the windows carry and where in their joined bytes each run of them starts."""
     found = []
     position = 0
     for offset, length in layout:
-        for each in FIELDS.values():
+        for each in fields_of(map_hash).values():
             size = each.item_size
             first = max(0, -(-(offset - each.offset) // size))
             last = min(each.count, (offset + length - each.offset) // size)
@@ -113,8 +113,18 @@ class ChunkBuilder:
         *,
         battery: LoadedBattery | None = None,
         decodes_can: bool = True,
+        map_hash: str | None = None,
     ) -> None:
-        """Begin with the master's clock as it was; a battery with a DBC has none. None: the team's own battery."""
+        """Begin with the master's clock as it was; a battery with a DBC has none.
+
+        Args:
+            boots: how often that clock had gone back.
+            last_uptime_ms: what it showed last.
+            last_frame_ns: when the last frame arrived.
+            battery: None is the team's own.
+            decodes_can: whether CAN frames are of our master.
+            map_hash: of the memory map that was recorded; None is the present one.
+        """
         battery = battery or team_battery()
         speaks = battery.speaks_dbc
         self._battery = None if speaks is None else BatteryColumns(battery.battery, speaks, battery.definitions)
@@ -123,6 +133,7 @@ class ChunkBuilder:
         self._last_uptime_ms = last_uptime_ms
         self._last_frame_ns = last_frame_ns
         self._decodes_can = decodes_can
+        self._map_hash = map_hash
         self._can_tables = TableReader(default_image())
         self._restart()
 
@@ -172,7 +183,7 @@ class ChunkBuilder:
             return
         windows = self._can_tables.windows(can_id, data)
         layout = tuple((w.offset, len(w.data)) for w in windows)
-        if _segments(layout):
+        if _segments(layout, self._map_hash):
             self._append(layout, b"".join([w.data for w in windows]), t_mono_ns, -(t_mono_ns // 1000))
 
     def add_frame(self, t_mono_ns: int, raw: bytes) -> None:
@@ -216,7 +227,7 @@ class ChunkBuilder:
         for layout, group in self._groups.items():
             indices = np.array(group.indices)
             image = np.frombuffer(b"".join(group.bodies), np.uint8).reshape(len(indices), -1)
-            for key, start in _segments(layout):
+            for key, start in _segments(layout, self._map_hash):
                 size = np.dtype(key.dtype).itemsize * key.elements
                 values = np.ascontiguousarray(image[:, start : start + size]).view(key.dtype)
                 parts[key].append((indices, values))

@@ -17,7 +17,8 @@ from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMA
 from app.sessions.storage.streams import CountArray
 from app.sources.loaded_battery import LoadedBattery
 from app.words import Message
-from firmware_protocol.memory_map import CHIP_MISSING, FIELDS, T_MISSING, V_MISSING
+from firmware_protocol.memory_map import CHIP_MISSING, T_MISSING, V_MISSING
+from firmware_protocol.older_maps import fields_of
 
 _NAME = re.compile(r"(?P<field>.+?)(?P<indices>(\[\d+\])*)$")
 FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_max", "t_avg", "soc", "dod", "v", "t")
@@ -60,10 +61,11 @@ def _missing(name: str) -> int | None:
     return CHIP_MISSING if name.startswith("slave[") and name.endswith((".cvr", ".temp")) else None
 
 
-def _fields_of(battery: LoadedBattery) -> dict[str, _Field]:
+def _fields_of(battery: LoadedBattery, map_hash: str | None) -> dict[str, _Field]:
     speaks = battery.speaks_dbc
     if speaks is None:
-        return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in FIELDS.values()}
+        fields = fields_of(map_hash).values()
+        return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in fields}
     is_new = {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
     return is_new | {
         name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)
@@ -72,11 +74,11 @@ def _fields_of(battery: LoadedBattery) -> dict[str, _Field]:
 
 
 class Signals:
-    """The signals that sessions of a battery may hold."""
+    """The signals that sessions of a battery may hold, by the memory map that they were recorded with."""
 
-    def __init__(self, battery: LoadedBattery) -> None:
+    def __init__(self, battery: LoadedBattery, map_hash: str | None = None) -> None:
         estimate = _Field((battery.battery.n_cells,), "1", ESTIMATE_SCALE, ESTIMATE_MISSING)
-        self._fields: Mapping[str, _Field] = {**_fields_of(battery), **dict.fromkeys(ESTIMATES, estimate)}
+        self._fields: Mapping[str, _Field] = {**_fields_of(battery, map_hash), **dict.fromkeys(ESTIMATES, estimate)}
         self._of_table = (
             tuple(n for n in self._fields if n != IS_NEW) if battery.speaks_dbc else (*FAST_FIELDS, *ESTIMATES)
         )

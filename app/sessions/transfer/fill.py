@@ -238,7 +238,7 @@ def _write(
     writer = SessionWriter(filled_info, session.cell_file, session.loaded_battery)
     try:
         old: tuple[Iterator[TableRow], ...] = (
-            (("configs", (c.t_mono_ns, c.t_wall_ns, c.why, c.image)) for c in session.configs()),
+            (("configs", (c.t_mono_ns, c.t_wall_ns, c.why, c.image)) for c in session.configs_as_recorded()),
             map(_frame_row, session.frames()),
             map(_can_row, session.can_frames()),
             (("estimates", row) for row in session.estimates()),

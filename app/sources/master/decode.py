@@ -1,5 +1,6 @@
 """The shadow image as arrays and numbers in SI units. A byte that never came, or came too long ago, is missing."""
 
+from collections.abc import Mapping
 from typing import TypeVar, cast
 
 import numpy as np
@@ -21,6 +22,7 @@ from firmware_protocol.memory_map import (
     STATUS_FLAGS,
     T_MISSING,
     V_MISSING,
+    Field,
 )
 
 PARTS: dict[str, tuple[int, int]] = {
@@ -68,11 +70,11 @@ class Decoder:
         start, end = _SPANS[name]
         return bool(self._old_before[start] == self._old_before[end])
 
-    def number(self, name: str) -> float | None:
-        """Return a single field in its unit; None where it is unknown, or cannot be."""
+    def number(self, name: str, fields: Mapping[str, Field] = FIELDS) -> float | None:
+        """Return a single field of a map in its unit; None where it is unknown, or cannot be."""
         if not self.is_known(name):
             return None
-        field = FIELDS[name]
+        field = fields[name]
         value = field.unpack(self._shadow.image)[0] * field.scale
         return value if abs(value) <= PLAUSIBLE.get(name, np.inf) else None
 

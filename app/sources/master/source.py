@@ -27,6 +27,7 @@ from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_SIZE
 from firmware_protocol.messages import Data, EventCode, EventMessage, Ident, MessageType, Reply, Result, decode_message
+from firmware_protocol.older_maps import fields_of, present_image
 
 VOLTAGE_OFFSET = PARTS["voltage"][0]
 CAN_SNAPSHOT_NS = 50_000_000
@@ -220,7 +221,7 @@ class MasterSource:
         """Image and hash as last received as a whole: never the pieces of two configurations."""
         if int(self._shadow.measured_ns[:CONFIG_SIZE].min()) < self._config_from_ns:
             return self._config
-        image = bytes(self._shadow.image[:CONFIG_SIZE])
+        image = present_image(self._shadow.image[:CONFIG_SIZE])
         if self._config is None or self._config[0] != image:
             self._config = image, image_hash(image)
             self._use_can_tables(image)
@@ -276,7 +277,7 @@ class MasterSource:
             fit=None if flags is None else flags.fit,
             flags=flags,
             soc=decoder.number("soc"),
-            charge_drawn_ah=decoder.number("dod"),
+            charge_drawn_ah=decoder.number("dod", fields_of(None if identity is None else identity.map_hash)),
             n_slaves=decoder.integer("n_slaves"),
             can_tx_enabled=decoder.integer("status.can_tx_msg_en"),
             can_rx_enabled=decoder.integer("status.can_rx_msg_en"),

@@ -18,6 +18,9 @@ void battery_init(battery_t *battery, vw_master_t *master, vw_link_t *link, bool
     battery->master = master;
     battery->link = link;
     battery->is_driving = is_driving;
+    battery->current_sum = 0;
+    battery->n_samples = 0u;
+    battery->sampled_ms = 0u;
     faults_init(&battery->faults);
     memset(&battery->protection, 0, sizeof battery->protection);
     memset((uint8_t *)master + VW_CONFIG_SIZE, 0, VW_MASTER_SIZE - VW_CONFIG_SIZE);
@@ -58,13 +61,30 @@ void battery_follow_charger(battery_t *battery, enum vw_charge charge)
     }
 }
 
+/* A sample for each millisecond since the last pass; `ts` of them are one mean. This car averages no further. */
+static void take_current(battery_t *battery, uint32_t now_ms)
+{
+    const faults_t *faults = &battery->faults;
+    vw_master_t *master = battery->master;
+    int32_t sample = faults->has_current ? faults->current : battery->is_driving ? 4200 : 0;
+    for (; battery->sampled_ms != now_ms; battery->sampled_ms++) {
+        battery->current_sum += sample;
+        battery->n_samples++;
+        if (battery->n_samples >= master->conf.ts) {
+            master->i_fs = battery->current_sum / battery->n_samples;
+            master->i_fc = master->i_fc_hp = master->i_fs;
+            battery->current_sum = 0;
+            battery->n_samples = 0u;
+        }
+    }
+}
+
 bool battery_measure(battery_t *battery, uint32_t now_ms)
 {
     vw_master_t *master = battery->master;
     uint32_t i, sum = 0, n_known = 0;
     bool has_opened;
-    master->i_fs = battery->is_driving ? 4200 : 0;
-    master->i_fc = master->i_fc_hp = master->i_fs;
+    take_current(battery, now_ms);
     master->v_min = UINT16_MAX;
     master->v_max = 0;
     for (i = 0; i < VW_N_CELLS; i++) {

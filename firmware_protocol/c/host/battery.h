@@ -10,6 +10,9 @@ typedef struct {
     vw_master_t *master;
     vw_link_t *link;
     vw_estimator_t estimator; /* fills `soc` and `ocv` */
+    int32_t current_sum; /* of the samples of 1 ms since the last mean */
+    uint16_t n_samples;
+    uint32_t sampled_ms;
     bool is_driving; /* relays closed: configuration and most commands are refused */
     faults_t faults;
     protection_t protection;

@@ -124,8 +124,10 @@ static void drive_newest(char *words)
         return;
     }
     image = vw_slot_image(slots[newest], &counter);
+    memcpy(bytes, image, VW_CONFIG_SIZE);
+    vw_slot_to_present(slots[newest], bytes);
     printf("%d %lu ", newest, (unsigned long)counter);
-    print_hex(image, VW_CONFIG_SIZE);
+    print_hex(bytes, VW_CONFIG_SIZE);
 }
 
 /* A frame holds the line for as long as its bytes take, rounded up. */

@@ -6,6 +6,7 @@
 #include "vectors.h"
 #include "vw_can.h"
 #include "vw_config.h"
+#include "vw_store.h"
 
 static void keep_frame(void *context, vw_item_t item, const vw_frame_t *frame)
 {
@@ -67,8 +68,57 @@ unsigned check_eeprom_images(const char *folder)
         from_hex(value_of(v, "slot_1"), slots[1]);
         newest = vw_slot_newest(slots[0], slots[1]);
         expect(newest == atol(value_of(v, "newest")), "eeprom_images.json", v);
-        expect(newest < 0 || (vw_slot_image(slots[newest], &counter) != NULL && counter == number_of(v, "counter")),
-               "eeprom_images.json", v);
+        if (newest >= 0) {
+            static uint8_t image[VW_CONFIG_SIZE], meant[VW_CONFIG_SIZE];
+            const uint8_t *found = vw_slot_image(slots[newest], &counter);
+            expect(found != NULL && counter == number_of(v, "counter"), "eeprom_images.json", v);
+            memcpy(image, found, sizeof image);
+            vw_slot_to_present(slots[newest], image);
+            (void)from_hex(value_of(v, "image"), meant);
+            expect(memcmp(image, meant, sizeof image) == 0, "eeprom_images.json", v);
+        }
+    }
+    return count;
+}
+
+static uint8_t eeprom[VW_EEPROM_SIZE];
+
+static bool read_eeprom(void *context, uint16_t address, uint8_t *data, uint16_t length)
+{
+    (void)context;
+    memcpy(data, eeprom + address, length);
+    return true;
+}
+
+static bool write_eeprom(void *context, uint16_t address, const uint8_t *data, uint16_t length)
+{
+    (void)context;
+    memcpy(eeprom + address, data, length);
+    return true;
+}
+
+unsigned check_journal(const char *folder)
+{
+    static const vw_board_t board = { .eeprom_read = read_eeprom, .eeprom_write = write_eeprom };
+    static uint8_t data[VW_EEPROM_PAGE_SIZE];
+    const char *v;
+    unsigned count = 0;
+    for (v = first_vector(folder, "eeprom_journal.json"); v != NULL; v = next_vector(v), count++) {
+        vw_journal_t found;
+        size_t length = from_hex(value_of(v, "data"), data);
+        memset(eeprom, 0xFF, sizeof eeprom);
+        memcpy(eeprom + number_of(v, "offset"), data, length);
+        vw_journal_read(&board, &found);
+        expect(found.counter == number_of(v, "counter") && found.dod == number_of(v, "dod")
+                   && found.soc == number_of(v, "soc"),
+               "eeprom_journal.json", v);
+        if (number_of(v, "layout") == VW_EEPROM_LAYOUT_VERSION) {
+            found.counter--;
+            memset(eeprom, 0xFF, sizeof eeprom);
+            expect(vw_journal_write(&board, &found, (uint32_t)number_of(v, "dod"), (uint16_t)number_of(v, "soc"))
+                       && memcmp(eeprom + number_of(v, "offset"), data, length) == 0,
+                   "eeprom_journal.json", v);
+        }
     }
     return count;
 }

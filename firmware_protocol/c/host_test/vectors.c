@@ -311,6 +311,7 @@ int run_vectors(const char *folder)
     count += check_whole_frames(folder);
     count += check_config_limits(folder);
     count += check_eeprom_images(folder);
+    count += check_journal(folder);
     count += check_can_frames(folder);
     count += check_config(folder);
     count += check_slots(folder);

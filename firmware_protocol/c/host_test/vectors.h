@@ -22,6 +22,7 @@ void check_message(const vw_frame_t *frame, const char *file, const char *v);
 unsigned check_whole_frames(const char *folder);
 unsigned check_config_limits(const char *folder);
 unsigned check_eeprom_images(const char *folder);
+unsigned check_journal(const char *folder);
 unsigned check_can_frames(const char *folder);
 
 #endif

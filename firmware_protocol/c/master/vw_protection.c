@@ -37,6 +37,16 @@ static void find_cell_limits(violations_t *found, const vw_config_t *conf, const
     }
 }
 
+/* What the mean of the current leaves of the time: its buffers, and one more, in which the violation began. */
+static uint16_t current_persistence_ms(const vw_config_t *conf)
+{
+    uint32_t ts = conf->ts;
+    uint32_t n_buffers = conf->fc_avg > 0 ? ((uint32_t)conf->fc_avg + ts - 1u) / ts : 1u;
+    uint32_t takes = VW_PASS_MS + (n_buffers + 1u) * ts;
+    uint32_t left = takes < VW_CURRENT_ALLOWED_MS ? VW_CURRENT_ALLOWED_MS - takes : 0u;
+    return (uint16_t)(left < VW_FAST_PERSISTENCE_MS ? left : VW_FAST_PERSISTENCE_MS);
+}
+
 static void find_current_limits(violations_t *found, const vw_config_t *conf, const vw_reading_t *is)
 {
     enum vw_event code = is->is_charging ? VW_EVENT_TRIP_I_CHRG : VW_EVENT_TRIP_I_DISC;
@@ -45,9 +55,9 @@ static void find_current_limits(violations_t *found, const vw_config_t *conf, co
     int32_t highest = is->is_charging ? conf->i_chrg_max : conf->i_disc_max;
     int32_t lowest = is->is_charging ? conf->i_chrg_min : conf->i_disc_min;
     if (value > highest + tolerance) {
-        add(found, code, VW_FAST_PERSISTENCE_MS, VW_NO_OFFSET, value, highest);
+        add(found, code, current_persistence_ms(conf), VW_NO_OFFSET, value, highest);
     } else if (value < lowest - tolerance) {
-        add(found, code, VW_FAST_PERSISTENCE_MS, VW_NO_OFFSET, value, lowest);
+        add(found, code, current_persistence_ms(conf), VW_NO_OFFSET, value, lowest);
     } else {
         /* inside both */
     }

@@ -13,6 +13,8 @@
 #define VW_NONE 0xFFu                 /* no cell, no slave */
 #define VW_CHARGE_TOLERANCE 100       /* 1 A [10 mA]: the sensor's accuracy, so that the asked current does not trip */
 #define VW_FAST_PERSISTENCE_MS 300u
+#define VW_PASS_MS 20u
+#define VW_CURRENT_ALLOWED_MS 400u /* to the OK signal; the relays, and who has to show it, get the rest of the 500 */
 #define VW_SLOW_PERSISTENCE_MS 400u   /* of a temperature's limit */
 #define VW_WIRE_PERSISTENCE_MS 500u   /* of a lost cell: on a disturbed line it may come back */
 #define VW_SENSOR_PERSISTENCE_MS 1000u /* of a lost temperature */

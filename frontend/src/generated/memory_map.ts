@@ -5,7 +5,7 @@ export const CELLS_PER_PACK = 12;
 export const N_CELLS = 96;
 export const CONFIG_SIZE = 420;
 export const MASTER_SIZE = 2984;
-export const MAP_HASH = '3b6bf984ad19a456';
+export const MAP_HASH = '519507da6d488d89';
 
 export type ConfigField =
   | 'ts'
@@ -37,6 +37,7 @@ export type ConfigField =
   | 'can_tx_msg_len'
   | 'can_tx_msg_data'
   | 'can_rx_msg_en_startup'
+  | 'telemetry_period'
   | 'can_rx_msg_id'
   | 'can_rx_msg_timeout'
   | 'can_rx_msg_len'
@@ -73,6 +74,7 @@ export type StructField =
   | 'conf.can_tx_msg_len'
   | 'conf.can_tx_msg_data'
   | 'conf.can_rx_msg_en_startup'
+  | 'conf.telemetry_period'
   | 'conf.can_rx_msg_id'
   | 'conf.can_rx_msg_timeout'
   | 'conf.can_rx_msg_len'

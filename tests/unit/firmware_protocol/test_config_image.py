@@ -4,6 +4,7 @@ from firmware_protocol import config_image
 from firmware_protocol.errors import DecodeError, EncodeError
 from firmware_protocol.memory_map import BYTE_UNUSED, CAN_ID_EXTENDED, CONFIG, CONFIG_FIELDS, CONFIG_SIZE
 
+FULL_BUFFER = "1..200 sample: the buffer of the current's samples takes no more"
 DEFAULT = config_image.default_image()
 
 
@@ -89,9 +90,10 @@ def test_limits_the_wrong_way_round_are_refused(name, raw):
 
 
 def test_error_speaks_the_fields_unit():
-    [error] = config_image.check(config_image.with_raw(DEFAULT, "ts", 10))
-    assert (error.value, error.limit) == (10, "20..10000 ms")
-    assert error.message.startswith("ts = 10 ms, allowed: 20..10000 ms: ")
+    [error] = config_image.check(config_image.with_raw(DEFAULT, "ts", 201))
+    assert (error.value, error.limit) == (201, "1..200 sample")
+    why = "the buffer of the current's samples takes no more"
+    assert error.message == f"ts = 201 sample, allowed: 1..200 sample: {why}"
     error = config_image.check(config_image.with_raw(DEFAULT, "v_cell_max", 46000))[0]
     assert (error.value, error.limit) == (4.6, "3..4.5 V")
 
@@ -181,7 +183,9 @@ def test_counts_at_the_ends_of_their_type_fit(name, value, raw):
         ("t_cell_min", -7.4, "t_cell_min", -7.4, "a whole number, -40..40 degC"),
         ("v_cell_max", 4.50006, "v_cell_max", 4.50006, "3..4.5 V"),
         ("v_cell_max", 10**400, "v_cell_max", 10**400, "3..4.5 V"),
-        ("ts", 10**400, "ts", 10**400, "20..10000 ms"),
+        ("ts", 10**400, "ts", 10**400, FULL_BUFFER),
+        ("ts", 201, "ts", 201, FULL_BUFFER),
+        ("telemetry_period", 19, "telemetry_period", 19, "20..10000 ms"),
         ("can_tx_msg_len", [8] * 7 + [9], "can_tx_msg_len[7]", 9, "0..8 byte"),
         ("can_tx_msg_data", [[0] * 8] * 7 + [[0] * 7 + [-1]], "can_tx_msg_data[7][7]", -1, "0..65535"),
     ],
@@ -194,10 +198,11 @@ def test_a_value_that_does_not_fit_names_its_element_and_limit(name, value, fiel
 
 def test_one_value_alone_becomes_its_count_or_names_its_field():
     assert config_image.to_raw(CONFIG["v_cell_max"], 4.15) == 41500
-    assert config_image.to_raw(CONFIG["ts"], 10_000) == 10_000
+    assert config_image.to_raw(CONFIG["ts"], 200) == 200
     for name, value, limit in (
-        ("ts", 100.5, "a whole number, 20..10000 ms"),
-        ("ts", 10_001, "20..10000 ms"),
+        ("ts", 100.5, "a whole number, 1..200 sample"),
+        ("ts", 201, FULL_BUFFER),
+        ("telemetry_period", 10_001, "20..10000 ms"),
         ("v_cell_max", float("nan"), "3..4.5 V"),
         ("v_cell_max", 10**400, "3..4.5 V"),
     ):
@@ -247,7 +252,7 @@ def test_difference_names_the_element_its_byte_and_both_values():
 
 def test_padding_neither_differs_nor_changes_the_name_of_an_image():
     noisy = bytearray(DEFAULT)
-    noisy[225:228] = b"\xaa\xbb\xcc"
+    noisy[225] = 0xAA
     assert config_image.difference(DEFAULT, noisy) == []
     assert config_image.image_hash(noisy) == config_image.image_hash(DEFAULT)
     assert config_image.canonical(noisy) == DEFAULT
@@ -255,18 +260,20 @@ def test_padding_neither_differs_nor_changes_the_name_of_an_image():
 
 def test_hash_changes_with_any_byte_of_a_field():
     names = {config_image.image_hash(DEFAULT)}
-    for position in set(range(CONFIG_SIZE)) - {225, 226, 227}:
+    for position in set(range(CONFIG_SIZE)) - {225}:
         changed = bytearray(DEFAULT)
         changed[position] ^= 1
         names.add(config_image.image_hash(changed))
-    assert len(names) == CONFIG_SIZE - 3 + 1
+    assert len(names) == CONFIG_SIZE - 1 + 1
     assert all(len(name) == 16 for name in names)
 
 
 @pytest.mark.parametrize(
     ("changes", "field", "element", "value", "limit", "why"),
     [
-        ({"ts": 19}, "ts", None, 19, "20..10000 ms", "the master takes nothing else"),
+        ({"telemetry_period": 19}, "telemetry_period", None, 19, "20..10000 ms", "the master takes nothing else"),
+        ({"ts": 201}, "ts", None, 201, "1..200 sample", "the buffer of the current's samples takes no more"),
+        ({"ts": 0}, "ts", None, 0, "1..200 sample", "the buffer of the current's samples takes no more"),
         ({"v_cell_min": 40000, "v_cell_max": 40000, "v_cell_chrg": 40000}, "v_cell_min", None, 4.0,
          "below v_cell_max = 4.0 V", "no voltage would be inside both limits"),
         ({"v_cell_chrg": 42001}, "v_cell_chrg", None, 4.2001, "at most v_cell_max = 4.2 V",
@@ -343,10 +350,11 @@ def test_errors_come_in_order_of_their_offset():
 
 
 def test_only_fields_that_may_change_at_work_make_a_live_change():
-    live = config_image.with_value(config_image.with_value(DEFAULT, "ts", 50), "fan_ramp_max", 1.0)
+    live = config_image.with_value(config_image.with_value(DEFAULT, "telemetry_period", 50), "fan_ramp_max", 1.0)
     assert config_image.is_live_change(DEFAULT, live)
     assert config_image.is_live_change(DEFAULT, DEFAULT)
-    assert not config_image.is_live_change(DEFAULT, config_image.with_value(live, "v_cell_max", 4.15))
+    for name, value in (("v_cell_max", 4.15), ("ts", 99)):  # `ts` is the pace of the protection
+        assert not config_image.is_live_change(DEFAULT, config_image.with_value(live, name, value))
     with pytest.raises(DecodeError):
         config_image.is_live_change(DEFAULT, DEFAULT[1:])
 

@@ -120,7 +120,7 @@ CM_ SG_ 2550588916 charger_v_set "voltage asked of the charger";
 CM_ SG_ 2550588916 charger_i_set "current asked of the charger";
 CM_ SG_ 2550588916 charger_control "0 charge, 1 stop";
 CM_ SG_ 256 soc "state of charge, the master's own count";
-CM_ SG_ 256 i_fs "current, positive on discharge, latest sample";
+CM_ SG_ 256 i_fs "current, positive on discharge, mean of the last ts samples";
 CM_ SG_ 256 t_95 "cell temperatures; -128 no measurement (ours)";
 CM_ SG_ 256 dod_byte0 "byte 0 of dod";
 CM_ SG_ 256 status_load "load flag in status.flags";

@@ -43,7 +43,7 @@ def test_the_slot_before_stays_as_a_fallback():
 
 def test_slot_layout_is_the_written_one():
     slot = eeprom.encode_slot(FIRST, 0x01020304)
-    assert slot[:12] == b"VWCF" + bytes([0xA4, 0x01, 1, 0, 4, 3, 2, 1])
+    assert slot[:12] == b"VWCF" + bytes([0xA4, 0x01, 2, 0, 4, 3, 2, 1])
     assert slot[64 : 64 + 420] == FIRST
     assert slot[16:64] == bytes(48)
     assert len(slot) == 512
@@ -72,12 +72,12 @@ def test_page_writes_stay_inside_a_page_and_off_the_newest_slot():
 
 def test_unchanged_pages_are_not_written_again():
     memory = stored(FIRST, SECOND)
-    writes = eeprom.plan_store(memory, config_image.with_value(FIRST, "ts", 50))
+    writes = eeprom.plan_store(memory, config_image.with_value(FIRST, "telemetry_period", 50))
     assert [write.offset for write in writes] == [0, 64, 0]
 
 
 def test_padding_is_stored_as_zero():
-    noisy = FIRST[:225] + b"abc" + FIRST[228:]
+    noisy = FIRST[:225] + b"a" + FIRST[226:]
     assert eeprom.newest(stored(noisy)).image == FIRST
 
 
@@ -120,7 +120,7 @@ def test_a_store_wipes_the_header_first_and_writes_it_last():
     writes = eeprom.plan_store(used, SECOND)
     assert writes[0] == eeprom.PageWrite(512, bytes(64))
     assert [write.offset for write in writes[1:-1]] == [512 + 64 * page for page in range(1, 8)]
-    assert (writes[-1].offset, writes[-1].data[:12]) == (512, b"VWCF" + bytes([0xA4, 0x01, 1, 0, 2, 0, 0, 0]))
+    assert (writes[-1].offset, writes[-1].data[:12]) == (512, b"VWCF" + bytes([0xA4, 0x01, 2, 0, 2, 0, 0, 0]))
     assert {len(write.data) for write in writes} == {64}
 
 
@@ -154,7 +154,7 @@ def test_cut_journal_entry_leaves_the_one_before():
 
 def test_journal_entry_layout_is_the_written_one():
     write = eeprom.journal_write(eeprom.JournalEntry(0x01020303, 0, 0), 0x0A0B0C0D, 0x0102)
-    body = bytes.fromhex("04030201 0d0c0b0a 0201 0000")
+    body = bytes.fromhex("04030201 0d0c0b0a 0201 0200 00000000")
     assert write.data == body + binascii.crc32(body).to_bytes(4, "little")
     assert write.offset == 1024 + 0x01020303 % 496 * 64
 
@@ -176,8 +176,8 @@ def test_the_newest_journal_entry_is_found_wherever_it_stands():
 def test_a_journal_in_a_cut_read_is_understood_as_far_as_it_goes():
     writes = [eeprom.journal_write(eeprom.JournalEntry(n, 0, 0), 7, 7) for n in (0, 1)]
     memory = apply(BLANK, writes)
-    assert eeprom.newest_journal(memory[: 1024 + 64 + 16]).counter == 2
-    assert eeprom.newest_journal(memory[: 1024 + 64 + 15]).counter == 1
+    assert eeprom.newest_journal(memory[: 1024 + 64 + 20]).counter == 2
+    assert eeprom.newest_journal(memory[: 1024 + 64 + 19]).counter == 1
     assert eeprom.newest_journal(memory[:1024]) is None
 
 

@@ -108,7 +108,7 @@ def test_the_first_and_the_last_byte_of_every_field_are_its_own():
         assert memory_map.locate(field.end - 1) == (field, field.count - 1, field.item_size - 1)
 
 
-@pytest.mark.parametrize("offset", [225, 227, 441, 2391, 2984, -1])
+@pytest.mark.parametrize("offset", [225, 441, 2391, 2984, -1])
 def test_padding_and_beyond_is_nobodys(offset):
     assert memory_map.locate(offset) is None
 

@@ -43,7 +43,7 @@ def test_nothing_streams_before_x_and_after_y(host):
 
 
 def test_no_stretch_of_the_stream_is_faster_than_the_line(host):
-    host.ask(Write(0, host.config(ts=20)))
+    host.ask(Write(0, host.config(telemetry_period=20)))
     host.simulation.receive(b"x")
     host.arrivals.clear()
     host.run(5.0)
@@ -54,7 +54,7 @@ def test_no_stretch_of_the_stream_is_faster_than_the_line(host):
     assert sizes.sum() / 5.0 > 0.97 * LINE_BYTES_PER_S  # and none of it is wasted
 
 
-def test_fast_frames_leave_every_ts_and_slow_ones_fill_the_struct(host):
+def test_fast_frames_leave_every_period_and_slow_ones_fill_the_struct(host):
     host.simulation.receive(b"x")
     host.run(3.0)
     fast = [frame.uptime_ms for frame in host.frames if frame.type == MessageType.DATA and len(frame.body) > 300]

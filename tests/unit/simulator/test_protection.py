@@ -16,6 +16,7 @@ from simulator.protection import (
 )
 from tests.c_master import CProtection, PythonProtection
 
+CURRENT_PERSISTENCE_S = 0.18  # by the default `ts`
 CONFIG = Config.from_image(default_image())
 GOOD = Reading(
     v_min=36_000, v_min_id=3, v_max=40_000, v_max_id=7, t_min=20, t_min_id=1, t_max=30, t_max_id=9, i_fc=5_000,
@@ -45,15 +46,15 @@ def trip_time_s(make, reading: Reading, step_s: float = 0.02) -> tuple[float, in
         ({"v_max": 42_001}, EventCode.TRIP_V_MAX, 7, FAST_PERSISTENCE_S),
         ({"t_min": -16}, EventCode.TRIP_T_MIN, 1, SLOW_PERSISTENCE_S),
         ({"t_max": 46}, EventCode.TRIP_T_MAX, 9, SLOW_PERSISTENCE_S),
-        ({"i_fc": 20_001}, EventCode.TRIP_I_DISC, NO_OFFSET, FAST_PERSISTENCE_S),
-        ({"i_fc": -10_001}, EventCode.TRIP_I_DISC, NO_OFFSET, FAST_PERSISTENCE_S),
+        ({"i_fc": 20_001}, EventCode.TRIP_I_DISC, NO_OFFSET, CURRENT_PERSISTENCE_S),
+        ({"i_fc": -10_001}, EventCode.TRIP_I_DISC, NO_OFFSET, CURRENT_PERSISTENCE_S),
         (
             {"i_fc": -1_200 - CHARGE_TOLERANCE - 1, "is_charging": True},
             EventCode.TRIP_I_CHRG,
             NO_OFFSET,
-            FAST_PERSISTENCE_S,
+            CURRENT_PERSISTENCE_S,
         ),
-        ({"i_fc": 500, "is_charging": True}, EventCode.TRIP_I_CHRG, NO_OFFSET, FAST_PERSISTENCE_S),
+        ({"i_fc": 500, "is_charging": True}, EventCode.TRIP_I_CHRG, NO_OFFSET, CURRENT_PERSISTENCE_S),
         ({"lost_slave": 2}, EventCode.TRIP_SLAVE_LOST, 24, FAST_PERSISTENCE_S),
         ({"lost_cell": 40}, EventCode.TRIP_SENSOR_LOST, 40, WIRE_PERSISTENCE_S),
         ({"lost_temperature": 41}, EventCode.TRIP_SENSOR_LOST, 41, SENSOR_PERSISTENCE_S),
@@ -81,6 +82,27 @@ def test_a_value_at_its_limit_is_allowed(make, changes):
     at_limit = replace(GOOD, **changes)
     assert [protection.judge(CONFIG, at_limit, now_s) for now_s in (0.0, 5.0)] == [[], []]
     assert protection.clear()
+
+
+@pytest.mark.parametrize(
+    ("ts", "fc_avg", "after_s"),
+    [
+        (1, 1, 0.3),
+        (40, 10, 0.3),
+        (50, 10, 0.28),
+        (100, 0, 0.18),  # 400 ms less a pass of 20, a mean of 100, and as long again until that begins
+        (100, 100, 0.18),
+        (100, 101, 0.08),  # two buffers
+        (200, 200, 0.0),
+        (1, 1000, 0.0),
+    ],
+)
+def test_what_the_mean_of_the_current_takes_is_left_out_of_its_persistence(make, ts, fc_avg, after_s):
+    config = replace(CONFIG, ts=ts, fc_avg=fc_avg)
+    high = replace(GOOD, i_fc=20_001)
+    protection = make(Latch())
+    trips = [bool(protection.judge(config, high, tick * 0.02)) for tick in range(20)]
+    assert trips.index(True) * 0.02 == pytest.approx(after_s)
 
 
 def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew(make):

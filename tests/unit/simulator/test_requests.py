@@ -60,6 +60,20 @@ def test_written_configuration_is_in_force_and_told(host):
     assert host.events[-1].code == EventCode.CONFIG_WRITTEN
 
 
+@pytest.mark.parametrize(
+    ("ts", "result"), [(0, Result.OUT_OF_RANGE), (1, Result.DONE), (200, Result.DONE), (201, Result.OUT_OF_RANGE)]
+)
+def test_the_buffer_takes_so_many_samples(host, ts, result):
+    reply = host.ask(Write(0, ts.to_bytes(2, "little")))
+    assert (reply.result, reply.offset) == (result, NO_OFFSET if result == Result.DONE else 0)
+
+
+def test_an_image_of_the_first_map_is_refused(host):
+    first = (100).to_bytes(2, "little") + default_image()[2:226] + bytes(2) + default_image()[228:]
+    reply = host.ask(Write(0, first))
+    assert (reply.result, reply.offset) == (Result.OUT_OF_RANGE, CONFIG["telemetry_period"].offset)
+
+
 def test_a_value_out_of_range_is_refused_whole_with_its_offset(host):
     bad = bytearray(host.config(ts=50))
     bad[CONFIG["v_cell_max"].offset : CONFIG["v_cell_max"].end] = (60_000).to_bytes(2, "little")
@@ -114,7 +128,7 @@ def test_stored_configuration_survives_a_reset_and_can_be_loaded_back(host):
 
 def test_padding_is_kept_at_zero(host):
     wanted = bytearray(host.config(ts=50))
-    wanted[225:228] = b"abc"
+    wanted[225] = 0xAB
     assert host.ask(Write(0, bytes(wanted))).result == Result.DONE
     assert config_of(host) == host.config(ts=50)
 
@@ -140,7 +154,7 @@ def charge(host) -> None:
 def test_at_work_only_live_fields_are_taken(host, work):
     host.ask(Store())
     work(host)
-    live = host.config(fan_ramp_max=1.0, ts=50)
+    live = host.config(fan_ramp_max=1.0, telemetry_period=50)
     reply = host.ask(Write(0, host.config(fan_ramp_max=1.0, t_cell_max=50)))
     assert (reply.result, reply.offset) == (Result.NOT_NOW, NO_OFFSET)
     assert host.ask(Load()).result == Result.NOT_NOW

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from firmware_protocol.config_image import default_image
@@ -23,16 +25,33 @@ def test_counter_starts_only_at_rest():
 def test_counter_counts_ampere_hours_of_the_configured_capacity():
     counter = SocCounter()
     counter.set_soc(CONFIG, 0.8)
-    for _ in range(3600):
-        counter.count(CONFIG, 250, 1.0)  # 2.5 A for an hour: a tenth of 25 Ah
+    for _ in range(36_000):
+        counter.count(CONFIG, 250)  # 2.5 A for an hour, a mean each 100 ms: a tenth of 25 Ah
     assert counter.soc_counts(CONFIG) == 7000
-    assert counter.dod_mas == pytest.approx(0.3 * 25 * 3.6e6)
+    assert counter.dod_uah == pytest.approx(0.3 * 25 * 1e6)
+
+
+def test_a_mean_counts_for_as_long_as_its_samples_took():
+    for ts, uah in ((1, 10), (50, 500), (200, 2000)):
+        counter = SocCounter()
+        counter.set_soc(CONFIG, 1.0)
+        counter.count(replace(CONFIG, ts=ts), 3600)  # 36 A
+        assert counter.dod_uah == pytest.approx(uah)
+
+
+def test_a_count_is_one_microampere_hour_as_in_the_source():
+    counter = SocCounter()  # figure 4.1.1 of the thesis: dod 24079, soc 9991, c_avg 2500
+    counter.start_from_journal(24_079)
+    assert counter.soc_counts(CONFIG) == pytest.approx(9991, abs=1)
+    assert 10_000 - 24_079 * 10_000 // (CONFIG.c_avg * 10_000) == 9991
 
 
 def test_counter_stays_between_empty_and_full():
     counter = SocCounter()
     counter.set_soc(CONFIG, 0.01)
-    counter.count(CONFIG, 30_000, 3600)
+    for _ in range(36_000):
+        counter.count(CONFIG, 30_000)
     assert counter.soc_counts(CONFIG) == 0
-    counter.count(CONFIG, -30_000, 36_000)
+    for _ in range(360_000):
+        counter.count(CONFIG, -30_000)
     assert counter.soc_counts(CONFIG) == 10_000

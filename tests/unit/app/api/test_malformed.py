@@ -151,8 +151,11 @@ def test_a_rate_that_is_none_closes_the_stream(client, rate):
 
 
 def test_a_field_is_given_in_one_way(client):
-    body = {"values": {"ts": 110}, "raw": {"ts": 120}}
-    assert refused(client.put(f"{PREFIX}/config", json=body, headers=EDIT), 422)["errors"][0]["field"] == "ts"
+    body = {"values": {"telemetry_period": 110}, "raw": {"telemetry_period": 120}}
+    assert (
+        refused(client.put(f"{PREFIX}/config", json=body, headers=EDIT), 422)["errors"][0]["field"]
+        == "telemetry_period"
+    )
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from firmware_protocol.memory_map import CONFIG
 
 def raised(image: bytes) -> bytes:
     changed = bytearray(image)
-    CONFIG["ts"].pack_into(changed, (500,))
+    CONFIG["telemetry_period"].pack_into(changed, (500,))
     return bytes(changed)
 
 

@@ -1,15 +1,16 @@
 """Profiles: a configuration as a file for people and git, and back without losing a bit."""
 
 import json
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.configuration.profile import Profile, parse_profile, profile_text
+from app.configuration.profile import Profile, parse_profile, profile_of, profile_text
 from app.configuration.profile_store import NoProfile, Profiles
 from app.errors import ConfigError
-from firmware_protocol.config_image import canonical, check, default_image, with_raw, with_value
+from firmware_protocol.config_image import canonical, check, default_image, unit_value, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG_FIELDS, N_CAN_MESSAGES
 from tests.fake_clock import FakeClock
 
@@ -160,3 +161,42 @@ def test_a_profile_that_cannot_be_read_is_not_called_missing(profiles, tmp_path,
         with pytest.raises(ConfigError, match="Too many open files"):
             profiles.save("wet", default_image(), comment="", who="ada")
     assert profiles.save("wet", default_image(), comment="", who="ada").version == 2
+
+
+FIRST = (
+    Path(__file__).parents[3] / "recorded" / "first_map" / "profile.json"
+)  # by the program of the day before the change
+
+
+def test_a_profile_of_the_first_map_is_converted_and_says_so():
+    profile = parse_profile(FIRST.read_bytes())
+    values = {name: unit_value(profile.image, name) for name in ("telemetry_period", "ts", "v_cell_max")}
+    assert values == {"telemetry_period": 250, "ts": 100, "v_cell_max": 4.2}
+    assert check(profile.image) == []
+    assert profile.origin == "old-map@1, converted from map 3b6bf984ad19a456"
+    again = parse_profile(profile_text(profile))
+    assert (again.image, again.origin) == (profile.image, "old-map@1")
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "field"),
+    [
+        ("ts", {"value": 19, "unit": "ms"}, "telemetry_period"),
+        ("ts", {"value": 100, "unit": "sample"}, "values.telemetry_period.unit"),
+        ("telemetry_period", {"value": 100, "unit": "ms"}, "values.telemetry_period"),
+    ],
+)
+def test_what_the_first_map_did_not_have_is_refused(name, entry, field):
+    document = json.loads(FIRST.read_text())
+    document["values"][name] = entry
+    with pytest.raises(ConfigError) as refused:
+        profile_of(document)
+    assert refused.value.field == field
+
+
+def test_a_present_profile_may_not_mean_milliseconds_by_ts():
+    document = json.loads(profile_text(parse_profile(FIRST.read_bytes())))
+    document["values"]["ts"] = {"value": 100, "unit": "ms"}
+    with pytest.raises(ConfigError) as refused:
+        profile_of(document)
+    assert refused.value.field == "values.ts.unit"

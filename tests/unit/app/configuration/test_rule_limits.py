@@ -65,7 +65,7 @@ def test_the_base_of_these_tests_has_no_finding():
          "the sensor rests in the middle of its range; further off it is unplugged or broken"),
         ({"fan_ramp_stop": 46}, "warning", "fans", "at most t_cell_max = 45 °C",
          "the relays open before the fans run at their highest"),
-        ({"ts": 35}, "warning", "line", "at least 36 ms",
+        ({"telemetry_period": 35}, "warning", "line", "at least 36 ms",
          "a telemetry frame takes that long on the line: what does not fit is not sent"),
     ],
 )  # fmt: skip
@@ -92,7 +92,7 @@ def test_one_count_beyond_a_limit_is_told(change, level, code, limit, why):
         {"i_offset": 1945.2},
         {"i_offset": 2149.8},
         {"fan_ramp_stop": 45},
-        {"ts": 36},
+        {"telemetry_period": 36},
     ],
 )
 def test_a_value_at_its_limit_is_fine(change):
@@ -144,26 +144,30 @@ def test_a_data_sheet_that_says_nothing_judges_nothing():
 
 
 def test_what_the_master_would_refuse_is_the_only_thing_told():
-    refused = with_raw(changed(QUIET, v_cell_min=2.4999), "ts", 19)
-    assert found(refused) == [("error", "range", "ts", 19, "20..10000 ms", "the master takes nothing else")]
+    refused = with_raw(changed(QUIET, v_cell_min=2.4999), "telemetry_period", 19)
+    assert found(refused) == [
+        ("error", "range", "telemetry_period", 19, "20..10000 ms", "the master takes nothing else")
+    ]
+    why = "the buffer of the current's samples takes no more"
+    assert found(with_raw(QUIET, "ts", 201)) == [("error", "range", "ts", 201, "1..200 sample", why)]
 
 
 def test_errors_come_first_each_in_order_of_offset():
-    image = changed(QUIET, ts=35, v_cell_min=2.4999, t_cell_max=61, fan_ramp_stop=62, c_avg=19.0)
+    image = changed(QUIET, telemetry_period=35, v_cell_min=2.4999, t_cell_max=61, fan_ramp_stop=62, c_avg=19.0)
     assert [(each[0], each[2]) for each in found(image)] == [
         ("error", "v_cell_min"),
         ("error", "t_cell_max"),
-        ("warning", "ts"),
         ("warning", "c_avg"),
         ("warning", "fan_ramp_stop"),
+        ("warning", "telemetry_period"),
     ]
 
 
 def test_a_warning_stands_only_while_its_value_does():
-    before = changed(QUIET, ts=35)
+    before = changed(QUIET, telemetry_period=35)
     [standing] = review_change(before, before, CONTEXT)
     assert (standing.is_standing, standing.needs_reason, standing.blocks) == (True, False, False)
-    [other] = review_change(before, changed(QUIET, ts=34), CONTEXT)
+    [other] = review_change(before, changed(QUIET, telemetry_period=34), CONTEXT)
     assert (other.is_standing, other.needs_reason) == (False, True)
     assert review_change(before, QUIET, CONTEXT) == []
 

@@ -58,7 +58,7 @@ def test_an_error_blocks(name, value, code):
         ("i_disc_max", 201, "data-sheet"),
         ("i_offset", 2200, "offset"),
         ("fan_ramp_stop", 46, "fans"),
-        ("ts", 20, "line"),
+        ("telemetry_period", 20, "line"),
         ("c_avg", 19, "other-cell"),
         ("can_brp", 3, "charger-rate"),
     ],

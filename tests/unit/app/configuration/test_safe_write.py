@@ -188,7 +188,7 @@ def test_at_work_only_what_is_safe_to_change_live_is_written(master, field, raw,
     assert bytes(master.image[:420]) == default_image()
     assert write(config, lambda image: with_raw(image, "fan_ramp_stop", 40), "*", dry_run=False).written
     with pytest.raises(Occupied):
-        write(config, lambda image: with_raw(hotter(image), "ts", 200), "*", dry_run=False)
+        write(config, lambda image: with_raw(hotter(image), "telemetry_period", 200), "*", dry_run=False)
 
 
 def test_a_conflict_knows_what_the_draft_started_from(master):
@@ -196,10 +196,10 @@ def test_a_conflict_knows_what_the_draft_started_from(master):
     base = config.show(default_image())
     write(config, hotter, "*", dry_run=False)
     with pytest.raises(HashMismatch) as caught:
-        write(config, lambda image: with_raw(image, "ts", 50), base, dry_run=False)
+        write(config, lambda image: with_raw(image, "telemetry_period", 50), base, dry_run=False)
     assert caught.value.base == default_image()
     assert caught.value.in_force == hotter(default_image())
-    assert caught.value.wanted == with_raw(hotter(default_image()), "ts", 50)
+    assert caught.value.wanted == with_raw(hotter(default_image()), "telemetry_period", 50)
 
 
 def test_any_number_of_pages_may_ask_what_is_stored_at_once(master, monkeypatch):

@@ -41,7 +41,7 @@ def test_an_answer_has_its_exit_code(capsys, status, kind, exit_code):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     with answering(status, kind) as url:
-        for action in (["write", "ts=50"], ["store"], ["load"]):
+        for action in (["write", "telemetry_period=50"], ["store"], ["load"]):
             assert run(parser.parse_args(["--url", url, *action])) == exit_code
         said = capsys.readouterr()
         assert said.out == ""

@@ -13,6 +13,7 @@ from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.signals import Signals
 from app.sources.loaded_battery import team_battery
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS
+from firmware_protocol.older_maps import FIRST_MAP
 
 FROZEN = Path(__file__).parents[1] / "frozen"
 MONO_NS, WALL_NS = 5_000 * 10**9, 1_790_000_000 * 10**9
@@ -52,7 +53,8 @@ def test_of_a_frozen_session(name: str, export_format: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("export_format", ["csv", "ld"])
-def test_of_a_session_with_everything_in_it(export_format: str, recorder: Recorder, stream) -> None:
+def test_of_a_session_with_everything_in_it(export_format: str, recorder: Recorder, stream, monkeypatch) -> None:
+    monkeypatch.setattr("app.sessions.recording.recorder.MAP_HASH", bytes.fromhex(FIRST_MAP))  # as it was then
     assert digest(record_eventful(recorder, stream), export_format) == DIGESTS["eventful", export_format]
 
 

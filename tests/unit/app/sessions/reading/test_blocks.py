@@ -22,7 +22,7 @@ def read(path: Path, wanted: dict[str, list[int]], first_us: int = -ALWAYS_US, l
     stored = StoredSession(path)
     try:
         elements = {name: np.array(each) for name, each in wanted.items()}
-        blocks = list(BlockReader(stored, team_battery()).blocks(elements, first_us, last_us))
+        blocks = list(BlockReader(stored, team_battery(), None).blocks(elements, first_us, last_us))
         for block in blocks:
             assert [column.counts.shape[1] for column in block.columns] == [len(c.elements) for c in block.columns]
         return blocks
@@ -80,7 +80,7 @@ def test_a_column_is_decoded_only_when_it_is_asked_for(path: Path, monkeypatch) 
 
     monkeypatch.setattr("app.sessions.reading.blocks.unpack_streams", counting)
     stored = StoredSession(path)
-    block = next(BlockReader(stored, team_battery()).blocks({"v": ALL_CELLS}, -ALWAYS_US, ALWAYS_US))
+    block = next(BlockReader(stored, team_battery(), None).blocks({"v": ALL_CELLS}, -ALWAYS_US, ALWAYS_US))
     assert decoded == ["<i8", "<i8"]  # sample times and instants
     for _ in range(2):
         assert block.columns[0].counts.shape == (len(block.columns[0].track.times_us), 96)

@@ -7,6 +7,7 @@ from app.sources.master.decode import BLANK_S, Decoder
 from app.sources.master.shadow import ShadowImage
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE, N_CELLS, STATUS_FLAGS
 from firmware_protocol.messages import Window
+from firmware_protocol.older_maps import FIRST_MAP, fields_of
 
 SECOND = 1_000_000_000
 
@@ -26,12 +27,13 @@ def decoder(now_s=1.0, **raw):
 
 
 def test_numbers_are_in_their_units():
-    now = decoder(i_fs=-5, v_tot=39850, soc=9991, t_max=-8, dod=3_600_000)
+    now = decoder(i_fs=-5, v_tot=39850, soc=9991, t_max=-8, dod=1_000_000)
     assert now.number("i_fs") == pytest.approx(-0.05)
     assert now.number("v_tot") == pytest.approx(398.5)
     assert now.number("soc") == pytest.approx(0.9991)
     assert now.number("t_max") == -8
     assert now.number("dod") == pytest.approx(1.0)
+    assert now.number("dod", fields_of(FIRST_MAP)) == pytest.approx(1 / 3.6)
     assert now.integer("i_fs") == -5
 
 

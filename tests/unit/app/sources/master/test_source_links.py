@@ -78,7 +78,7 @@ def test_the_pieces_of_two_configurations_are_never_one(source, master):
     assert before.config_hash is not None
     master.t_ns += SECOND
     source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.CONFIG_WRITTEN, 0, 0xFFFF, 0, 0).to_body()))
-    CONFIG["ts"].pack_into(master.image, (50,))
+    CONFIG["telemetry_period"].pack_into(master.image, (50,))
     master.t_ns += SECOND
     source.feed(master.windows((0, 200)))
     half = source.feed(master.frame()).measurement

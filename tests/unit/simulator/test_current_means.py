@@ -1,0 +1,91 @@
+"""The current as the master measures it: `ts` samples of 1 kHz are one mean; all that is made of it goes by that."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_protocol.config_image import default_image
+from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.messages import Write
+from simulator.loads import ConstantCurrent
+from simulator.measuring_task import CurrentMeans
+from simulator.memory import Config
+
+CONFIG = Config.from_image(default_image())
+
+
+def of(ts):
+    return replace(CONFIG, ts=ts)
+
+
+@given(st.integers(1, 200), st.lists(st.integers(1, 60), min_size=1, max_size=40), st.integers(0, 2**32 - 1))
+def test_however_the_samples_come_each_counts_in_one_mean(ts, passes, seed):
+    counts = np.random.default_rng(seed).integers(0, 4096, sum(passes)).astype(float)
+    means, found, at = CurrentMeans(), [], 0
+    for n in passes:
+        found += means.take(of(ts), counts[at : at + n])
+        at += n
+    whole = len(counts) // ts
+    assert found == pytest.approx(counts[: whole * ts].reshape(whole, ts).mean(axis=1))
+
+
+@pytest.mark.parametrize(
+    ("n_samples", "newest"),
+    [(0, [40]), (1, [40]), (10, [40]), (11, [30, 40]), (30, [20, 30, 40]), (1000, [10, 20, 30, 40])],
+)
+def test_a_longer_average_is_of_whole_buffers(n_samples, newest):
+    means = CurrentMeans()
+    means.take(of(10), np.repeat([10.0, 20.0, 30.0, 40.0], 10))
+    assert means.over(n_samples, 10) == np.mean(newest)
+
+
+def test_a_shorter_buffer_ends_the_one_under_way():
+    means = CurrentMeans()
+    assert means.take(of(200), np.full(150, 7.0)) == []
+    assert means.take(of(100), np.full(101, 7.0)) == [7.0, 7.0]
+
+
+def changes(host, name, seconds):
+    """Milliseconds at which a field of the struct got another value, in passes of 20 ms."""
+    field, seen, last = FIELDS[name], [], None
+    for tick in range(round(seconds / 0.02)):
+        host.run(0.02)
+        value = field.unpack(host.simulation.master.memory.image)[0]
+        if value != last:
+            seen.append(20 * tick)
+        last = value
+    return seen[1:]
+
+
+@pytest.mark.parametrize(("ts", "pace_ms"), [(100, 100), (200, 200), (40, 40)])
+def test_current_and_charge_move_at_the_pace_of_the_buffer(host, ts, pace_ms):
+    host.ask(Write(0, host.config(ts=ts)))
+    host.simulation.set_load(ConstantCurrent(50.0))
+    host.run(2.0)
+    for name in ("i_fs", "dod"):
+        assert set(np.diff(changes(host, name, 4.0)) % pace_ms) == {0}, name
+
+
+def test_the_charge_is_the_sum_of_the_means(host):
+    host.simulation.set_load(ConstantCurrent(100.0))
+    host.run(2.0)
+    memory = host.simulation.master.memory
+    before = FIELDS["dod"].unpack(memory.image)[0]
+    host.run(36.0)
+    drawn_uah = FIELDS["dod"].unpack(memory.image)[0] - before
+    assert drawn_uah == pytest.approx(1e6, rel=0.02)  # 36 s of 100 A are 1 Ah; the sensor's gain is 1 % off at most
+
+
+def test_i_fs_is_quieter_than_a_sample(host):
+    def spread(ts):
+        host.ask(Write(0, host.config(ts=ts)))
+        found = []
+        for _ in range(60):
+            host.run(0.2)
+            found.append(FIELDS["i_fs"].unpack(host.simulation.master.memory.image)[0])
+        return np.std(found)
+
+    assert spread(100) < 0.3 * spread(1)
