@@ -1,5 +1,6 @@
 """What a snapshot is sent with that is the service's, not the battery's."""
 
+from app.clock import ClockRun
 from app.service.configuration import ConfigurationInForce
 from app.service.events import Events
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -24,11 +25,13 @@ class ServiceStateReader:
         replay: ReplayPlayer,
         events: Events,
         configuration: ConfigurationInForce,
+        run: ClockRun,
     ) -> None:
         self._recorder = recorder
         self._replay = replay
         self._events = events
         self._configuration = configuration
+        self._run = run
 
     def at(self, now_ns: int) -> ServiceState:
         """Return recording, replay, the newest event's id, and the hash of the stored configuration.
@@ -43,4 +46,5 @@ class ServiceStateReader:
             last_event_id=self._events.store.last_id,
             config_stored_hash=self._configuration.stored_hash(),
             sent_s=now_ns / 1e9,
+            run=self._run.id,
         )

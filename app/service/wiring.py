@@ -18,7 +18,7 @@ from app.analysis.passport.keeper import PassportKeeper
 from app.analysis.replay_chain import ReplayChain
 from app.analysis.root_cause.cause import Cause, trip_cause
 from app.analysis.root_cause.from_session import cause_of_trip
-from app.clock import Clock
+from app.clock import Clock, ClockRun
 from app.configuration.config_sources import ConfigSources
 from app.configuration.history import ConfigHistory
 from app.configuration.profile_store import Profiles
@@ -358,7 +358,7 @@ def make_service(
         learned_state=learned_state,
         mqtt=mqtt,
         health=Health(live, links, recorder, events, mqtt, clock, load),
-        state=ServiceStateReader(recorder, replay, events, in_force),
+        state=ServiceStateReader(recorder, replay, events, in_force, ClockRun(clock)),
         workers=workers,
         jobs=jobs,
     )

@@ -55,3 +55,4 @@ class ServiceState:
     last_event_id: int
     config_stored_hash: str | None
     sent_s: Annotated[Number, Unit("s", "service's monotonic clock when this was sent; null in a file", 3)] = None
+    run: str | None = None  # of that clock: times of another run count from elsewhere; null in a file

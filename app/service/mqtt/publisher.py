@@ -5,7 +5,6 @@ or wrong delays nobody. Topics and their contents are described in docs/howto/mq
 """
 
 import contextlib
-import secrets
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -15,7 +14,7 @@ import orjson
 
 from app import __version__
 from app.battery.battery import Battery
-from app.clock import Clock
+from app.clock import Clock, ClockRun
 from app.service.host import addresses_of
 from app.service.mqtt.broker import KEEPALIVE_S, Broker, new_client, parse_broker
 from app.service.mqtt.home_assistant import discovery
@@ -73,7 +72,7 @@ class MqttPublisher:
         self._source = source
         self._about = None if about is None else encode(dict(about) | car_of(source))
         self._discovery = None if discovery is None else (discovery[0], encode(dict(discovery[1])))
-        self._run_id = secrets.token_hex(4)  # of this start: the monotonic clock of another one counts from elsewhere
+        self._clock_run = ClockRun(clock)
         self._period_s = period_s
         self._snapshot: Snapshot | None = None
         self._last_snapshot: Snapshot | None = None
@@ -149,7 +148,7 @@ class MqttPublisher:
             run = orjson.loads(message.payload)["sent"]["run"]
         except (orjson.JSONDecodeError, KeyError, TypeError):
             return
-        if run != self._run_id:
+        if run != self._clock_run.id:
             now_s = self._clock.monotonic_s()
             if now_s < self._other_until_s:  # the second one: the first may be the last word of the run before
                 self._conflict_until_s = now_s + NAME_CONFLICT_S
@@ -179,7 +178,7 @@ class MqttPublisher:
             return
         self._last_snapshot = snapshot
         now_ns = self._clock.monotonic_ns()
-        sent = {"run": self._run_id, "s": round(now_ns / 1e9, 3)}
+        sent = {"run": self._clock_run.id, "s": round(now_ns / 1e9, 3)}
         for name, body in messages(aged(snapshot, now_ns), self._recording(), sent):
             if self._sent.get(name) != body:
                 self._sent[name] = body

@@ -2145,6 +2145,7 @@ export interface Snapshot {
   last_event_id: number;
   config_stored_hash: string | null;
   sent_s: number | null;
+  run: string | null;
 }
 
 /** A configuration by the name of its source. */

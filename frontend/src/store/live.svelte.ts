@@ -122,7 +122,7 @@ class Live {
   private take(snapshot: Snapshot): void {
     this.latest = snapshot;
     this.receivedAt = performance.now() / 1000;
-    this.waited = snapshot.sent_s === null ? 0 : this.way.of(snapshot.sent_s, this.receivedAt);
+    this.waited = snapshot.sent_s === null ? 0 : this.way.of(snapshot.run, snapshot.sent_s, this.receivedAt);
     if (!this.backfilled) void this.backfill(snapshot.time);
     const { accumulator, age } = snapshot;
     const row = SERIES.map((name) =>
@@ -134,10 +134,7 @@ class Live {
 
   private connected(state: Connection): void {
     this.connection = state;
-    if (state === 'lost') {
-      this.backfilled = false;
-      this.way.reset();
-    }
+    if (state === 'lost') this.backfilled = false;
   }
 
   /** Ask for what was before the first snapshot, since the last that is known: what is live comes first. */

@@ -23,9 +23,11 @@ def test_every_part_is_asked_each_time():
     replay = SimpleNamespace(state=lambda: {"position_s": 1.0})
     events = SimpleNamespace(store=SimpleNamespace(last_id=41))
     in_force = SimpleNamespace(stored_hash=lambda: "abc")
-    state = ServiceStateReader(SimpleNamespace(session=SESSION), replay, events, in_force)
+    run = SimpleNamespace(id="a1")
+    state = ServiceStateReader(SimpleNamespace(session=SESSION), replay, events, in_force, run)
     assert state.at(7_250_000_000).sent_s == 7.25
     assert state.at(0).last_event_id == 41
+    assert state.at(0).run == "a1"
     events.store.last_id = 42
     now = state.at(0)
     assert (now.last_event_id, now.config_stored_hash, now.replay) == (42, "abc", {"position_s": 1.0})

@@ -72,7 +72,7 @@ def test_another_service_under_the_same_name_is_told_until_it_is_gone():
     def of(run):
         return json.dumps({"sent": {"run": run, "s": 1.0}}).encode()
 
-    own = of(publisher._run_id)
+    own = of(publisher._clock_run.id)
     told = [hear(own), hear(of("x"), retain=True), hear(b"{"), hear(b"[]"), hear(of("x")), hear(own)]
     assert told == [None] * 6  # one message may be the last word of the run before
     assert hear(of("x")) == "mqtt-twice"
