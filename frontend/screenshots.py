@@ -1,12 +1,14 @@
-"""Take pictures of every page of a running service: python frontend/screenshots.py URL FOLDER.
+"""Take pictures of every page of a running service: python frontend/screenshots.py URL FOLDER [--small].
 
 Debian's Chromium does it, driven by Playwright; log-in is not handled, so point it at a service on loopback. The pages
-of a session show the finished one with most events, so let the service have one, with a trip.
+of a session show the finished one with most events, so let the service have one, with a trip. With `--small` one
+picture of each page, dark, as `docs/explanation/pages-before-and-after.md` shows them.
 """
 
 import argparse
 import base64
 import json
+import re
 import shutil
 import sys
 import urllib.request
@@ -35,6 +37,8 @@ DESKTOP = {"width": 1440, "height": 900}
 PHONE = {"width": 390, "height": 844}
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
 QUALITY = 92
+SMALL, SMALL_QUALITY = 2 / 3, 75
+READING = re.compile(r"^Reading (the|both) (whole session|sessions|laps)")
 SETTLE_MS = 3000  # charts have lines and the scales have settled
 
 
@@ -70,19 +74,25 @@ def shots(url: str) -> Iterator[tuple[str, str, str, str, dict[str, int]]]:
         yield page, page, "sun", "desktop", DESKTOP
 
 
-def take(browser: Browser, url: str, folder: Path) -> None:
-    """Take all pictures into `folder`."""
+def take(browser: Browser, url: str, folder: Path, *, small: bool) -> None:
+    """Take all pictures into `folder`; small ones of the dark pages on a desktop alone."""
     for name, page, theme, size_name, size in shots(url):
+        if small and (theme, size_name) != ("dark", "desktop"):
+            continue
         context = browser.new_context(viewport=size)
         context.add_init_script(f"localStorage.setItem('voltwall.theme', '{theme}')")
         tab = context.new_page()
         tab.goto(f"{url.rstrip('/')}/#/{page}")
         expect(tab.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
-        expect(tab.get_by_text("Reading the whole session.")).to_have_count(0, timeout=60_000)
         tab.wait_for_timeout(SETTLE_MS)
-        path = folder / f"{name}-{theme}-{size_name}.webp"
+        expect(tab.get_by_text(READING)).to_have_count(0, timeout=60_000)
+        tab.wait_for_timeout(SETTLE_MS // 3)
+        path = folder / (f"{name}.webp" if small else f"{name}-{theme}-{size_name}.webp")
         session = context.new_cdp_session(tab)
-        picture = session.send("Page.captureScreenshot", {"format": "webp", "quality": QUALITY})
+        how: dict[str, Any] = {"format": "webp", "quality": QUALITY}
+        if small:
+            how = {"format": "webp", "quality": SMALL_QUALITY, "clip": {"x": 0, "y": 0, **size, "scale": SMALL}}
+        picture = session.send("Page.captureScreenshot", how)
         path.write_bytes(base64.b64decode(picture["data"]))
         print(path)
         context.close()
@@ -93,6 +103,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("url", help="address of a running service, as http://127.0.0.1:8000")
     parser.add_argument("folder", type=Path, help="where the pictures go")
+    parser.add_argument("--small", action="store_true", help="one of each page, two thirds as large")
     arguments = parser.parse_args()
     names = ("chromium", "google-chrome", "chromium-headless-shell")
     chromium = next(filter(None, map(shutil.which, names)), None)
@@ -102,7 +113,7 @@ def main() -> int:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        take(browser, arguments.url, arguments.folder)
+        take(browser, arguments.url, arguments.folder, small=arguments.small)
         browser.close()
     return 0
 

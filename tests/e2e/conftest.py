@@ -58,9 +58,16 @@ expect.set_options(timeout=PATIENCE_MS)
 
 COUNT_CLICKS = """() => {  // presses of a button, a link, a finger; choices of a list
   window.clicks = 0;
-  addEventListener('pointerdown', () => window.clicks++, true);
-  addEventListener('change', (event) => (window.clicks += event.target.matches('select')), true);
+  const count = () => { window.began ??= performance.now(); window.clicks++; };
+  addEventListener('pointerdown', count, true);
+  addEventListener('change', (event) => event.target.matches('select') && count(), true);
 }"""
+
+
+def spent(page: Page) -> tuple[int, str]:
+    """Clicks since COUNT_CLICKS, and the page's own seconds since the first one, to be told."""
+    clicks, seconds = page.evaluate("[window.clicks, (performance.now() - window.began) / 1000]")
+    return clicks, f"{clicks} clicks, {seconds:.1f} s"
 
 
 def missing(what: str, remedy: str) -> None:

@@ -4,18 +4,20 @@ import re
 
 from playwright.sync_api import expect
 
-from tests.e2e.conftest import COUNT_CLICKS
+from tests.e2e.conftest import COUNT_CLICKS, spent
 
 READS_ONLY = True
 
 
-def test_single_keys_act_and_can_be_switched_off(service, open_page):
+def test_single_keys_act_and_can_be_switched_off(service, open_page, tell):
     page = open_page(f"{service.base_url}/#/overview")
     expect(page.get_by_test_id("heatmap")).to_be_visible()
     page.evaluate(COUNT_CLICKS)
     page.get_by_role("row", name="Lowest").get_by_role("link").click()  # the weakest cell, and why
     expect(page.get_by_test_id("cell-sentence")).to_contain_text("joint")
-    assert page.evaluate("clicks") == 1
+    clicks, told = spent(page)
+    assert clicks == 1
+    tell(f"the weakest cell, and why: {told}")
     page.keyboard.press("2")
     expect(page.get_by_role("heading", level=1)).to_have_text("Packs")
     page.keyboard.press("]")

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.campaign import SIZE
-from tests.e2e.conftest import COUNT_CLICKS, RULES, SIZES, is_too_wide
+from tests.e2e.conftest import COUNT_CLICKS, RULES, SIZES, is_too_wide, spent
 from tests.recorded.arrays import SessionMaker
 from tests.service_process import NO_CAR
 
@@ -35,7 +35,7 @@ def looked_back(make_module_service, tmp_path_factory):
     return make_module_service("--serial", NO_CAR, data=data), first, second
 
 
-def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
+def test_laps_are_compared_corrected_and_kept(looked_back, open_page, tell):
     service, first, _ = looked_back
     page = open_page(f"{service.base_url}/#/sessions")
     page.evaluate(COUNT_CLICKS)
@@ -48,7 +48,9 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     expect(page).to_have_url(re.compile("sort-laps=3$"))
     with page.expect_download() as download:
         page.get_by_role("combobox", name="Export lap 2 as").select_option("MoTeC (.ld, .ldx)")
-    assert page.evaluate("clicks") == 3
+    clicks, told = spent(page)
+    assert clicks == 3
+    tell(f"one lap to MoTeC: {told}")
     assert download.value.suggested_filename == f"{first}-simulated.zip"
     with ZipFile(download.value.path()) as archive:
         assert archive.namelist() == [f"{first}.ld", f"{first}.ldx"]
@@ -68,11 +70,18 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     expect(rows).to_have_count(4)
 
 
-def test_a_black_box_has_an_address_and_is_taken_away_as_one_file(looked_back, open_page, tmp_path):
+def test_a_black_box_has_an_address_and_is_taken_away_as_one_file(looked_back, open_page, tmp_path, tell):
     service, _, second = looked_back
-    page = open_page(f"{service.base_url}/#/sessions/{second}/boxes")
-    page.get_by_test_id("boxes").get_by_role("link", name="cell under-voltage").click()
+    with service.client() as client:  # makes the box of a session that another program recorded
+        assert client.get(f"/sessions/{second}/blackboxes").json()["boxes"]
+    page = open_page(f"{service.base_url}/#/sessions")
+    page.evaluate(COUNT_CLICKS)
+    page.get_by_role("link", name="Black boxes").click()
+    page.get_by_test_id("boxes").get_by_role("link", name="cell under-voltage").first.click()
     expect(page.get_by_test_id("box-summary")).to_contain_text("Pack 3, cell 7 was beyond the limit of 2.5\u00a0V")
+    clicks, told = spent(page)
+    assert clicks == 2
+    tell(f"the last trip: {told}")
     page.reload()  # the address is enough
     expect(page.get_by_test_id("box-summary")).to_be_visible()
     with page.expect_download() as download:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.e2e.conftest import COUNT_CLICKS
+from tests.e2e.conftest import COUNT_CLICKS, spent
 from tests.naming_habits import letters_in_numbered_messages
 from tests.service_process import Service
 
@@ -19,7 +19,7 @@ def fresh_service(tmp_path):
     service.stop()
 
 
-def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_page):
+def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_page, tell):
     page = open_page(fresh_service.base_url + "/", quiet=False)  # the connection is lost while it starts again
     expect(page.get_by_role("heading", name="What shall Voltwall read?")).to_be_visible()
     page.evaluate(COUNT_CLICKS)
@@ -28,7 +28,9 @@ def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_pag
     page.get_by_test_id("setup-test").click()
     expect(page.get_by_test_id("setup-look")).to_contain_text("no such port")
     expect(page.get_by_test_id("setup-look")).to_contain_text("COM6 on Windows")
-    assert page.evaluate("clicks") == 2  # the third would be to start
+    clicks, told = spent(page)
+    assert clicks == 2  # the third would be to start
+    tell(f"an adapter chosen and tested, not yet started: {told}")
     page.get_by_label("example, one signal a cell, 90 cells").check()
     page.get_by_test_id("how-simulate").check()
     page.get_by_test_id("setup-start").click()

@@ -5,7 +5,7 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.e2e.conftest import COUNT_CLICKS
+from tests.e2e.conftest import COUNT_CLICKS, spent
 
 PASSWORDS = {"VOLTWALL_PASSWORD": "engineer-pass-1", "VOLTWALL_VIEWER_PASSWORD": "viewer-pass-1"}
 
@@ -46,7 +46,7 @@ def test_a_run_is_recorded_marked_and_looked_at(make_service, phone):
     expect(page.get_by_text("cone hit")).to_be_visible()
 
 
-def test_a_limit_is_written_verified_and_stored(make_service, phone):
+def test_a_limit_is_written_verified_and_stored(make_service, phone, tell):
     service = make_service("--seed", "4", "--scenario", "in-the-pit", **PASSWORDS)
     page = phone(service, "overview", guarded=True)
     page.evaluate(COUNT_CLICKS)
@@ -56,7 +56,9 @@ def test_a_limit_is_written_verified_and_stored(make_service, phone):
         page.get_by_test_id(button).tap()
         page.get_by_test_id("confirm").tap()
         expect(page.get_by_test_id("outcome")).to_contain_text(said)
-        assert page.evaluate("clicks") == {"write": 3, "store": 5}[button]
+        clicks, told = spent(page)
+        assert clicks == {"write": 3, "store": 5}[button]
+        tell(f"a limit, up to {button}: {told}")
     expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text("4.1800")
     expect(page.get_by_test_id("stored-v_cell_max")).to_contain_text("4.1800")
     page.get_by_test_id("tab-history").tap()
