@@ -62,8 +62,9 @@ class OcvCurve:
         else:
             knots = _smoothed_slope(soc, voltage)
         object.__setattr__(self, "_knots", knots)
-        edge_value, edge_slope = self._inside(soc[[0, -1]])
-        object.__setattr__(self, "_edges", (edge_value, np.clip(edge_slope, SLOPE_MIN_V, SLOPE_MAX_V)))
+        ends = soc[[0, -1]]
+        edges = self._value(ends), np.clip(self._slope(ends), SLOPE_MIN_V, SLOPE_MAX_V)
+        object.__setattr__(self, "_edges", edges)
         fine = np.linspace(-OVERSHOOT, 1.0 + OVERSHOOT, 1101)
         values = np.maximum.accumulate(self.voltage(fine)) + 1e-9 * np.arange(fine.size)
         object.__setattr__(self, "_inverse", (values, fine))
@@ -75,11 +76,23 @@ class OcvCurve:
 
     def voltage(self, soc: ArrayLike) -> FloatArray:
         """Return the OCV [V] at each SOC, any shape."""
-        return self._evaluate(np.asarray(soc, dtype=np.float64))[0]
+        x = np.asarray(soc, dtype=np.float64)
+        low, high = self.soc_range
+        value = self._value(np.minimum(np.maximum(x, low), high))
+        edge_value, edge_slope = self._edges
+        if (below := x < low).any():
+            value = np.where(below, edge_value[0] + edge_slope[0] * (x - low), value)
+        if (above := x > high).any():
+            value = np.where(above, edge_value[1] + edge_slope[1] * (x - high), value)
+        return np.asarray(value)
 
     def slope(self, soc: ArrayLike) -> FloatArray:
         """Return dOCV/dSOC [V] at each SOC, any shape."""
-        return self._evaluate(np.asarray(soc, dtype=np.float64))[1]
+        x = np.asarray(soc, dtype=np.float64)
+        low, high = self.soc_range
+        slope = self._slope(np.minimum(np.maximum(x, low), high))
+        _, edge_slope = self._edges
+        return np.where(x < low, edge_slope[0], np.where(x > high, edge_slope[1], slope))
 
     def soc_at(self, voltage_v: ArrayLike) -> FloatArray:
         """Return the SOC whose OCV is the given voltage [V]; held at -0.05 and 1.05 beyond the curve, NaN for NaN."""
@@ -87,25 +100,24 @@ class OcvCurve:
         values, fine = self._inverse
         return np.where(np.isnan(v), np.nan, np.interp(v, values, fine))
 
-    def _evaluate(self, soc: FloatArray) -> tuple[FloatArray, FloatArray]:
-        low, high = self.soc_range
-        value, slope = self._inside(np.minimum(np.maximum(soc, low), high))
-        edge_value, edge_slope = self._edges
-        below, above = soc < low, soc > high
-        value = np.where(below, edge_value[0] + edge_slope[0] * (soc - low), value)
-        value = np.where(above, edge_value[1] + edge_slope[1] * (soc - high), value)
-        slope = np.where(below, edge_slope[0], np.where(above, edge_slope[1], slope))
-        return value, slope
-
-    def _inside(self, soc: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _value(self, soc: FloatArray) -> FloatArray:
         if self.method == "polynomial":
-            low, high = self.soc_range
-            fit = Polynomial(self._knots, domain=[low, high])
-            return fit(soc), fit.deriv()(soc)
+            return np.asarray(self._fitted()(soc))
         if self.method == "smoothed":
-            grid = np.linspace(*self.soc_range, _SMOOTHING_POINTS)
-            return np.interp(soc, self.soc, self.voltage_v), np.interp(soc, grid, self._knots)
-        return _hermite(soc, self.soc, self.voltage_v, self._knots)
+            return np.asarray(np.interp(soc, self.soc, self.voltage_v))
+        y0, t, m0, c2, c3, _ = _cubics(soc, self.soc, self.voltage_v, self._knots)
+        return y0 + t * (m0 + t * (c2 + t * c3))
+
+    def _slope(self, soc: FloatArray) -> FloatArray:
+        if self.method == "polynomial":
+            return np.asarray(self._fitted().deriv()(soc))
+        if self.method == "smoothed":
+            return np.asarray(np.interp(soc, np.linspace(*self.soc_range, _SMOOTHING_POINTS), self._knots))
+        _, t, m0, c2, c3, h = _cubics(soc, self.soc, self.voltage_v, self._knots)
+        return (m0 + t * (2 * c2 + 3 * t * c3)) / h
+
+    def _fitted(self) -> Polynomial:
+        return Polynomial(self._knots, domain=list(self.soc_range))
 
 
 def from_rests(soc: ArrayLike, voltage_v: ArrayLike, method: OcvMethod = "interpolation") -> OcvCurve:
@@ -178,15 +190,14 @@ def _end_slope(h0: float, h1: float, d0: float, d1: float) -> float:
     return 3 * d0 if d0 * d1 < 0 and abs(slope) > abs(3 * d0) else slope
 
 
-def _hermite(x: FloatArray, knots: FloatArray, y: FloatArray, m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _cubics(x: FloatArray, knots: FloatArray, y: FloatArray, m: FloatArray) -> tuple[FloatArray, ...]:
+    """Return for each x its Hermite cubic y0 + t (m0 + t (c2 + t c3)): y0, t, m0, c2, c3, and h by which t is x."""
     j = np.minimum(np.maximum(knots.searchsorted(x, side="right") - 1, 0), knots.size - 2)
     k = j + 1
     start = knots.take(j)
     h = knots.take(k) - start
-    t = (x - start) / h
     y0, y1, m0, m1 = y.take(j), y.take(k), m.take(j) * h, m.take(k) * h
-    c2, c3 = 3 * (y1 - y0) - 2 * m0 - m1, 2 * (y0 - y1) + m0 + m1
-    return y0 + t * (m0 + t * (c2 + t * c3)), (m0 + t * (2 * c2 + 3 * t * c3)) / h
+    return y0, (x - start) / h, m0, 3 * (y1 - y0) - 2 * m0 - m1, 2 * (y0 - y1) + m0 + m1, h
 
 
 def _polynomial(soc: FloatArray, voltage: FloatArray) -> FloatArray:
