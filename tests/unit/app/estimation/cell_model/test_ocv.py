@@ -1,14 +1,18 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.estimation.cell_model.ocv import (
     OCV_METHODS,
     OcvCurve,
     from_rests,
     from_two_currents,
+    monotone_slopes,
     zero_phase_lowpass,
 )
 from app.estimation.errors import ModelError
+from tests.campaign import examples
 
 SOC = np.linspace(0.0, 1.0, 41)
 VOLTS = 3.2 + 0.8 * SOC + 0.1 * np.tanh((SOC - 0.5) * 8.0) - 0.15 * np.exp(-SOC * 30.0)
@@ -140,3 +144,77 @@ def test_a_curve_does_not_follow_what_becomes_of_the_arrays_that_it_was_made_of(
     soc[:], volts[:] = 0.0, 0.0
     assert curve.voltage(0.5) == before
     assert curve.soc[-1] == 1.0
+
+
+points = st.lists(st.tuples(st.floats(0.01, 0.3), st.floats(0.0, 0.4)), min_size=1, max_size=12)
+
+
+def rising(steps):
+    """SOC inside 0..1 and voltages that never fall, from steps of both."""
+    soc = np.concatenate(([0.0], np.cumsum([step for step, _ in steps])))
+    volts = 3.0 + np.concatenate(([0.0], np.cumsum([step for _, step in steps])))
+    volts[-1] += 0.01
+    return soc / soc[-1], volts
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(points)
+def test_the_monotone_curve_stays_between_its_points_whatever_they_are(steps):
+    soc, volts = rising(steps)
+    curve = OcvCurve(soc, volts)
+    at = np.linspace(0.0, 1.0, 401)
+    found = curve.voltage(at)
+    place = np.clip(np.searchsorted(soc, at, side="right") - 1, 0, soc.size - 2)
+    assert (found >= volts[place] - 1e-9).all()
+    assert (found <= volts[place + 1] + 1e-9).all()
+    assert (curve.slope(at) >= -1e-9).all()
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(points)
+def test_the_inverse_is_one_for_every_curve(steps):
+    soc, volts = rising(steps)
+    curve = OcvCurve(soc, volts)
+    asked = np.linspace(volts[0], volts[-1], 101)
+    assert curve.voltage(curve.soc_at(asked)) == pytest.approx(asked, abs=0.02)
+
+
+@settings(max_examples=examples(100))
+@given(st.integers(3, 9), st.floats(-2.0, 2.0), st.floats(-5.0, 5.0))
+def test_slopes_of_a_line_are_its_own(n, slope, offset):
+    x = np.cumsum(np.random.default_rng(n).uniform(0.05, 0.3, n))
+    assert monotone_slopes(x, slope * x + offset) == pytest.approx(slope, abs=1e-9)
+
+
+def test_the_slope_at_a_turn_is_none():
+    """Where the data turn, a monotone curve has its extremum on the point."""
+    assert monotone_slopes(np.arange(5.0), np.array([0.0, 1.0, 2.0, 1.0, 0.0]))[2] == 0.0
+
+
+@pytest.mark.parametrize("method", OCV_METHODS)
+def test_any_shape_is_answered_in_its_shape(method):
+    curve = OcvCurve(SOC, VOLTS, method)
+    at = np.linspace(-0.04, 1.04, 12).reshape(3, 2, 2)
+    assert curve.voltage(at).shape == curve.slope(at).shape == curve.soc_at(curve.voltage(at)).shape == (3, 2, 2)
+    for each in np.ndindex(at.shape):
+        assert curve.voltage(at)[each] == curve.voltage(at[each])
+
+
+def test_rests_in_any_order_make_the_same_curve():
+    rng = np.random.default_rng(4)
+    order = rng.permutation(SOC.size)
+    np.testing.assert_array_equal(
+        from_rests(SOC[order], VOLTS[order]).voltage(SOC), from_rests(SOC, VOLTS).voltage(SOC)
+    )
+
+
+def test_a_rest_that_lies_below_one_of_less_charge_does_not_bend_the_curve_down():
+    curve = from_rests([0.1, 0.5, 0.6, 0.9], [3.4, 3.70, 3.69, 4.0])
+    assert (np.diff(curve.voltage(np.linspace(0.1, 0.9, 200))) >= -1e-12).all()
+
+
+def test_too_few_rests_are_refused():
+    with pytest.raises(ModelError, match="at least two"):
+        from_rests([0.5], [3.7])
+    with pytest.raises(ModelError, match="at least two"):
+        from_rests([0.5, 0.6], [3.7])

@@ -149,3 +149,117 @@ def test_a_hole_in_the_data_is_not_driven():
     watch.step(100.0, 5e4)
     watch.judge()
     assert watch.laps.energies_wh.sum() == pytest.approx(energy_wh, rel=0.01)
+
+
+def test_what_was_driven_is_counted_and_standing_is_not():
+    watch = LapWatch()
+    follow(watch, np.full(600, 36e3))
+    assert watch.now == pytest.approx((60.0, 600.0), rel=1e-6)
+    stand(watch, 120)
+    driven_s, energy_wh = watch.now
+    assert driven_s == pytest.approx(60.0 + 15.0, abs=0.2), "a car stands once it has for 15 s"
+    assert energy_wh == pytest.approx(600.0, rel=1e-6)
+
+
+def test_braking_gives_energy_back():
+    watch = LapWatch()
+    follow(watch, np.full(600, 36e3))
+    follow(watch, np.full(300, -12e3))
+    assert watch.now[1] == pytest.approx(600.0 - 100.0, rel=1e-6)
+
+
+def test_the_energy_at_a_time_driven_lies_on_the_way():
+    watch = LapWatch()
+    follow(watch, np.full(600, 36e3))
+    follow(watch, np.full(600, 72e3))
+    assert watch.energy_at(0.0) == 0.0
+    assert watch.energy_at(30.0) == pytest.approx(300.0, rel=0.01)
+    assert watch.energy_at(90.0) == pytest.approx(600.0 + 600.0, rel=0.01)
+    assert watch.energy_at(1e6) == watch.now[1]
+
+
+def test_the_oldest_energy_stands_for_what_is_older_than_ten_minutes():
+    watch = LapWatch()
+    follow(watch, np.full(9000, 36e3))
+    assert watch.energy_at(0.0) == pytest.approx(watch.energy_at(299.0), rel=0.01)
+    assert watch.energy_at(600.0) == pytest.approx(6000.0, rel=0.01)
+
+
+def test_the_last_mark_says_how_many_there_were_and_where_the_line_is():
+    watch = LapWatch()
+    assert watch.last_mark == (0, None)
+    for lap in range(1, 21):
+        follow(watch, np.full(400, 36e3))
+        watch.mark()
+        assert watch.last_mark == (lap, pytest.approx((40.0 * lap, 400.0 * lap), rel=0.01))
+
+
+def test_a_mark_before_the_start_is_the_start():
+    watch = LapWatch()
+    follow(watch, np.full(50, 36e3))
+    watch.mark(ago_s=100.0)
+    assert watch.last_mark == (1, (0.0, 0.0))
+
+
+def test_marks_go_before_the_period():
+    watch = LapWatch()
+    power = course(60, 8, seed=3)
+    for k, watts in enumerate(power):
+        if k % 600 == 0:
+            watch.mark()
+        watch.step(STEP_S, float(watts))
+    watch.judge()
+    assert watch.laps.source == "marks"
+    assert watch.laps.confidence == 1.0
+
+
+def test_marks_that_ended_long_ago_are_laps_no_more():
+    watch = LapWatch()
+    for _ in range(4):
+        watch.mark()
+        follow(watch, np.full(500, 36e3))
+    assert watch.laps is not None
+    rng = np.random.default_rng(5)
+    follow(watch, 36e3 + 9e3 * rng.normal(size=1600))
+    assert watch.laps is None
+    assert watch.is_overdue
+
+
+def test_the_share_of_a_lap_is_what_the_laps_before_used_up_to_there():
+    """Laps of 60 s whose first 20 s take twice the power of the rest: half of the energy in a third of the time."""
+    lap = np.repeat([60e3, 30e3], [200, 400])
+    watch = LapWatch()
+    assert watch.share_of_lap(0.0, 10.0) is None, "no lap is known"
+    for _ in range(4):
+        watch.mark()
+        follow(watch, lap)
+    watch.mark()
+    watch.judge()
+    line_s, _ = watch.now
+    assert watch.share_of_lap(line_s, line_s) == pytest.approx(0.0, abs=0.01)
+    assert watch.share_of_lap(line_s, line_s + 20.0) == pytest.approx(0.5, abs=0.02)
+    assert watch.share_of_lap(line_s, line_s + 40.0) == pytest.approx(0.75, abs=0.02)
+    assert watch.share_of_lap(line_s, line_s + 500.0) == pytest.approx(1.0, abs=0.01), "a slow lap has no more to come"
+
+
+def test_a_line_with_no_lap_before_it_that_is_remembered_has_no_share():
+    watch = LapWatch()
+    for _ in range(3):
+        watch.mark()
+        follow(watch, np.full(600, 36e3))
+    watch.judge()
+    assert watch.share_of_lap(10.0, 20.0) is None
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 3.0])
+def test_the_period_does_not_depend_on_how_strong_the_car_is(scale):
+    power = course(60, 8, seed=3)
+    at = np.arange(power.size) * STEP_S
+    assert lap_period_s(at, scale * power) == pytest.approx(lap_period_s(at, power), rel=1e-6)
+    assert lap_period_s(at, power + 5e3) == pytest.approx(lap_period_s(at, power), rel=1e-3)
+
+
+def test_the_period_does_not_depend_on_how_often_the_power_was_read():
+    power = course(71, 8, seed=71)
+    at = np.arange(power.size) * STEP_S
+    assert lap_period_s(at[::5], power[::5]) == pytest.approx(lap_period_s(at, power), rel=0.01)

@@ -67,3 +67,89 @@ def test_rc_pairs_relax_over_a_hole():
     branches = branch_currents(CELL, np.array([0.0, 10.0, 1e5]), np.full(3, 80.0), soc, degc)
     assert (branches[:, 1] > 0.0).all()
     np.testing.assert_allclose(branches[:, 2], 0.0, atol=1e-6)
+
+
+def along(at, sigma=0.01, cell=CELL, horizons_s=(1.0, 10.0, 30.0), scale=None):
+    found = power_along(cell, at, np.full(at.n_cells, sigma), scale, horizons_s)
+    return {(each.direction, each.horizon_s): each for each in found}
+
+
+def some_rows(n=40):
+    at = states()
+    return at.of(np.linspace(0, at.n_cells - 1, n).astype(int))
+
+
+def test_longer_is_never_more():
+    found = along(some_rows())
+    for direction in ("discharge", "charge"):
+        one, ten, thirty = (found[direction, seconds] for seconds in (1.0, 10.0, 30.0))
+        assert (one.current_a >= ten.current_a * (1 - 1e-3)).all()
+        assert (ten.current_a >= thirty.current_a * (1 - 1e-3)).all()
+
+
+def test_the_median_lies_in_its_band_and_a_surer_soc_has_a_narrower_one():
+    sure, unsure = along(some_rows(), 0.005), along(some_rows(), 0.05)
+    for key, each in sure.items():
+        for found in (each, unsure[key]):
+            assert (found.low_w <= found.power_w).all()
+            assert (found.power_w <= found.high_w).all()
+            assert (found.low_w >= 0.0).all()
+        assert ((each.high_w - each.low_w).mean()) <= (unsure[key].high_w - unsure[key].low_w).mean()
+
+
+def test_a_wider_voltage_error_lowers_what_can_be_promised():
+    at = some_rows()
+    usual, wide = along(at), along(at, scale=np.full(at.n_cells, 4.0))
+    for key, each in usual.items():
+        assert (wide[key].low_w <= each.low_w * (1 + 1e-3)).all()
+
+
+def test_an_empty_cell_gives_nothing_and_a_full_one_takes_nothing():
+    degc, rest = np.full(1, 25.0), np.zeros((CELL.n_rc, 1))
+    empty = along(OperatingPoint(np.array([0.0]), rest, degc))
+    full = along(OperatingPoint(np.array([1.0]), rest, degc))
+    usual = along(OperatingPoint(np.array([0.6]), rest, degc))
+    assert empty["discharge", 30.0].power_w[0] < 0.05 * usual["discharge", 30.0].power_w[0]
+    assert full["charge", 30.0].power_w[0] < 0.1 * usual["charge", 30.0].power_w[0]
+
+
+def test_a_cell_at_its_highest_temperature_gives_nothing():
+    degc = np.array([limits_of(CELL).temperature_max_degc + 1.0])
+    found = along(OperatingPoint(np.array([0.6]), np.zeros((CELL.n_rc, 1)), degc))
+    assert found["discharge", 10.0].power_w[0] == pytest.approx(0.0, abs=1.0)
+
+
+def test_the_limits_are_those_of_the_file_and_where_it_is_silent_the_widest_there_are():
+    said = CellLimits(discharge_max_a=200.0, charge_max_a=40.0, temperature_max_degc=55.0)
+    known = limits_of(replace(CELL, limits=said))
+    assert (known.discharge_max_a, known.charge_max_a, known.temperature_max_degc) == (200.0, 40.0, 55.0)
+    silent = limits_of(replace(CELL, limits=CellLimits()))
+    assert silent.discharge_max_a == silent.charge_max_a == 50.0 * CELL.capacity_ah
+    assert silent.temperature_max_degc == 60.0
+    assert (silent.v_min_v, silent.v_max_v) == (CELL.v_min_v, CELL.v_max_v)
+
+
+def test_rc_currents_are_those_of_the_circuit_step_by_step():
+    """The exact solution for a held current, on uneven steps."""
+    rng = np.random.default_rng(3)
+    step_s, current_a = rng.uniform(0.05, 5.0, 50), rng.normal(0.0, 60.0, 50)
+    soc, degc = np.full(50, 0.5), np.full(50, 25.0)
+    tau_s = CELL.parameters(0.5, 25.0)[2 + CELL.n_rc :]
+    expected = np.zeros(CELL.n_rc)
+    found = branch_currents(CELL, step_s, current_a, soc, degc)
+    for k in range(50):
+        share = np.exp(-step_s[k] / tau_s)
+        expected = share * expected + (1 - share) * current_a[k]
+        assert found[:, k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_a_voltage_is_foretold_from_no_row_that_is_much_older_than_asked():
+    time_s, current_a, _, _, voltage_v = drive()
+    at = states()
+    gap = time_s.size // 2
+    later_s = np.where(np.arange(time_s.size) >= gap, time_s + 300.0, time_s)
+    foretold = voltage_ahead(CELL, later_s, current_a, voltage_v, at, np.full(at.n_cells, 0.01))
+    after = slice(gap, gap + 15)
+    assert np.isnan(foretold.voltage_v[after]).all()
+    assert np.isfinite(foretold.voltage_v[gap - 1])
+    assert np.isfinite(foretold.voltage_v[-1])
