@@ -2,11 +2,28 @@ import numpy as np
 import pytest
 
 from app.estimation.errors import ModelError
-from app.estimation.identification.branches import stretches
-from app.estimation.identification.parts import capacity_from_column, charge_ah, current_between, typical_resistance
+from app.estimation.identification.branches import REST_S, stretches
+from app.estimation.identification.parts import (
+    LOADED_SIGMA_V,
+    REST_SIGMA_V,
+    SHORT_REST_SIGMA_V,
+    capacity_from_column,
+    capacity_from_rests,
+    charge_ah,
+    choose_capacity,
+    current_between,
+    find_anchors,
+    has_soc_column,
+    reference_soc,
+    typical_resistance,
+)
+from app.estimation.identification.slow_tests import SlowCurves
 from app.estimation.recording.cell_recording import Recording
 
 CAPACITY_AH = 3.0
+OHM = 0.02
+GRID = np.linspace(0.0, 1.0, 101)
+SLOW = SlowCurves(GRID, 3.0 + GRID, 3.0 + GRID, CAPACITY_AH, 0.1, False)
 
 
 def discharge(current_a, dt_s=1.0, start_soc=1.0, voltage_v=None, gap_at=None, gap_s=3600.0):
@@ -80,3 +97,110 @@ def test_the_resistance_comes_from_the_steps_and_a_wrong_sign_is_named():
         typical_resistance([discharge(current, voltage_v=3.7 + 0.02 * current)])
     with pytest.raises(ModelError, match="never steps"):
         typical_resistance([discharge(np.full(50, 2.0))])
+
+
+def pulse_test(n=8, rest_s=REST_S + 20.0, capacity_ah=CAPACITY_AH, counts=1.0, soc_column=False):
+    """Tenths of the charge at 3 A, a rest after each; the voltage is that of SLOW less OHM times the current.
+
+    `counts` is what the rig's counter makes of an ampere hour.
+    """
+    pulse_s = 0.1 * capacity_ah / 3.0 * 3600.0
+    parts = [np.zeros(2)] + [np.repeat([3.0, 0.0], [round(pulse_s / 10), round(rest_s / 10)]) for _ in range(n)]
+    current = np.concatenate(parts)
+    time_s = 10.0 * np.arange(current.size)
+    before = np.concatenate((current[:1], current[:-1]))
+    soc = 1.0 - np.cumsum(0.5 * (before + current) * np.diff(time_s, prepend=0.0)) / 3600.0 / capacity_ah
+    volts = 3.0 + soc - OHM * current
+    column = soc if soc_column else np.full(soc.size, np.nan)
+    return Recording("pulses", time_s, counts * current, volts, np.full(soc.size, 25.0), column, ()), soc
+
+
+def anchors(recording):
+    return find_anchors(recording, np.arange(recording.time_s.size), CAPACITY_AH, OHM)
+
+
+def test_a_pulse_test_tells_its_ocv_at_the_start_and_at_the_end_of_each_rest():
+    recording, soc = pulse_test()
+    found = anchors(recording)
+    assert found.rows.size == 1 + 8
+    np.testing.assert_allclose(found.ocv_v, 3.0 + soc[found.rows], atol=1e-12)
+    assert (found.sigma_v == REST_SIGMA_V).all()
+    assert (recording.current_a[found.rows] == 0.0).all()
+
+
+def test_a_short_rest_tells_less_and_a_shorter_one_nothing():
+    assert (anchors(pulse_test(rest_s=120.0)[0]).sigma_v[1:] == SHORT_REST_SIGMA_V).all()
+    assert anchors(pulse_test(rest_s=40.0)[0]).rows.tolist() == [1], "the rest before the record alone"
+
+
+def test_a_record_that_begins_under_load_begins_with_its_drop_given_back():
+    recording, soc = pulse_test()
+    later = Recording(*(each[10:] if isinstance(each, np.ndarray) else each for each in vars(recording).values()))
+    first = anchors(later)
+    assert first.rows[0] == 0
+    assert first.ocv_v[0] == pytest.approx(3.0 + soc[10])
+    assert first.sigma_v[0] == LOADED_SIGMA_V
+
+
+def test_a_rest_without_a_voltage_tells_nothing():
+    recording, _ = pulse_test()
+    recording.voltage_v[recording.current_a == 0.0] = np.nan
+    assert anchors(recording).rows.size == 0
+
+
+@pytest.mark.parametrize("capacity_ah", [2.4, 3.0, 3.3])
+def test_rests_tell_the_capacity_of_the_cell_that_was_pulsed(capacity_ah):
+    recording, _ = pulse_test(capacity_ah=capacity_ah)
+    found, sigma_ah = capacity_from_rests([recording], SLOW, OHM)
+    assert found == pytest.approx(capacity_ah, rel=1e-3)
+    assert 0.0 < sigma_ah < 0.1
+
+
+def test_a_drive_over_a_few_percent_tells_no_capacity():
+    assert capacity_from_rests([pulse_test(n=1)[0]], SLOW, OHM) is None
+
+
+@pytest.mark.parametrize("counts", [0.1, 1000.0, -1.0, 10.0])
+def test_a_count_that_cannot_be_of_the_slow_tests_cell_is_refused(counts):
+    """Another unit, the other sign, ten cells in parallel or a tenth of one."""
+    with pytest.raises(ModelError, match="another unit, clock, sign or cell") as caught:
+        capacity_from_rests([pulse_test(counts=counts)[0]], SLOW, OHM)
+    assert caught.value.field == "pulses"
+
+
+def test_the_soc_column_holds_against_the_slow_test_and_rests_where_they_refute_it():
+    notes = []
+    assert choose_capacity(SLOW, [pulse_test(capacity_ah=2.4, soc_column=True)[0]], OHM, notes) == pytest.approx(2.4)
+    assert choose_capacity(SLOW, [pulse_test(capacity_ah=2.4)[0]], OHM, notes) == pytest.approx(2.4, rel=1e-3)
+    assert len(notes) == 2
+    assert all("those hold" in note for note in notes)
+
+
+def test_the_slow_tests_count_holds_where_nothing_refutes_it():
+    notes = []
+    assert choose_capacity(SLOW, [pulse_test()[0]], OHM, notes) == CAPACITY_AH
+    assert choose_capacity(SLOW, [pulse_test(n=1)[0]], OHM, notes) == CAPACITY_AH
+    assert notes == []
+
+
+def test_the_soc_of_a_test_without_a_column_is_counted_from_its_rests():
+    recording, soc = pulse_test()
+    notes = []
+    np.testing.assert_allclose(reference_soc(recording, CAPACITY_AH, SLOW, OHM, notes), soc, atol=1e-3)
+    assert any("counted from its rests" in note for note in notes)
+    assert not has_soc_column(recording)
+
+
+def test_a_soc_column_is_taken_as_it_is():
+    recording, soc = pulse_test(soc_column=True)
+    notes = []
+    np.testing.assert_array_equal(reference_soc(recording, CAPACITY_AH, SLOW, OHM, notes), soc)
+    assert notes == []
+    assert has_soc_column(recording)
+
+
+def test_a_test_that_never_rests_and_says_no_soc_cannot_be_placed():
+    recording, _ = pulse_test(rest_s=40.0)
+    recording.voltage_v[:3] = np.nan
+    with pytest.raises(ModelError, match="never rests"):
+        reference_soc(recording, CAPACITY_AH, SLOW, OHM, [])
