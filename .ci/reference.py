@@ -149,6 +149,16 @@ SEASON_NOTES = {
 }
 
 
+JSON_NOTES = """\
+With `--json` what lists prints an array of objects, one an entry, keys in lower case with their unit (`duration_s`);
+what gives several lists or one answer prints one object of them. What is unknown is `null`. Only JSON is on standard
+output, in ASCII; what else there is to say is on standard error. `replay --json` and `accounts log --json`, which may
+be long, print an object a line.
+
+Exit codes: 0 done; 1 done, and something is wrong or differs, where the command says so; 2 not done: one line on
+standard error says why; 130 ended by Ctrl-C. `serve`, `simulate` and `sessions fetch --follow` run until Ctrl-C: 0."""
+
+
 def cli_reference() -> str:
     """Return the page with every command and flag, from argparse."""
     from app.cli import build_parser
@@ -156,6 +166,7 @@ def cli_reference() -> str:
     parser = build_parser()
     parts = [NOTICE, "# Command line", "", f"`{parser.prog} COMMAND`: {_sentence(parser.description)}", ""]
     parts += [f"- {flag}: {text}" for flag, text in _flags(parser)]
+    parts += ["", JSON_NOTES]
     for name, text, command in _commands(parser):
         parts += _section(f"{parser.prog} {name}", command.description or text, command, "##")
     return "\n".join(parts).rstrip() + "\n"

@@ -58,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--with-parent", action="store_true", help="end when standard input does")
     parser.add_argument("--list", action="store_true", help="list the scenarios and end")
+    parser.add_argument("--json", action="store_true", help="with --list: as JSON")
     parser.add_argument("--describe", metavar="NAME", help="describe a scenario and end")
 
 

@@ -1,6 +1,7 @@
 """`voltwall simulate`: the simulated accumulator as a process of its own."""
 
 import argparse
+import json
 import os
 import signal
 import sys
@@ -30,8 +31,11 @@ def run(arguments: argparse.Namespace, battery: DbcBattery | None = None) -> int
     try:
         if arguments.list:
             scenarios, unreadable = library(shape=shape)
-            for scenario in scenarios:
-                print(f"{scenario.name:24} {scenario.title}")
+            if arguments.json:
+                print(json.dumps([{"name": each.name, "title": each.title} for each in scenarios], indent=2))
+            else:
+                for scenario in scenarios:
+                    print(f"{scenario.name:24} {scenario.title}")
             for file in unreadable:
                 print(f"voltwall simulate: left out: {file.reason}", file=sys.stderr)
             return EXIT_OK

@@ -90,8 +90,8 @@ def _simulated(args: argparse.Namespace) -> Path:
         scenario = Path(folder) / "reaction-test.toml"
         scenario.write_text(SCENARIO, encoding="utf-8")
         simulator = SimulatorProcess(Settings(data=Path(folder), scenario=str(scenario)))
-        simulator.start()
         try:
+            simulator.start()
             station = _station(args, simulator.ports.serial_url, is_simulated=True)
             bench = SimulatedBench(simulator.control.ask)
             return _walked(station, lambda: walk(station, bench, names, _say))

@@ -3,8 +3,10 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from app.clock import Clock
 from app.commands.console.progress import Progress
@@ -143,33 +145,39 @@ def check_sessions(args: argparse.Namespace) -> int:
         if args.session is None:
             raise ConfigError("repair", args.repair, "name one SESSION")
         return _repair(find_session(args, args.session), args.repair)
-    is_wrong = False
+    unreadable: Sequence[SessionError] = ()
     if args.session is not None:
         paths = [find_session(args, args.session)]
     else:
         sessions, unreadable = catalogue(args).survey()
-        paths, is_wrong = [info.path for info in sessions], bool(unreadable)
-        for problem in unreadable:
-            print(problem)
+        paths = [info.path for info in sessions]
+    for problem in unreadable:
+        print(problem, file=sys.stderr if args.json else sys.stdout)
+    checked: list[dict[str, object]] = []
     progress = Progress()
     for k, path in enumerate(paths, 1):
-        line, has_problems = _checked(path)
+        checked.append(_checked(path))
         progress.end()
-        print(line)
-        is_wrong |= has_problems
+        if not args.json:
+            print(_verdict(checked[-1]))
         progress(k, len(paths))
     progress.end()
-    return int(is_wrong)
+    if args.json:
+        print(json.dumps(checked, indent=2))
+    return int(bool(unreadable) or any(each["problems"] for each in checked))
 
 
-def _checked(path: Path) -> tuple[str, bool]:
-    """Return what there is to say about a session, and whether something is wrong with it."""
+def _checked(path: Path) -> dict[str, object]:
     in_use = is_in_use(path)
     with SessionFile(path) as session:
-        problems = session.problems()
-        state = _state(session.info, in_use)
-    found = coloured("; ".join(problems), RED) if problems else coloured("sound", GREEN)
-    return f"{path.stem}: {state}, {found}", bool(problems)
+        return {"id": path.stem, "state": _state(session.info, in_use), "problems": session.problems()}
+
+
+def _verdict(checked: dict[str, Any]) -> str:
+    problems = "; ".join(checked["problems"])
+    return f"{checked['id']}: {checked['state']}, " + (
+        coloured(problems, RED) if problems else coloured("sound", GREEN)
+    )
 
 
 def _repair(path: Path, target: Path) -> int:

@@ -36,6 +36,7 @@ def _add_check(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         "2 where the profile cannot work",
         formatter_class=argparse.RawTextHelpFormatter,
     )
+    checking.add_argument("--json", action="store_true", help="as JSON")
     checking.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
     checking.add_argument(
         "--log", type=Path, metavar="FILE", help="a CAN log of this battery: .log (candump), .trc, .asc, .blf, .mf4"

@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "read every byte of a session, or of all; exit code 1 where something is wrong",
         "sessions.check_sessions",
     )
+    add_json_argument(check)
     check.add_argument("session", metavar="SESSION", nargs="?", help="the session's id, or its file (default: all)")
     check.add_argument(
         "--repair", type=Path, metavar="OUT", help="write what can still be read of SESSION into a new file"

@@ -1,6 +1,7 @@
 """`voltwall battery check`: every doubt of a profile, its DBC, and what a log says of both."""
 
 import argparse
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,12 +24,13 @@ def check(args: argparse.Namespace) -> int:
     """Print every doubt; 1 where there is one, 2 where the profile cannot work."""
     document = load_part(args.profile)
     errors, profile = errors_of(document)
-    lines = [f"{_place(error.file, error.line)}: error: {_of_field(error)}" for error in errors]
+    found = [_entry("error", error.file, error.line, error.path, _of_field(error)) for error in errors]
     n_errors, n_doubts = len(errors), 0
     if profile is not None:
         doubts = _of_cell(profile.battery.cell, profile.file)
         if isinstance(profile.source, SpeaksMaster):
-            print(f"{profile.file}: the team's own master; nothing of a DBC to check")
+            if not args.json:
+                print(f"{profile.file}: the team's own master; nothing of a DBC to check")
         else:
             doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
         doubts += _of_witnesses(profile)
@@ -36,17 +38,24 @@ def check(args: argparse.Namespace) -> int:
             doubts = [doubt for doubt in doubts if doubt.is_error and not _is_known(doubt.field, errors)]
         for doubt in doubts:
             kind = "error" if doubt.is_error else "doubt"
-            lines.append(f"{_place(doubt.file, doubt.line)}: {kind}: {doubt.field}: {render(doubt.what)}")
+            text = f"{doubt.field}: {render(doubt.what)}"
+            found.append(_entry(kind, doubt.file, doubt.line, doubt.field, text))
         n_errors += sum(doubt.is_error for doubt in doubts)
         n_doubts = len(doubts) - (n_errors - len(errors))
-    print("\n".join(lines), end="\n" if lines else "")
+    code = 2 if n_errors else int(bool(n_doubts))
+    if args.json:
+        print(json.dumps(found, indent=2))
+        return code
+    for each in found:
+        place = each["file"] if each["line"] is None else f"{each['file']}:{each['line']}"
+        print(f"{place}: {each['kind']}: {each['text']}")
     cells = "" if profile is None or errors else f"{profile.battery.n_cells} cells, "
     print(f"{cells}{n_errors} errors, {n_doubts} doubts")
-    return 2 if n_errors else int(bool(n_doubts))
+    return code
 
 
-def _place(file: str, line: int | None) -> str:
-    return file if line is None else f"{file}:{line}"
+def _entry(kind: str, file: str, line: int | None, field: str, text: str) -> dict[str, object]:
+    return {"kind": kind, "file": file, "line": line, "field": field, "text": text}
 
 
 def _of_field(error: ProfileError) -> str:

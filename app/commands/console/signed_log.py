@@ -28,7 +28,7 @@ def show(folder: Path, *, as_json: bool) -> int:
     if not records:
         raise ConfigError("data", folder, Message("no-signed-log"))
     for record in records:
-        print(json.dumps(_json(record), ensure_ascii=False) if as_json else _line(record))
+        print(json.dumps(_json(record)) if as_json else _line(record))
     wrong = [record.number for record in records if not record.is_genuine]
     print(
         f"{len(records)} records; "

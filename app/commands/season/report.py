@@ -124,5 +124,5 @@ def tag(args: argparse.Namespace) -> int:
     if not tags:
         raise ConfigError("tag", "(nothing)", ", ".join(f"--{name}" for name in NAMES))
     path = find_session(args, args.session)
-    print(json.dumps(write_tags(path, tags, t_wall_ns=Clock().wall_ns(), who=None), ensure_ascii=False))
+    print(json.dumps(write_tags(path, tags, t_wall_ns=Clock().wall_ns(), who=None)))
     return 0
