@@ -33,7 +33,7 @@ from simulator.memory import FLAG, Config, MasterMemory
 from simulator.protection import Protection, violations
 from simulator.relays import Relays, RelayState, TellsRelays
 from simulator.requests import RequestHandler
-from simulator.soc_counter import SOC_SCALE, SocCounter
+from simulator.soc_counter import SocCounter
 from simulator.storage import ConfigStore
 
 FIRMWARE_VERSION = (1, 0, 0)
@@ -152,7 +152,7 @@ class VirtualMaster(TellsRelays):
                 self._soc.count(self.config, i_fs)
         elif self._measurement.is_ready:
             self._soc.start_from_rest(self.config, self._measurement.v_avg, i_fc)
-        dod, soc = int(self._soc.dod_uah), self._soc.soc_counts(self.config)
+        dod, soc = self._soc.dod_uah, self._soc.soc_counts(self.config)
         self.memory.set_charge(dod, soc)
         if self._soc.is_started:
             self.store.remember(dod, soc, now_s)
@@ -238,7 +238,7 @@ class VirtualMaster(TellsRelays):
                 self._balancer.choose_by_hand(argument >> CELLS_PER_PACK, argument & 0xFFF, now_s)
                 self._slave_refresh_s = 0.0
             case CommandId.SOC_FROM_OCV:
-                if not self._measurement.is_ready or not self._soc.restart(
+                if not self._measurement.is_ready or not self._soc.start_from_rest(
                     self.config, self._measurement.v_avg, FIELDS["i_fc"].unpack(self.memory.image)[0]
                 ):
                     return False
@@ -255,7 +255,7 @@ class VirtualMaster(TellsRelays):
                 self._relays.retry()
                 self.emit(EventMessage(EventCode.FAULTS_CLEARED, 0, NO_OFFSET, 0, 0))
             case CommandId.SET_SOC:
-                self._soc.set_soc(self.config, argument / SOC_SCALE)
+                self._soc.set_soc(self.config, argument)
                 self.emit(EventMessage(EventCode.SOC_SET, 0, NO_OFFSET, argument, 0))
             case CommandId.CAN_TX_ENABLE:
                 self.can.enable_tx(argument)

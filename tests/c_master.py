@@ -232,6 +232,51 @@ class CRelays:
         library().vw_relays_retry(ctypes.byref(self._state))
 
 
+class CounterState(ctypes.Structure):
+    """`vw_soc_counter_t`."""
+
+    _fields_ = (("dod", ctypes.c_uint32), ("rest", ctypes.c_uint16), ("is_started", ctypes.c_bool))
+
+
+class CSocCounter:
+    """`vw_soc_counter`, with the interface of `simulator.soc_counter.SocCounter`."""
+
+    def __init__(self) -> None:
+        self._state = CounterState()
+        library().vw_soc_counter_init(ctypes.byref(self._state))
+
+    @property
+    def dod_uah(self) -> int:
+        """The charge drawn since full [uAh]."""
+        return int(self._state.dod)
+
+    @property
+    def is_started(self) -> bool:
+        """It counts."""
+        return bool(self._state.is_started)
+
+    def start_from_rest(self, config: Config, v_avg: int, i_fc: int) -> bool:
+        """Start from the mean cell voltage [100 uV] without a current [10 mA]."""
+        start = library().vw_soc_counter_from_rest
+        return bool(start(ctypes.byref(self._state), image_of(config), v_avg, i_fc) & 0xFF)
+
+    def start_from_journal(self, dod_uah: int) -> None:
+        """Continue from a stored count."""
+        library().vw_soc_counter_from_journal(ctypes.byref(self._state), dod_uah)
+
+    def set_soc(self, config: Config, soc: int) -> None:
+        """Set the counter by a SOC [0.01 %]."""
+        library().vw_soc_counter_set(ctypes.byref(self._state), image_of(config), soc)
+
+    def count(self, config: Config, i_fs: int) -> None:
+        """Count one mean of `ts` samples of 1 ms [10 mA]."""
+        library().vw_soc_counter_count(ctypes.byref(self._state), image_of(config), i_fs, config.ts)
+
+    def soc_counts(self, config: Config) -> int:
+        """Return the SOC [0.01 %]."""
+        return library().vw_soc_counter_soc(ctypes.byref(self._state), image_of(config)) & 0xFFFF
+
+
 class BalanceState(ctypes.Structure):
     """`vw_balance_t`."""
 

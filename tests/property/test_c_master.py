@@ -13,7 +13,18 @@ from simulator.fans import Fans
 from simulator.memory import Config, MasterMemory
 from simulator.protection import CHARGE_TOLERANCE, Latch, Reading
 from simulator.relays import Relays
-from tests.c_master import DUE_S, CBalancer, CCharging, CFans, CProtection, CRelays, PythonProtection, image_of
+from simulator.soc_counter import SocCounter
+from tests.c_master import (
+    DUE_S,
+    CBalancer,
+    CCharging,
+    CFans,
+    CProtection,
+    CRelays,
+    CSocCounter,
+    PythonProtection,
+    image_of,
+)
 from tests.campaign import examples
 
 DEFAULT = Config.from_image(default_image())
@@ -32,7 +43,7 @@ CONFIGS = st.builds(
             name: in_range(name)
             for name in (
                 *("v_cell_min", "v_cell_max", "t_cell_min", "t_cell_max", "i_disc_min", "i_disc_max", "i_chrg_min"),
-                *("i_chrg_max", "fan_ramp_start", "fan_ramp_stop", "fan_ramp_min", "fan_ramp_max"),
+                *("ts", "fc_avg", "i_chrg_max", "fan_ramp_start", "fan_ramp_stop", "fan_ramp_min", "fan_ramp_max"),
             )
         }
     ),
@@ -129,6 +140,44 @@ def test_both_fans_turn_alike(config, steps):
             for fans in both:
                 fans.command(argument, now_s)
         assert both[0].duty(config, t_max, now_s) == both[1].duty(config, t_max, now_s)
+
+
+@given(
+    c_avg=st.sampled_from((10, 2500, 32_767)) | in_range("c_avg"),
+    steps=st.lists(
+        st.one_of(
+            st.tuples(st.just("count"), st.integers(-540_000, 540_000) | st.integers(-400, 400), in_range("ts")),
+            st.tuples(st.just("rest"), st.integers(0, 0xFFFF) | st.integers(26_000, 42_500), st.integers(-202, 202)),
+            st.tuples(st.just("set"), st.integers(0, 10_000), st.just(0)),
+            st.tuples(st.just("journal"), st.integers(0, 330_000_000), st.just(0)),
+        ),
+        max_size=40,
+    ),
+)
+@settings(max_examples=examples(150))
+def test_both_counters_count_the_same(c_avg, steps):
+    both = SocCounter(), CSocCounter()
+    config = replace(DEFAULT, c_avg=c_avg)
+    for what, first, second in steps:
+        for counter in both:
+            if what == "count":
+                counter.count(replace(config, ts=second), first)
+            elif what == "rest":
+                counter.start_from_rest(config, first, second)
+            elif what == "set":
+                counter.set_soc(config, first)
+            else:
+                counter.start_from_journal(first)
+        assert both[1].dod_uah == both[0].dod_uah
+        assert both[1].is_started == both[0].is_started
+        assert both[1].soc_counts(config) == both[0].soc_counts(config)
+
+
+def test_both_counters_start_alike_from_every_voltage():
+    both = SocCounter(), CSocCounter()
+    for v in range(25_000, 43_000, 7):
+        assert both[1].start_from_rest(DEFAULT, v, 0) == both[0].start_from_rest(DEFAULT, v, 0)
+        assert both[1].dod_uah == both[0].dod_uah
 
 
 RELAY_STEPS = st.lists(

@@ -56,12 +56,12 @@ def test_every_branch_of_the_protection_is_taken(counted, tmp_path):
     rng = random.Random(2026)
     for _ in range(40):
         both = PythonProtection(Latch()), CProtection(Latch(), counted)
-        now_ms = 0
+        config, now_ms = replace(CONFIG, ts=rng.choice((1, 100, 200)), fc_avg=rng.choice((0, 10, 300))), 0
         for _ in range(40):
             reading = replace(CALM, **rng.choice(CHANGES))
             for _ in range(rng.choice((1, 2, 20))):
                 now_ms += rng.choice((20, 20, 100))
-                assert both[0].judge(CONFIG, reading, now_ms / 1000) == both[1].judge(CONFIG, reading, now_ms / 1000)
+                assert both[0].judge(config, reading, now_ms / 1000) == both[1].judge(config, reading, now_ms / 1000)
             if rng.random() < 0.2:
                 assert both[0].clear() == both[1].clear()
     ctypes.CDLL(str(counted)).flush_coverage()
