@@ -18,7 +18,8 @@ ENGINE = Path(__file__).parents[1] / "app" / "estimation" / "filters" / "engine"
 FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", "-I", str(ENGINE))  # how a microcontroller has the engine
 ESTIMATOR = (*sorted(ENGINE.glob("vw_*.c")), C_FOLDER / "estimator" / "vw_estimator.c")
-LIBRARY = (*sorted(C_FOLDER.glob("vw_*.c")), *ESTIMATOR)
+MASTER = sorted((C_FOLDER / "master").glob("vw_*.c"))
+LIBRARY = (*sorted(C_FOLDER.glob("vw_*.c")), *MASTER, *ESTIMATOR)
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 BUILT = Path(__file__).parents[1] / ".pytest_cache" / "c"
 
@@ -55,13 +56,14 @@ def estimator_library() -> Path:
 @cache
 def master_library() -> Path:
     """Return the master's own modules as a shared library."""
-    sources = [*sorted((C_FOLDER / "master").glob("vw_*.c")), *sorted(C_FOLDER.glob("vw_*.c"))]
+    port = Path(__file__).parent / "c_port" / "port.c"
+    sources = [*MASTER, *sorted(C_FOLDER.glob("vw_*.c")), port]
     command = ["gcc", *FLAGS, "-Wconversion", "-O2", "-fPIC", "-shared"]
 
     def compile_into(part: Path) -> None:
         subprocess.run([*command, *map(str, sources), "-o", str(part)], check=True)
 
-    return _built("vw_master", sources, command, compile_into)
+    return _built("vw_master", [*sources, port.with_suffix(".h")], command, compile_into)
 
 
 @cache

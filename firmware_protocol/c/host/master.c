@@ -45,7 +45,7 @@ static const char usage[] =
     "  [--no-eeprom]       the EEPROM does not answer\n"
     "  [--faults]          faults come as lines on standard input: `v CELL COUNTS`, `t CELL DEGC`, `i COUNTS`,\n"
     "                      `slave PACK`, `clear`; standard error tells `fault US` and `open US` by the monotonic clock\n"
-    "  [--driving]         the relays are closed: configuration and charging are refused\n"
+    "  [--driving]         the driver asks for the relays to close: configuration and charging are refused\n"
     "  [--other-map]       another memory map's hash in IDENT\n";
 
 static void on_signal(int signal_number)
@@ -56,7 +56,7 @@ static void on_signal(int signal_number)
 
 static bool may_configure(void *context)
 {
-    return battery_may_configure(&((pc_t *)context)->battery);
+    return vw_master_may_configure(&((pc_t *)context)->battery.task);
 }
 
 static void restart(void *context)
@@ -107,7 +107,7 @@ static void boot(const options_t *options, uint8_t cause)
     if (options->has_other_map) {
         line.answer.ident.map_hash[0] ^= 0xFFu;
     }
-    battery_init(&pc.battery, &memory, &line, options->is_driving);
+    battery_init(&pc.battery, &line, options->is_driving, pc.battery.task.protection.is_open);
     vw_can_init(&can, &board, &memory);
     (void)battery_measure(&pc.battery, 0u);
     pc.is_restarting = false;
@@ -184,7 +184,6 @@ static int run(const options_t *options, const pty_t *pty, int fd)
         }
         if (now_ms - measured_ms >= MEASURE_MS) {
             measured_ms = now_ms;
-            battery_follow_charger(&pc.battery, vw_can_take_charge(&can));
             if (battery_measure(&pc.battery, now_ms)) {
                 tell("open");
             }

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "vw_time.h"
+#include "../vw_time.h"
 
 /* A cell is bled until it is within four fifths of the threshold. */
 #define KEEP_NUMERATOR 4u

@@ -19,9 +19,11 @@ from simulator.slave import SlaveChain
 class Host:
     """Keeps what the master sends and when, and asks."""
 
-    def __init__(self, eeprom: Eeprom | None = None, seed: int = 1, soc: float = 0.7) -> None:
+    def __init__(
+        self, eeprom: Eeprom | None = None, seed: int = 1, soc: float = 0.7, car: type[Simulation] = Simulation
+    ) -> None:
         parameters = AccumulatorParameters(start_soc=soc, start_soc_spread=0.002)
-        self.simulation = Simulation(parameters, eeprom=eeprom, seed=seed)
+        self.simulation = car(parameters, eeprom=eeprom, seed=seed)
         self.simulation.serial_out = self._take
         self._decoder = FrameDecoder()
         self._sequence = 0
@@ -84,8 +86,8 @@ def make_host() -> Callable[..., Host]:
 
 
 @pytest.fixture
-def host() -> Host:
-    host = Host()
+def host(make_host: Callable[..., Host]) -> Host:
+    host = make_host()
     host.run(1.0)
     return host
 

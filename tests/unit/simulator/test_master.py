@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,6 +21,14 @@ from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent, Rest
 from simulator.memory import FLAG
 from simulator.relays import RelayState
+from simulator.simulation import Simulation
+from tests.c_virtual_master import CarWithCMaster
+
+
+@pytest.fixture(params=[Simulation, CarWithCMaster], ids=["python", "c"])
+def make_host(request, make_host):
+    """The virtual master, and the one in C on the same board."""
+    return partial(make_host, car=request.param)
 
 
 def start_driving(host, amps: float = 50.0) -> None:
