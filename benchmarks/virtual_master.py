@@ -8,7 +8,8 @@ import argparse
 import statistics
 import time
 
-from simulator.library import DEFAULT_SCENARIO, find_scenario
+from simulator.arguments import DEFAULT_SCENARIO
+from simulator.library import find_scenario
 from simulator.scenario_player import ScenarioPlayer
 from simulator.simulation import Simulation
 
