@@ -218,3 +218,33 @@ def test_too_few_rests_are_refused():
         from_rests([0.5], [3.7])
     with pytest.raises(ModelError, match="at least two"):
         from_rests([0.5, 0.6], [3.7])
+
+
+@pytest.mark.parametrize("volts", [VOLTS, PLATEAU], ids=["NMC", "LFP"])
+def test_interpolation_is_the_monotone_cubic_of_scipy(volts):
+    interpolate = pytest.importorskip("scipy.interpolate")
+    curve, judge = OcvCurve(SOC, volts), interpolate.PchipInterpolator(SOC, volts)
+    at = np.linspace(0.0, 1.0, 997)
+    np.testing.assert_allclose(curve.voltage(at), judge(at), atol=1e-12)
+    np.testing.assert_allclose(curve.slope(at), judge.derivative()(at), atol=1e-9)
+
+
+@pytest.mark.parametrize("method", OCV_METHODS)
+def test_cells_inside_outside_and_missing_are_each_as_alone(method):
+    curve = OcvCurve(SOC * 0.8 + 0.1, VOLTS, method)
+    together = np.array([[-0.04, 0.1, 0.5], [0.9, 1.04, np.nan]])
+    for ask in (curve.voltage, curve.slope):
+        found = ask(together)
+        assert found.shape == together.shape
+        alone = [float(ask(each)) for each in together.flat]
+        np.testing.assert_array_equal(found.ravel(), alone)
+    assert np.flatnonzero(np.isnan(curve.voltage(together))).tolist() == [5]
+
+
+@pytest.mark.parametrize("method", OCV_METHODS)
+def test_voltage_goes_on_without_a_step_where_the_measured_range_ends(method):
+    curve = OcvCurve(SOC * 0.8 + 0.1, VOLTS, method)
+    for end in curve.soc_range:
+        inside, outside = curve.voltage([end - 1e-9, end + 1e-9])
+        assert inside == pytest.approx(outside, abs=1e-7)
+        assert curve.voltage(end) == pytest.approx(inside, abs=1e-7)
