@@ -199,7 +199,7 @@ def test_no_page_of_a_session_has_an_accessibility_violation_or_is_too_wide(look
             page.set_viewport_size(SIZES[size])
             assert not is_too_wide(page), (path, size)
         if SIZE == "full":
-            on_phone = violations(page, themes=["dark"], contrast=False)
+            on_phone = violations(page)
             found |= {f"{path}, phone, {rule}": where for rule, where in on_phone.items()}
     assert found == {}
 

@@ -53,7 +53,7 @@ def test_every_page_renders_fits_and_has_no_accessibility_violation(service, ope
             problems["wider than a desktop"] = []
         page.set_viewport_size(SIZES["phone"])
         if is_looked_at_in_full:
-            problems |= {f"phone, {rule}": at for rule, at in violations(page, themes=["dark"], contrast=False).items()}
+            problems |= {f"phone, {rule}": at for rule, at in violations(page).items()}
         if is_too_wide(page):
             problems["wider than a phone"] = []
         if small := page.evaluate(TOO_SMALL):
@@ -68,7 +68,7 @@ def test_a_phone_opens_a_page_that_fits_it(service, open_page, violations):
     expect(page.get_by_test_id("cell-30")).to_be_visible()
     assert not is_too_wide(page)
     assert page.evaluate(TOO_SMALL) == []
-    assert violations(page, themes=["dark"], contrast=False) == {}
+    assert violations(page) == {}
 
 
 def test_the_keyboard_reaches_every_page(service, open_page):
