@@ -30,6 +30,8 @@ DRAWS: Final = 4999
 STEP_P_MAX: Final = 0.05
 STEP_PARAMETERS: Final = 5  # of a line, its two bends and a step
 DRAWN_P_MAX: Final = 0.3  # above, by the sum over all places, nothing is drawn
+MOST_STEPS: Final = 60  # until the squares are right; a few are enough
+SQUARES_OFF: Final = 1e-9  # of them
 
 
 @dataclass(frozen=True)
@@ -208,21 +210,24 @@ def _bent(days: FloatArray) -> FloatArray:
 def _fit(
     design: FloatArray, values: FloatArray, sigmas: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Weights, inverse of the normal matrix, parameters, residuals; what sessions differ by is found by halving."""
-    freedom = len(values) - design.shape[1]
-    low, high = 0.0, float(np.var(values)) + 1e-18
+    """Weights, inverse of the normal matrix, parameters, residuals; what sessions differ by is found by Newton's steps.
 
-    def fitted(more: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    That is the variance `more` at which the weighted squares of the residuals add up to their degrees of freedom. They
+    fall as it grows, for equal sigmas as 1/(sigma^2 + more), so it is their inverse that steps are taken on.
+    """
+    freedom = len(values) - design.shape[1]
+    more, low, high = 0.0, 0.0, float(np.var(values)) + 1e-18
+    for step in range(MOST_STEPS):
         weights = 1.0 / (sigmas**2 + more + 1e-18)
         inverse = np.asarray(np.linalg.inv(design.T @ (weights[:, None] * design)), dtype=np.float64)
         best = inverse @ (design.T @ (weights * values))
-        return weights, inverse, best, values - design @ best
-
-    found = fitted(low)
-    if float(found[0] @ found[3] ** 2) <= freedom:
-        return found
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        found = fitted(middle)
-        low, high = (middle, high) if float(found[0] @ found[3] ** 2) > freedom else (low, middle)
-    return fitted(high)
+        residual = values - design @ best
+        white2 = weights * residual**2
+        squares = float(white2.sum())
+        if squares <= freedom * (1.0 + SQUARES_OFF) and (step == 0 or squares >= freedom * (1.0 - SQUARES_OFF)):
+            break
+        low, high = (more, high) if squares > freedom else (low, more)
+        more += squares * (squares / freedom - 1.0) / float(weights @ white2)
+        if not low <= more <= high:
+            more = 0.5 * (low + high)
+    return weights, inverse, best, residual

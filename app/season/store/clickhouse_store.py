@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import importlib
 import re
-import urllib.error
-import urllib.parse
-import urllib.request
 from base64 import b64encode
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -99,6 +96,10 @@ def server(url: str) -> Run:
     Raises:
         ConfigError: the URL is none of this kind.
     """
+    import urllib.error  # for a server alone: they take a tenth of what the first answer of a season takes
+    import urllib.parse
+    import urllib.request
+
     parts = urllib.parse.urlsplit(url)
     if parts.scheme not in ("clickhouse", "clickhouses") or not parts.hostname:
         raise ConfigError("store", url, Message("clickhouse-url"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.season.cells.trend import holm, line, lines, steps, student_95, student_p
+from app.season.cells.trend import _fit, holm, line, lines, steps, student_95, student_p
 from tests.unit.app.season.season_of import season
 
 DAYS = np.sort(np.random.default_rng(7).uniform(0.0, 400.0, 50))
@@ -84,3 +84,20 @@ def test_cells_that_age_smoothly_are_seldom_given_a_step():
         values = truth + 0.002 * made.rng.standard_normal((40, 8))
         found += sum(each is not None for each in steps(made.days[:-1], values, np.zeros_like(values)))
     assert found <= 10  # of 40; beside the root alone it was half of them
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.004, 0.02])
+def test_what_sessions_differ_by_leaves_residuals_as_large_as_their_degrees_of_freedom(sigma):
+    """Beyond sigmas of any size, each session's own; where the sigmas say more than there is, nothing is added."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        sigmas = sigma * rng.uniform(0.3, 3.0, len(DAYS))
+        values = 1.0 + 1e-4 * DAYS + 0.01 * rng.standard_normal(len(DAYS))
+        design = np.stack((np.ones_like(DAYS), DAYS - DAYS[-1]), axis=1)
+        weights, _, best, residual = _fit(design, values, sigmas)
+        squares, freedom = float(weights @ residual**2), len(DAYS) - 2
+        assert squares == pytest.approx(freedom, rel=1e-6) or (sigma > 0.0 and squares < freedom)
+        if squares < freedom * (1.0 - 1e-6):
+            assert weights == pytest.approx(sigmas**-2, rel=1e-6)
+        own = np.polynomial.Polynomial.fit(DAYS - DAYS[-1], values, 1, w=np.sqrt(weights)).convert().coef  # numpy's
+        assert best == pytest.approx(own, rel=1e-6)
