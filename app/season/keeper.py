@@ -9,15 +9,19 @@ from __future__ import annotations
 import json
 import logging
 import os
+import pickle
 import subprocess
 import tempfile
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from app.errors import AppError, ExtraMissing, NotNow
+from app.season.lake.arrow import name_of_table
+from app.season.lake.schema import MARK
 from app.season.store.store import Limits, QueryFailed
 from app.sessions.storage.files import SUFFIX
 from app.sessions.worker.child_process import command_of
@@ -31,7 +35,9 @@ END_S: Final = 5.0
 NICE: Final = 19  # of a build: the lowest priority
 START_S: Final = 20.0  # a question's process may take so long to start, on a busy Raspberry Pi
 ANSWER_MB: Final = 16  # of an answer as JSON, of which this process holds some copies
+REMEMBERED: Final = 8  # answers: some words and cars
 _MB: Final = 1 << 20
+T = TypeVar("T")
 BOX: Final = Limits(seconds=20.0, memory_mb=512, rows=5000)
 
 
@@ -49,6 +55,8 @@ class SeasonLake:
         self._built_s = 0.0
         self._asking = threading.Lock()
         self._query_process: subprocess.Popen[bytes] | None = None
+        self._answers: OrderedDict[bytes, Any] = OrderedDict()  # the last one asked for last
+        self._remembering = threading.Lock()
 
     @property
     def missing(self) -> list[str]:
@@ -104,6 +112,38 @@ class SeasonLake:
             return self._ask(question, given, limits)
         finally:
             self._asking.release()
+
+    def remembered(self, question: tuple[object, ...], make: Callable[[], T]) -> T:
+        """Return what was answered to a question about the lake as it is; else make it, and remember it.
+
+        Args:
+            question: all that the answer hangs on beside the lake; it can be pickled.
+            make: the answer.
+        """
+        state = self._state()
+        if state is None:
+            return make()
+        key = pickle.dumps((state, question))
+        with self._remembering:
+            if key in self._answers:
+                self._answers.move_to_end(key)
+                return self._answers[key]  # type: ignore[no-any-return]
+        answer = make()
+        with self._remembering:
+            self._answers[key] = answer
+            while len(self._answers) > REMEMBERED:
+                self._answers.popitem(last=False)
+        return answer
+
+    def _state(self) -> list[tuple[str, int, int]] | None:
+        """Return every session of the lake with its file's time and size; None of a URL, which is asked each time."""
+        if "://" in self.place:
+            return None
+        try:
+            marks = sorted(Path(self.place).glob(f"car=*/season=*/session=*/{name_of_table(MARK)}"))
+            return [(str(mark), (known := mark.stat()).st_mtime_ns, known.st_size) for mark in marks]
+        except OSError:  # one is replaced at this moment
+            return None
 
     def _ask(self, question: str, given: Mapping[str, str], limits: Limits) -> dict[str, Any]:
         values = [part for name, value in given.items() for part in ("--set", f"{name}={value}")]

@@ -102,7 +102,10 @@ def season_now(
     closed = [info for info in catalogue.list() if info.is_closed]
     season.update(info.path for info in closed)
     chosen = _chosen(catalogue, words)
-    car_of, overviews = workers.run(LIMITS, overviews_at, source, _ids(chosen), car)
+    ids = _ids(chosen)
+    car_of, overviews = season.remembered(
+        (source, sorted(ids), car), lambda: workers.run(LIMITS, overviews_at, source, ids, car)
+    )
     lacking = [info for info in closed if info.id not in car_of and source.may_hold(info)]
     found = [session_of(info, car_of[info.id]) for info in chosen if info.id in car_of]
     return Season(

@@ -10,6 +10,8 @@ import pytest
 from app.errors import ExtraMissing, NotNow
 from app.season import keeper
 from app.season.keeper import SeasonLake
+from app.season.lake.build import build_lake, session_files
+from app.season.lake.place import Place
 from app.season.store.store import Limits, QueryFailed
 from app.telemetry import Event
 from app.words import Message
@@ -127,3 +129,25 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     lake.stop()
     with pytest.raises(ExtraMissing, match=r"pip install 'voltwall\[season\]'"):
         lake.query("ranking", {})
+
+
+def test_an_answer_is_remembered_until_the_lake_changes(data):
+    build_lake(Place(data / "lake"), session_files([data / "sessions"]))
+    lake, made = SeasonLake(data, None, builds=False), []
+
+    def answer(question):
+        return lake.remembered((question,), lambda: made.append(question) or len(made))
+
+    assert [answer("a"), answer("a"), answer("b"), answer("a")] == [1, 1, 2, 1]
+    build_lake(Place(data / "lake"), session_files([data / "sessions"]), again=True)
+    assert answer("a") == 3
+    for k in range(keeper.REMEMBERED):
+        answer(k)
+    assert answer("a") == 4 + keeper.REMEMBERED  # the oldest is forgotten
+
+
+def test_nothing_is_remembered_of_a_lake_elsewhere(data):
+    lake, made = SeasonLake(data, "memory://lake", builds=False), []
+    for _ in range(2):
+        lake.remembered(("a",), lambda: made.append("a"))
+    assert len(made) == 2
