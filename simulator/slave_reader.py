@@ -124,6 +124,7 @@ class SlaveReader:
         self._is_balancing = False
         # of the two phases, where the temperature of each cell stands
         self._phase_columns = np.array([at + CELLS_PER_PACK * (at % 2) for at in chain.sensor_inputs])
+        self._sensor_inputs = np.array(chain.sensor_inputs)
         self.packets = 0
         self.packet_errors = 0
         self._bad_packets: NDArray[np.int64] = np.zeros(chain.n_slaves, dtype=np.int64)
@@ -193,8 +194,14 @@ class SlaveReader:
         self._phase = 1 - self._phase
 
     def temperatures_degc(self) -> NDArray[np.int8]:
-        """Return (n_cells,) temperatures out of both phases [degC], T_MISSING without a measurement."""
+        """Return (n_cells,) temperatures out of both phases [degC], T_MISSING without a measurement.
+
+        An input beside an open wire floats between its sensor and the cell next to it: what it gives is no temperature.
+        """
         counts = self._memory.slave_temp.take(self._phase_columns, axis=1)
+        if self.has_doubts:
+            beside = self.open_wire_cells.reshape(-1, CELLS_PER_PACK).take(self._sensor_inputs, axis=1)
+            counts[beside] = CHIP_MISSING
         if self.silent is not self._none_silent:
             counts[self.silent] = CHIP_MISSING
         return _DEGC_BY_COUNT.take(counts.reshape(-1))

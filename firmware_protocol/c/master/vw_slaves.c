@@ -422,6 +422,9 @@ int8_t vw_slaves_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell)
         return VW_T_MISSING;
     }
     input = slaves->sensor_inputs[cell];
+    if (((slaves->open_wires[pack] >> input) & 1u) != 0u) {
+        return VW_T_MISSING; /* it floats between the sensor and the cell beside it */
+    }
     return vw_slaves_degc_of(slaves->slave[pack].temp[input + VW_LTC_CELLS * (input % 2u)]);
 }
 

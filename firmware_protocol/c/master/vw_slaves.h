@@ -92,7 +92,9 @@ bool vw_slaves_self_check(vw_slaves_t *slaves);
  */
 uint16_t vw_slaves_known(const vw_slaves_t *slaves, uint8_t pack);
 
-/* The temperature of a cell [degC], VW_T_MISSING where there is none or no working sensor gives that voltage. */
+/* The temperature of a cell [degC], VW_T_MISSING where there is none: no working sensor gives that voltage, or a wire
+ * beside the sensor's input is open.
+ */
 int8_t vw_slaves_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell);
 
 /* The temperature that a sensor's voltage means [100 uV to degC], likewise. */

@@ -164,6 +164,17 @@ def test_open_wire_is_found_at_the_cells_it_belongs_to(chain, memory, reader, wi
     assert not reader.open_wire_cells.any()
 
 
+def test_an_input_beside_an_open_wire_gives_no_temperature(chain, memory, reader):
+    """It floats between a sensor's 1.9 V and a cell's 3.7 V, and half of what comes out would be a temperature."""
+    chain.converters.open_wires.add(2)
+    check(reader, 0.0)
+    for k in range(20):
+        read_temperatures(reader, 1.0 + 0.1 * k)
+        missing = np.flatnonzero(reader.temperatures_degc() == T_MISSING)
+        assert {1, 7} <= set(missing.tolist())  # whose sensors sit on inputs 2 and 3
+    assert missing.tolist() == [1, 7]
+
+
 @pytest.mark.parametrize(
     ("volts", "degc"),
     [
