@@ -4,6 +4,7 @@ import json
 import sqlite3
 import time
 from contextlib import closing
+from pathlib import Path
 
 import httpx
 import pytest
@@ -13,6 +14,7 @@ from firmware_protocol.config_image import default_image, image_hash, with_raw
 from firmware_protocol.framing import Frame, decode_chunk
 from tests.service_process import WAIT_S, until
 
+FIRST_MAP = Path(__file__).parents[1] / "recorded" / "first_map"
 OCTETS = {"Accept": "application/octet-stream"}
 
 
@@ -76,6 +78,20 @@ def test_dry_run_compares_and_writes_nothing(service):
     body = answer.json()
     assert (body["written"], body["difference"][0]["field"], body["difference"][0]["to"]) == (False, "t_cell_max", 50)
     assert after.content == before.content
+
+
+@pytest.mark.parametrize("kind", ["application/octet-stream", "application/json"])
+def test_an_image_and_a_profile_of_the_first_map_are_converted(service, kind):
+    """Both say 250 by `ts`, as they came out of the program of the day before the map changed."""
+    image, profile = json.loads((FIRST_MAP / "values.json").read_text())["configs"][1], FIRST_MAP / "profile.json"
+    content = bytes.fromhex(image) if kind == "application/octet-stream" else profile.read_bytes()
+    with service.client() as client:
+        headers = {"If-Match": client.get("/config").headers["ETag"], "Content-Type": kind}
+        answer = client.put("/config?dry_run=true", content=content, headers=headers)
+    assert answer.status_code == 200, answer.text
+    changes = {change["field"]: (change["from"], change["to"]) for change in answer.json()["difference"]}
+    assert changes["telemetry_period"] == (100, 250)
+    assert "ts" not in changes
 
 
 @pytest.mark.parametrize(

@@ -32,3 +32,14 @@ def test_another_source_replaces_what_is_in_force() -> None:
     assert read != default_image()
     wanted = SourceEdit(SimpleNamespace(applied_to=bytes), "default", sources(read)).applied_to(read)
     assert wanted == default_image()
+
+
+def test_a_record_of_the_first_map_is_converted() -> None:
+    now = default_image()
+    first = (250).to_bytes(2, "little") + now[2:226] + bytes(2) + now[228:]
+    record = SimpleNamespace(before=first, after=now)
+    history = SimpleNamespace(record=lambda _: record)
+    found = ConfigSources(None, lambda: None, None, history, None)
+    assert found.image("record:1") == now
+    before = found.image("record:1:before")
+    assert [CONFIG[name].unpack(before)[0] for name in ("telemetry_period", "ts")] == [250, 100]
