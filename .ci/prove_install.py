@@ -1,5 +1,7 @@
 """Proves that `pip install .` gives the whole program: isolated build, fresh environment, the page served.
 
+In a folder with an `app.py` and a `simulator.py` of the user's, which are none of its business.
+
 Works on a copy of what git tracks, so nothing that lies about in the checkout can help. With a folder of wheels it
 installs the one for this machine instead: `python3.12 .ci/prove_install.py dist`.
 """
@@ -36,7 +38,15 @@ def main(arguments: list[str]) -> int:
             run(*install, str(source))
             shutil.rmtree(source)
         voltwall = programs / "voltwall"
+        for taken in ("app", "simulator", "firmware_protocol"):  # modules of the user's, beside which it has to work
+            (folder / f"{taken}.py").write_text(f"raise ImportError('not the {taken} that you look for')\n")
         version = run(str(voltwall), "--version", cwd=folder).strip()
+        run(
+            str(programs / "python"),
+            "-c",
+            "import voltwall; voltwall.open; voltwall.connect; voltwall.season",
+            cwd=folder,
+        )
         page = first_page(voltwall, folder)
     what = f"the wheel of {arguments[0]}" if arguments else "pip install ."
     on = f"Python {sys.version.split()[0]}"

@@ -46,7 +46,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
         )
         if only is None or name == only:
-            importlib.import_module(f"app.commands.arguments.{name}").add_arguments(command)
+            importlib.import_module(f"{__package__}.commands.arguments.{name}").add_arguments(command)
     return parser
 
 

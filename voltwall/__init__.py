@@ -19,13 +19,18 @@ cell's index counts from 0, and what was not measured is null, never 0. Errors t
 `VoltwallError`. The names of `__all__`, and their attributes, are stable.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from app import __version__
 from app.errors import AppError as VoltwallError
-from voltwall.live import Live, connect
-from voltwall.records import Event, Finding, Lap
-from voltwall.seasons import Season, season
-from voltwall.sessions import Estimate, Session, open
-from voltwall.tables import Table
+
+if TYPE_CHECKING:
+    from voltwall.live import Live, connect
+    from voltwall.records import Event, Finding, Lap
+    from voltwall.seasons import Season, season
+    from voltwall.sessions import Estimate, Session, open
+    from voltwall.tables import Table
 
 __all__ = [
     "Estimate",
@@ -42,3 +47,28 @@ __all__ = [
     "open",
     "season",
 ]
+
+_MODULES = {
+    "Estimate": "sessions",
+    "Event": "records",
+    "Finding": "records",
+    "Lap": "records",
+    "Live": "live",
+    "Season": "seasons",
+    "Session": "sessions",
+    "Table": "tables",
+    "connect": "live",
+    "open": "sessions",
+    "season": "seasons",
+}  # imported when first asked for: the program `voltwall`, which lies in this package in a wheel, needs none of them
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__]

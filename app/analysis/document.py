@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from importlib.resources import files
+from pathlib import Path
 from typing import Any, Final
 
 from app.analysis.black_box.box import BlackBox
@@ -18,7 +18,7 @@ from app.analysis.report.report import Report
 from app.errors import AppError
 from app.words import Message
 
-TEMPLATE: Final = files("app") / "static" / "document.html"
+TEMPLATE: Final = Path(__file__).parents[1] / "static" / "document.html"
 Subject = Report | BlackBox | Evidence
 KINDS: Final = {Report: "report", BlackBox: "black-box", Evidence: "evidence"}
 SLOT: Final = '<script type="application/json" id="data">'

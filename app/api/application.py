@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -52,7 +51,7 @@ from app.sessions.replay import Estimates, ReplayOptions
 from app.sources.connections import Connections, Setup
 from app.telemetry import Source
 
-STATIC = files("app") / "static"
+STATIC = Path(__file__).parents[1] / "static"
 _CSP = b"content-security-policy"
 _POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; "

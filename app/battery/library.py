@@ -21,7 +21,7 @@ def bundled_profiles() -> tuple[str, ...]:
 
 
 def _folder() -> Path:
-    return Path(str(resources.files("app.battery") / "bundled"))
+    return Path(str(resources.files(__package__) / "bundled"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # of a password
 LEAST_OF_SHARED = 8  # a service that ran with such a one goes on, with a warning
 LEAST_DIFFERENT = 5  # characters: not 121212121212
-COMMON_PASSWORDS = files("app.service") / "common_passwords.txt"
+COMMON_PASSWORDS = files(__package__) / "common_passwords.txt"
 
 
 class Settings(BaseSettings):

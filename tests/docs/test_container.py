@@ -29,7 +29,7 @@ def test_the_default_command_is_the_service_on_the_volume() -> None:
 
 def test_the_health_check_is_the_probe() -> None:
     command = json.loads(re.search(r"^HEALTHCHECK .* CMD (\[.*\])$", LAST_STAGE, re.MULTILINE)[1])
-    assert command == ["python", "-m", probe.__name__]
+    assert command == ["python", "-P", "-m", f"voltwall.{probe.__name__}"]  # where the wheel has it
 
 
 def test_image_and_compose_set_only_settings_that_exist() -> None:

@@ -53,6 +53,20 @@ def imports_of_the_program() -> Iterator[tuple[str, str]]:
                     yield str(file.relative_to(ROOT)), node.args[0].value.split(".")[0]
 
 
+def test_no_module_of_ours_is_named_by_text() -> None:
+    """In a wheel it lies inside `voltwall`: `__package__` and `our_module()` know where."""
+    named = [
+        f"{file.relative_to(ROOT)}:{node.lineno}"
+        for folder in PACKAGES
+        for file in (ROOT / folder).rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and getattr(node.func, "attr", getattr(node.func, "id", "")) in ("import_module", "run_module", "files")
+        and re.match(rf"f?['\"]({'|'.join(PACKAGES)})\b", ast.unparse(node.args[0]) if node.args else "")
+    ]
+    assert named == []
+
+
 @pytest.fixture(scope="module")
 def imported() -> set[str]:
     distributions = importlib.metadata.packages_distributions()

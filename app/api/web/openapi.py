@@ -2,7 +2,7 @@
 
 import json
 import re
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
@@ -12,6 +12,7 @@ from app.api.web.authentication import OPEN_PATHS
 from app.api.web.problems import MEDIA_TYPE
 
 PREFIX = "/api/v1"
+EXAMPLES = Path(__file__).parents[1] / "schemas" / "examples.json"
 SCHEMA_REF = "#/components/schemas/"
 SECURITY: dict[str, dict[str, str]] = {
     "password": {
@@ -160,7 +161,7 @@ def _completed(document: dict[str, Any], path: str) -> dict[str, Any]:
 
 def _add_examples(document: dict[str, Any]) -> None:
     """Show an example beside every schema that has one in `app/api/schemas/examples.json`, by the schema's name."""
-    examples = json.loads((files("app.api.schemas") / "examples.json").read_text(encoding="utf-8"))
+    examples = json.loads(EXAMPLES.read_text(encoding="utf-8"))
     schemas = dict(document["components"]["schemas"])
     for methods in document["paths"].values():
         for operation in methods.values():

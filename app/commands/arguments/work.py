@@ -18,7 +18,7 @@ class Work:
     def function(self) -> Run:
         """Import its module and return it."""
         module, _, function = self.name.rpartition(".")
-        return cast(Run, getattr(import_module(f"app.commands.{module}"), function))
+        return cast(Run, getattr(import_module(f"..{module}", __package__), function))
 
     def __call__(self, args: argparse.Namespace) -> int:
         """Do it; return the exit code."""

@@ -39,7 +39,7 @@ _FIELD_OF_ATTRIBUTE: Final = {
 
 def bundled_cells() -> tuple[str, ...]:
     """Return the names of the cells that ship with Voltwall, in order."""
-    folder = resources.files("app.estimation.cell_model") / "cells"
+    folder = resources.files(__package__) / "cells"
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")))
 
 
@@ -54,7 +54,7 @@ def load_cell(path_or_name: str | Path = DEFAULT_CELL) -> CellModel:
     path = Path(name)
     try:
         if name in bundled_cells():
-            text = (resources.files("app.estimation.cell_model") / "cells" / f"{name}.toml").read_text(encoding="utf-8")
+            text = (resources.files(__package__) / "cells" / f"{name}.toml").read_text(encoding="utf-8")
         else:
             text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as exc:

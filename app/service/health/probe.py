@@ -1,4 +1,4 @@
-"""Asks the service on this machine how it is: `python -m app.service.health.probe`, the container's health check.
+"""Asks the service on this machine how it is: the container's health check.
 
 Exit status 0 while something comes from the battery and gets onto the disk, else 1 with the reasons.
 """

@@ -31,7 +31,7 @@ class Schema:
 
 
 def _steps(kind: str) -> tuple[str, ...]:
-    folder = resources.files("app.sessions.storage") / "schema" / kind
+    folder = resources.files(__package__) / "schema" / kind
     files = sorted((entry for entry in folder.iterdir() if entry.name.endswith(".sql")), key=lambda entry: entry.name)
     return tuple(entry.read_text(encoding="utf-8") for entry in files)
 

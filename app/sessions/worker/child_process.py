@@ -14,6 +14,15 @@ _RUN: Final = (
 )
 
 
+_ABOVE: Final = __name__.removesuffix("app.sessions.worker.child_process")  # in a wheel `voltwall.`
+_FOLDER: Final = Path(__file__).resolve().parents[3 + _ABOVE.count(".")]
+
+
+def our_module(name: str) -> str:
+    """Return what a module of the checkout, as `app.cli`, is called where this one was imported from."""
+    return _ABOVE + name
+
+
 def command_of(module: str, *arguments: str) -> list[str]:
     """Return the command line that runs a module as a program of its own, whatever lies in the working folder."""
-    return [sys.executable, "-P", "-c", _RUN, str(Path(__file__).resolve().parents[3]), module, *arguments]
+    return [sys.executable, "-P", "-c", _RUN, str(_FOLDER), our_module(module), *arguments]

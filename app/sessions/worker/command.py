@@ -6,6 +6,7 @@ import io
 from collections.abc import Sequence
 
 from app.errors import AppError
+from app.sessions.worker.child_process import our_module
 
 
 class CommandRefused(AppError):
@@ -19,7 +20,7 @@ def output_of(arguments: Sequence[str]) -> str:
         CommandRefused: it ended with another code than 0.
     """
     printed, told = io.StringIO(), io.StringIO()
-    program = importlib.import_module("app.cli")  # by name, as it finds its commands: nobody here knows one
+    program = importlib.import_module(our_module("app.cli"))  # by name, as it finds its commands: nobody here knows one
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(told):
             code = program.main(arguments)
