@@ -15,7 +15,7 @@ export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help run test pictures campaign check lint types imports generated-check frontend-check bench mutation generated lock audit clean frontend browser wheels
+.PHONY: help run test pictures campaign check lint types imports generated-check frontend-check bench mutation generated lock audit clean frontend browser wheels site
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,7 +31,7 @@ pictures: $(VENV)/.dev-installed frontend browser ## take the pictures anew that
 	@VOLTWALL_PICTURES=renew $(PY) -m pytest -q -n 0 tests/e2e/test_pictures.py
 	@git status --short tests/e2e/pictures
 
-campaign: $(VENV)/.dev-installed frontend browser ## kills, power cuts, noise, a day of racing, every route; SHORT=1 for a part of each
+campaign: $(VENV)/.site-installed frontend browser ## kills, power cuts, noise, a day of racing, every route; SHORT=1 for a part of each
 	@$(PY) .ci/campaign.py $(if $(SHORT),--short)
 
 check: lint types imports generated-check frontend-check ## formatting, lint, workflows, types, import rules, generated files; changes nothing
@@ -73,14 +73,22 @@ lock: | $(PY) ## resolve pyproject.toml anew into requirements/*.lock
 audit: | $(PY) $(VENV)/.build-installed ## known holes in what is locked: pip-audit and npm audit; needs the network
 	@$(PY) .ci/audit.py
 
+$(VENV)/.site-installed: requirements/site.lock | $(VENV)/.dev-installed
+	@$(PIP) --require-hashes -r requirements/site.lock
+	@touch $@
+
 clean: ## remove everything that was fetched or built
-	rm -rf mutants $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter*.so app/estimation/filters/engine/vw_filter*.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf mutants site $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter*.so app/estimation/filters/engine/vw_filter*.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 frontend: | $(VENV)/.build-installed
 	@$(PY) hatch_build.py
 
 wheels: | $(VENV)/.build-installed ## one wheel for each platform, into dist/
 	@$(PY) hatch_build.py wheels dist
+
+site: $(VENV)/.site-installed ## the documentation as a site, into site/, with search and the Python API
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet --site-dir site $(ARGS)
+	@echo "site/index.html; with search: $(PY) -m http.server --directory site"
 
 browser: | $(VENV)/.dev-installed
 	@$(PY) .ci/ensure_browser.py

@@ -16,7 +16,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 TOOL = ROOT / ".venv" / "audit"  # apart: its dependencies are none of ours
 PIP_AUDIT = "pip-audit==2.10.1"
-LOCKS = ("run", "build", "dev")
+LOCKS = ("run", "build", "dev", "site")
 CLEAN, HOLES, NOT_ASKED = 0, 1, 2
 
 

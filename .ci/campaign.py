@@ -53,6 +53,7 @@ TESTS = (
     "tests/e2e/test_layout.py",
     "tests/integration/test_soak.py",
     "tests/packaging/test_wheel.py",
+    "tests/packaging/test_site.py",
     "tests/unit/app/sources/dbc/test_hostile_bus.py",
     "tests/unit/app/sessions/transfer/test_broken_logs.py",
     "tests/unit/app/sessions/transfer/test_follow.py",

@@ -1,7 +1,8 @@
-"""Resolves pyproject.toml into the three lock files: exact versions with hashes, for every platform, no index address.
+"""Resolves pyproject.toml into the lock files: exact versions with hashes, for every platform, no index address.
 
 `run` is the program with what its pages offer and a logger needs, `build` makes the wheel, `dev` holds both and all
-tools. The extra `pybamm` is in none: 800 MB for one benchmark; nor is `clickhouse`: 534 MB for one test.
+tools, `site` makes the documentation's
+site. The extra `pybamm` is in none: 800 MB for one benchmark; nor is `clickhouse`: 534 MB for one test.
 Versions already locked stay; `--upgrade` takes the newest that pyproject.toml allows.
 """
 
@@ -22,6 +23,7 @@ LOCKS = {
         *(word for extra in EXTRAS for word in ("--extra", extra)),
         *("--constraint", "requirements/run.lock", "--constraint", "requirements/build.lock"),
     ],
+    "site": ["--group", "site", "--constraint", "requirements/dev.lock"],  # beside dev in one environment
 }
 OPTIONS = [
     *("--universal", "--python-version", "3.11", "--fork-strategy", "fewest"),

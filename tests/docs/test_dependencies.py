@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("app", "firmware_protocol", "simulator", "voltwall")
 OURS = {*PACKAGES, "benchmarks"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-LOCKS = ("run", "build", "dev")
+LOCKS = ("run", "build", "dev", "site")
 
 # Needed although no module of ours imports them.
 LOADED_BY_OTHERS = {"websockets": "uvicorn's websocket protocol", "msgpack": "python-can's udp_multicast bus"}
@@ -102,6 +102,8 @@ def test_the_locks_agree_where_they_overlap() -> None:
     development = locked("dev")
     for lock in ("run", "build"):
         assert locked(lock).items() <= development.items()
+    shared = locked("site").keys() & development.keys()
+    assert [name for name in shared if locked("site")[name] != development[name]] == []  # in one environment
 
 
 def test_the_run_lock_holds_everything_the_program_declares() -> None:

@@ -19,6 +19,7 @@ import pytest
 from hatch_build import INSIDE, TARGETS, compile_engine, engine_digest, imports_inside
 from tests.recorded.arrays import SessionMaker
 
+pytestmark = pytest.mark.timeout(900)  # it builds
 ROOT = Path(__file__).resolve().parents[2]
 NOT_PACKED = shutil.ignore_patterns(
     "node_modules", "__pycache__", ".venv", "docs", "tests", "benchmarks", ".git", ".*_cache"
