@@ -16,7 +16,7 @@ from app.live.pipeline_factory import PipelineFactory
 from app.sessions.export.export import export
 from app.sessions.export.formats import Names
 from app.sessions.reading.reader import SessionFile
-from app.sessions.transfer.import_session import import_file
+from app.sessions.transfer.import_session import Imported, import_file
 from app.sources.loaded_battery import LoadedBattery
 from app.sources.recordings.guess import guess
 from app.sources.recordings.profile import ImportProfile
@@ -53,10 +53,10 @@ def millivolts(row: int, cell: int) -> int:
     return 3600 + cell + row % 5
 
 
-@pytest.fixture
-def csv(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """6 s of 40 cells and 10 sensors at 10 Hz, with a preamble, decimal points and a hole in one cell."""
-    path = tmp_path / "orion log.csv"
+    path = tmp_path_factory.mktemp("logs") / "orion log.csv"
     names = ["Time", "Pack Current (A)", "Pack SOC (%)"]
     names += [f"Cell {i + 1} (mV)" for i in range(N)] + [f"Thermistor {i + 1} (C)" for i in range(10)]
     lines = ["Some BMS log v3", ",".join(names)]
@@ -67,6 +67,12 @@ def csv(tmp_path: Path) -> Path:
         lines.append(",".join(values))
     path.write_text("\n".join(lines))
     return path
+
+
+@pytest.fixture(scope="module")
+def imported(csv: Path, tmp_path_factory: pytest.TempPathFactory) -> Imported:
+    """It as a session, for tests that only read."""
+    return import_file(csv, ORION, tmp_path_factory.mktemp("sessions"), pipeline)
 
 
 def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp_path: Path) -> None:
@@ -105,10 +111,9 @@ def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp
         ("ld", "number"),
     ],
 )
-def test_what_is_exported_comes_back_the_same(csv: Path, tmp_path: Path, name: str, names: Names) -> None:
+def test_what_is_exported_comes_back_the_same(imported: Imported, tmp_path: Path, name: str, names: Names) -> None:
     signals = ["i_fs", "soc", *(f"v[{i}]" for i in range(N)), *(f"t[{i}]" for i in range(N))]
-    done = import_file(csv, ORION, tmp_path / "sessions", pipeline)
-    with SessionFile(done.info.path) as session:
+    with SessionFile(imported.info.path) as session:
         export(session, tmp_path / f"own.{name}", name, names=names)
         first = session.series(signals)
     again = import_file(
@@ -116,19 +121,19 @@ def test_what_is_exported_comes_back_the_same(csv: Path, tmp_path: Path, name: s
     )
     with SessionFile(again.info.path) as session:
         second = session.series(signals)
-    later_s = (again.info.started_wall_ns - done.info.started_wall_ns) / 1e9
+    later_s = (again.info.started_wall_ns - imported.info.started_wall_ns) / 1e9
     assert abs(later_s) <= (1.0 if name == "ld" else 2e-3)  # .ld tells its start in whole seconds
     for signal in signals:
         assert second[signal].time_s == pytest.approx(first[signal].time_s + later_s, abs=2e-3)
         assert second[signal].minimum == pytest.approx(first[signal].minimum, abs=1e-3, nan_ok=True)
 
 
-def test_a_parquet_file_says_the_same_as_the_csv(csv: Path, tmp_path: Path) -> None:
+def test_a_parquet_file_says_the_same_as_the_csv(csv: Path, imported: Imported, tmp_path: Path) -> None:
     table = read_table(csv)
     path = tmp_path / "log.parquet"
     parquet.write_table(pyarrow.table({name: pyarrow.array(v) for name, v in table.columns.items()}), path)
-    a, b = (import_file(each, ORION, tmp_path / "sessions", pipeline).info.path for each in (csv, path))
-    with SessionFile(a) as first, SessionFile(b) as second:
+    done = import_file(path, ORION, tmp_path / "sessions", pipeline)
+    with SessionFile(imported.info.path) as first, SessionFile(done.info.path) as second:
         assert [frame.data for frame in first.can_frames()] == [frame.data for frame in second.can_frames()]
 
 
