@@ -83,7 +83,7 @@ def take(browser: Browser, url: str, folder: Path, *, small: bool) -> None:
         context.add_init_script(f"localStorage.setItem('voltwall.theme', '{theme}')")
         tab = context.new_page()
         tab.goto(f"{url.rstrip('/')}/#/{page}")
-        expect(tab.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
+        expect(tab.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live", timeout=60_000)
         tab.wait_for_timeout(SETTLE_MS)
         expect(tab.get_by_text(READING)).to_have_count(0, timeout=60_000)
         tab.wait_for_timeout(SETTLE_MS // 3)
