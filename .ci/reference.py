@@ -60,6 +60,7 @@ PURPOSE = {
     "atheris": "fuzzing by coverage, on Linux",
     "mutmut": "changes the code in one place at a time; the tests have to notice",
     "mypy": "types",
+    "openapi-python-client": "makes a Python client of the OpenAPI document, which a test uses",
     "playwright": "drives the browser tests",
     "pytest": "tests",
     "pytest-timeout": "no test hangs",

@@ -14,6 +14,7 @@ from app.api.web.request_body import Body
 from app.sources.recordings.profile import ImportProfile, profile_of
 from app.words import Message
 
+BINARY = {"type": "string", "format": "binary"}
 Quantity = Literal["time", "current", "voltage", "temperature", "soc"]
 router = APIRouter(tags=["sessions"])
 
@@ -63,7 +64,7 @@ def imports(imports: ImportsPart) -> dict[str, Any]:
     "/imports",
     status_code=201,
     response_model=UploadOut,
-    openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
+    openapi_extra={"requestBody": {"content": {"application/octet-stream": {"schema": BINARY}}, "required": True}},
 )
 async def upload(
     request: Request, imports: ImportsPart, user: UserDep, filename: Annotated[str, Query(min_length=1, max_length=200)]
