@@ -31,10 +31,12 @@ QEMU_OPTIONS = ("-serial", "none", "-semihosting-config", "enable=on,target=nati
 CALIBRATION = 200_000
 CYCLES_PER_INSTRUCTION = 1.6  # with the flash accelerator on; measure yours with DWT->CYCCNT
 CLOCK_HZ = 168e6
-LIBRARY_STACK = 32  # bytes for memcpy, memset, memcmp: newlib's push at most eight registers
+LIBRARY_STACK = 32  # bytes for memcpy, memset, memcmp and arithmetic in software: they push at most eight registers
 LIBRARY = {"memcpy", "memset", "memcmp", "memmove"}
+MASTER = tuple(path for path in sorted((C_FOLDER / "master").glob("vw_*.c")) if path not in SLAVES)
 ENTRIES = ("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received")
 SLAVES_ENTRIES = ("vw_slaves_start", "vw_slaves_read_voltages", "vw_slaves_read_temperatures", "vw_slaves_self_check")
+MASTER_ENTRIES = ("vw_master_init", "vw_master_step", "vw_master_command")
 ESTIMATOR_ENTRIES = ("vw_filter_start", "vw_filter_step")
 # Who can stand behind a pointer; the firmware's own callbacks are its own to add.
 INDIRECT = {
@@ -87,7 +89,7 @@ def deepest(functions: dict[str, Function], name: str, above: tuple[str, ...] = 
     """Return the most stack [byte] below a call, and the path that needs it; recursion is an error."""
     if name in above:
         raise SystemExit(f"recursion: {' > '.join((*above, name))}")
-    if name in LIBRARY:
+    if name in LIBRARY or name.startswith("__aeabi_"):
         return LIBRARY_STACK, (name,)
     function = functions.get(name, Function())
     below = [deepest(functions, callee, (*above, name)) for callee in sorted(function.calls)]
@@ -99,10 +101,11 @@ def print_stack(compiler: str) -> None:
     """Print each entry's worst case, without the firmware's own callbacks."""
     for optimisation in ("-Os", "-O2"):
         with tempfile.TemporaryDirectory() as folder:
-            functions = call_graph(compiler, optimisation, Path(folder), [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES])
+            sources = [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES, *MASTER]
+            functions = call_graph(compiler, optimisation, Path(folder), sources)
             fpu = FPU_FLAGS if compiler.startswith("arm") else ()
             functions |= call_graph(compiler, optimisation, Path(folder), engine_sources(), (*ON_CHIP, *fpu))
-        for entry in (*ENTRIES, *SLAVES_ENTRIES, *ESTIMATOR_ENTRIES):
+        for entry in (*ENTRIES, *SLAVES_ENTRIES, *MASTER_ENTRIES, *ESTIMATOR_ENTRIES):
             stack, path = deepest(functions, entry)
             print(f"{compiler} {optimisation} stack {entry}: {stack} bytes ({' > '.join(path)})")
 
@@ -134,6 +137,8 @@ def print_instructions() -> None:
         found = run_on_chip([*sorted(C_FOLDER.glob("vw_*.c")), HERE / "protocol.c"], (), optimisation)
         print_found(found, optimisation)
         print_found(run_on_chip([*SLAVES, HERE / "slaves.c"], (), optimisation), f"slaves, {optimisation}")
+        sources = [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES, *MASTER, HERE / "master.c"]
+        print_found(run_on_chip(sources, (), optimisation), f"master, {optimisation}")
     for optimisation in ("-Os", "-O2"):
         for n in CELLS:
             sources = [*engine_sources(), HERE / "estimator.c"]
@@ -161,6 +166,7 @@ def print_flash() -> None:
     flags = (*FPU_FLAGS, *ON_CHIP)
     print_size("protocol", sorted(C_FOLDER.glob("vw_*.c")), ())
     print_size("slaves", [*SLAVES], (f"-I{C_FOLDER}",))
+    print_size("the rest of the master", [*MASTER], ())
     print_size("estimator", engine_sources(), flags)
     print_size("tables of the default cell, and the estimator on the struct", tables, flags)
 

@@ -17,7 +17,6 @@ OF_THE_AUTHOR = """\
 static void coulomb_counter_set(int32_t soc) { (void)soc; }
 static bool relays_are_closed(void) { return false; }
 """
-SLAVES = re.findall(r"```c\n(.*?)```", PAGE, re.DOTALL)[-1]
 STATEMENTS = re.findall(r"`(vw_(?:memory|link_event)[^`]*;)`", PAGE)
 
 
@@ -56,9 +55,10 @@ def test_what_goes_into_main_compiles_against_the_hal(gcc: str, tmp_path: Path) 
     assert built.returncode == 0, built.stderr
 
 
-def test_the_task_of_the_slaves_compiles_with_every_warning(gcc: str, tmp_path: Path) -> None:
-    source = tmp_path / "slaves.c"
-    source.write_text(SLAVES, encoding="utf-8")
+@pytest.mark.parametrize("heading", ["Read the slaves", "The whole master"])
+def test_an_example_compiles_with_every_warning(gcc: str, tmp_path: Path, heading: str) -> None:
+    source = tmp_path / "example.c"
+    source.write_text(PAGE.partition(f"## {heading}")[2].split("```c\n")[1].split("```")[0], encoding="utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-fsyntax-only"]
     built = subprocess.run([gcc, *flags, f"-I{C_FOLDER}", str(source)], capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
