@@ -1,5 +1,7 @@
 """The season over HTTP, out of six short sessions on the disk, one a day."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from app.season.estimates.results import Results, set_of
 from app.season.estimates.session import Job, estimate_session
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
+from tests.unit.app.conftest import SessionMaker
 
 CELL = load_cell("samsung-25r-10p")
 TIME_S = np.arange(0.0, 60.0, 0.25)
@@ -15,15 +18,28 @@ CURRENT_A = np.where((TIME_S > 11) & (TIME_S < 55), 60 + 50 * np.sin(TIME_S), 0.
 START_S, DAY_S = 1_790_000_000.0, 86_400.0
 
 
-@pytest.fixture
-def season(client, make_session, tmp_path):
-    """The client of a service whose lake holds them."""
+def open_on(client, folder, made):
+    """The client of a service that finds these sessions, and the lake that was built of them, in its folder."""
+    shutil.copytree(made, folder, dirs_exist_ok=True)
+    return client
+
+
+@pytest.fixture(scope="module")
+def season_made(tmp_path_factory):
+    """The sessions and their lake."""
+    folder = tmp_path_factory.mktemp("season")
+    make_session = SessionMaker(folder / "sessions")
     for day in range(6):
         ohm = np.where(np.arange(96) == 30, 0.003, 0.002) + 1e-6 * day
         volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * ohm
         make_session(TIME_S, CURRENT_A, volts, 25, start_s=START_S + day * DAY_S, cell_file=format_cell(CELL))
-    assert len(build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"])).made) == 6
-    return client
+    assert len(build_lake(Place(folder / "lake"), session_files([folder / "sessions"])).made) == 6
+    return folder
+
+
+@pytest.fixture
+def season(client, season_made, tmp_path):
+    return open_on(client, tmp_path, season_made)
 
 
 def test_a_season_tells_sessions_trends_and_the_cell_that_limits(season):
@@ -83,16 +99,23 @@ def test_a_season_without_sessions_is_empty(client):
     assert client.get("/api/v1/season/cells/3").json() == []
 
 
-@pytest.fixture
-def two_cars(client, make_session, tmp_path):
-    """The client of a service whose lake holds three days of each of two cars, one after the other."""
+@pytest.fixture(scope="module")
+def two_cars_made(tmp_path_factory):
+    """Three days of each of two cars, one after the other, and their lake."""
+    folder = tmp_path_factory.mktemp("two_cars")
+    make_session = SessionMaker(folder / "sessions")
     for day in range(6):
         ohm = np.where(np.arange(96) == (30 if day % 2 else 60), 0.003, 0.002)
         volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * ohm
         more = {"start_s": START_S + day * DAY_S, "cell_file": format_cell(CELL)}
         make_session(TIME_S, CURRENT_A, volts, 25, metadata={"car": "E 26" if day % 2 else "E 25"}, **more)
-    build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
-    return client
+    build_lake(Place(folder / "lake"), session_files([folder / "sessions"]))
+    return folder
+
+
+@pytest.fixture
+def two_cars(client, two_cars_made, tmp_path):
+    return open_on(client, tmp_path, two_cars_made)
 
 
 def test_two_cars_are_told_apart_everywhere(two_cars):
