@@ -75,6 +75,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return 0
+    except OSError as error:  # of a file that was named; where more can be said, the command says it
+        leave_no_line()
+        place = "" if error.filename is None else f"{error.filename}: "
+        print(coloured(f"voltwall {only}:", RED, sys.stderr), f"{place}{error.strerror or error}", file=sys.stderr)
+        return 2
 
 
 def _complete() -> None:

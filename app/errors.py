@@ -47,8 +47,8 @@ class ConfigError(AppError):
     def __init__(self, field: str, value: object, limit: Text) -> None:
         self.field = field
         self.value = value
-        self.limit = limit
-        super().__init__(Message("not-allowed", field=field, value=shown(value), limit=limit))
+        self.limit = limit.removeprefix(f"{value}: ") if isinstance(limit, str) else limit  # a file is named once
+        super().__init__(Message("not-allowed", field=field, value=shown(value), limit=self.limit))
 
 
 class LinkError(AppError):

@@ -31,7 +31,7 @@ def read_cells(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError("CELLS.csv", str(path), str(error)) from error
+        raise ConfigError("CELLS.csv", str(path), getattr(error, "strerror", None) or str(error)) from error
     names, values = [], np.empty((2, len(rows)))
     for k, row in enumerate(rows):
         for i, name in enumerate(COLUMNS[1:]):

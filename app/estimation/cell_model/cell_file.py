@@ -58,7 +58,8 @@ def load_cell(path_or_name: str | Path = DEFAULT_CELL) -> CellModel:
         else:
             text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as exc:
-        reason = f"cannot be read ({exc}); bundled cells: {', '.join(bundled_cells())}"
+        why = exc.strerror if isinstance(exc, OSError) else exc
+        reason = f"cannot be read ({why}); bundled cells: {', '.join(bundled_cells())}"
         raise CellFileError(name, None, "", reason) from exc
     return parse_cell(text, name)
 

@@ -83,3 +83,35 @@ def test_every_command_and_action_names_work_that_there_is():
     found = list(works(cli.build_parser()))
     assert len(found) > 40
     assert all(callable(each.function()) for each in found)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("accounts list --data FILE", "FILE: File exists"),
+        ("season simulate --sessions 1 --data FILE", "FILE/sessions: Not a directory"),
+        ("evidence --session missing --data FILE", "no session 'missing'"),
+        ("firmware --cell missing", "cell = missing: cannot be read (No such file or directory); bundled cells: "),
+        ("firmware --cell FOLDER", "cell = FOLDER: cannot be read (Is a directory); bundled cells: "),
+        ("estimate FILE --cell missing", "missing: cannot be read (No such file or directory); bundled cells: "),
+        ("estimate missing --cell samsung-25r-10p", "missing: cannot be read: No such file or directory"),
+        ("season match missing", "CELLS.csv = missing: No such file or directory"),
+        ("season match FOLDER", "CELLS.csv = FOLDER: Is a directory"),
+        ("sessions import FILE", "FILE: the file is empty"),
+        ("sessions check FILE", "FILE: empty"),
+        ("dbc --out FOLDER", "out = FOLDER: Is a directory"),
+        ("battery show missing", "battery = missing: cannot be read: No such file or directory; bundled profiles: "),
+        ("serve --port 99999", "port = 99999: "),
+    ],
+)
+@pytest.mark.skipif(os.name != "posix", reason="the words of this system's errors")
+def test_a_mistake_is_one_line_that_names_it_once(words, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "FILE").touch()
+    (tmp_path / "FOLDER").mkdir()
+    command = words.split()[0]
+    assert main(words.split()) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith(f"voltwall {command}: {said}")
+    assert shown.count("\n") == 1
+    assert all(shown.count(name) <= 1 for name in ("missing", "FOLDER"))
