@@ -112,8 +112,10 @@ class MeasuringTask:
 
     def _measure_current(self, config: Config, dt_s: float, true_current_a: float) -> tuple[int, bool]:
         """Take the samples of a pass; return `i_fc` as it stands, and whether the sensor is lost."""
-        n = min(max(round(dt_s / SAMPLE_S), 1), _MAX_SAMPLES)
-        counts = self._board.current_sensor.sample(true_current_a, n)
+        n = max(round(dt_s / SAMPLE_S), 1)
+        counts = self._board.current_sensor.sample(true_current_a, min(n, _MAX_SAMPLES))
+        if n > _MAX_SAMPLES:  # a simulation in long passes: the same samples again, so that no charge is lost
+            counts = np.resize(counts, n)
         means = self._current.take(config, counts)
         self.new_means = [_amperes_raw(config, mean) for mean in means]
         if means:

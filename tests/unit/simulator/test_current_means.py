@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Write
+from simulator.accumulator import AccumulatorParameters
 from simulator.loads import ConstantCurrent
 from simulator.measuring_task import CurrentMeans
 from simulator.memory import Config
+from simulator.simulation import Simulation
 
 CONFIG = Config.from_image(default_image())
 
@@ -89,3 +91,19 @@ def test_i_fs_is_quieter_than_a_sample(host):
         return np.std(found)
 
     assert spread(100) < 0.3 * spread(1)
+
+
+@pytest.mark.parametrize("pass_s", [0.02, 1.0, 2.0])
+def test_long_passes_of_a_simulation_lose_no_charge(pass_s):
+    simulation = Simulation(AccumulatorParameters(), seed=3, step_s=pass_s)
+    simulation.set_load(ConstantCurrent(100.0))
+    simulation.run_until(48.0)
+    before, drawn_ah = dod_of(simulation), simulation.accumulator.soc.mean()
+    simulation.run_until(96.0)
+    drawn_ah = (drawn_ah - simulation.accumulator.soc.mean()) * simulation.accumulator.capacity_ah.mean()
+    assert drawn_ah > 1.0
+    assert (dod_of(simulation) - before) * 1e-6 == pytest.approx(drawn_ah, rel=0.05)
+
+
+def dod_of(simulation):
+    return FIELDS["dod"].unpack(simulation.master.memory.image)[0]
