@@ -113,7 +113,8 @@ def load_table(path: Path) -> Table:
         if raw[:2] == GZIP_MAGIC:
             raw = _unpacked(path, len(raw))
     except (OSError, EOFError, zlib.error) as exc:
-        raise TableUnreadable(str(path), Message("cannot-be-read", error=getattr(exc, "strerror", None) or str(exc))) from exc
+        reason = getattr(exc, "strerror", None) or str(exc)  # strerror names no file: the error does
+        raise TableUnreadable(str(path), Message("cannot-be-read", error=reason)) from exc
     header, columns = _parquet_table(source, raw) if raw[:4] == PARQUET_MAGIC else read_csv(source, raw, notes)
     names = header or [str(i + 1) for i in range(len(columns))]
     names = [f"{name} #{i + 1}" if name in names[:i] else name for i, name in enumerate(names)]
