@@ -59,7 +59,7 @@ def _add_query(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         "question",
         metavar="SQL|NAME",
         nargs="?",
-        help='as "SELECT session, min(voltage_min_v) FROM cells GROUP BY 1"; without it the questions are listed',
+        help='as "SELECT car, min(voltage_min_v) FROM cells GROUP BY 1"; without it the questions are listed',
     )
     query.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of a question")
     query.add_argument("--show", action="store_true", help="print the SQL of a question instead of its answer")
