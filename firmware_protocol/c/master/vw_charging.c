@@ -82,7 +82,8 @@ static bool enter(vw_charging_t *charging, enum vw_charger_state state, uint32_t
 static double risen_more(const vw_charging_t *charging)
 {
     const uint16_t *v = charging->master->v;
-    int32_t sorted[VW_N_CELLS], of_highest;
+    int32_t sorted[VW_N_CELLS] = { 0 };
+    int32_t of_highest;
     uint32_t i, k, highest = 0u;
     for (i = 0u; i < VW_N_CELLS; i++) {
         int32_t risen = (int32_t)v[i] - (int32_t)charging->rest_v[i];

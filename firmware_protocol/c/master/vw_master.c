@@ -42,8 +42,8 @@ static void remember(vw_master_task_t *task, uint32_t now_ms)
 static void count_charge(vw_master_task_t *task, const vw_inputs_t *inputs, uint32_t now_ms)
 {
     vw_master_t *memory = task->memory;
-    uint8_t i;
     if (task->counter.is_started) {
+        uint8_t i;
         for (i = 0u; i < inputs->n_means; i++) {
             vw_soc_counter_count(&task->counter, &memory->conf, inputs->means[i], memory->conf.ts);
         }
