@@ -1,8 +1,8 @@
 """Resolves pyproject.toml into the lock files: exact versions with hashes, for every platform, no index address.
 
 `run` is the program with what its pages offer and a logger needs, `build` makes the wheel, `dev` holds both and all
-tools, `site` makes the documentation's
-site. The extra `pybamm` is in none: 800 MB for one benchmark; nor is `clickhouse`: 534 MB for one test.
+tools, `site` makes the documentation's site. The extra `pybamm` is in none: 800 MB
+for one benchmark; nor is `clickhouse`: 534 MB for one test.
 Versions already locked stay; `--upgrade` takes the newest that pyproject.toml allows.
 """
 

