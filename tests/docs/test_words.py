@@ -69,6 +69,32 @@ def test_every_message_has_words_with_exactly_its_arguments(language):
     assert wrong == {}
 
 
+def sentences(path):
+    """Lines of a module that add a bare text to `notes`."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in ("append", "extend")
+        ):
+            target, added = node.func.value, node.args
+        elif isinstance(node, ast.AugAssign):
+            target, added = node.target, [node.value]
+        else:
+            continue
+        told = [part for each in added for part in (each.elts if isinstance(each, ast.List) else [each])]
+        told = [part.elt if isinstance(part, ast.ListComp) else part for part in told]
+        if getattr(target, "id", "") == "notes" and any(
+            isinstance(each, ast.Constant | ast.JoinedStr) for each in told
+        ):
+            yield node.lineno
+
+
+@pytest.mark.parametrize("folder", ["sources/recordings", "sessions/transfer"])
+def test_what_an_import_notes_has_a_code(folder):
+    assert [f"{path.name}:{line}" for path in sorted((APP / folder).glob("*.py")) for line in sentences(path)] == []
+
+
 @pytest.mark.parametrize("language", languages())
 def test_no_words_are_left_that_nothing_tells(language):
     assert sorted(set(table(language)) - set(used())) == []

@@ -5,6 +5,8 @@ import time
 import httpx
 import pytest
 
+from app.words import message_from_json, render
+
 
 @pytest.fixture(scope="module")
 def csv() -> bytes:
@@ -45,6 +47,36 @@ def test_a_file_becomes_a_session_and_its_mapping_a_profile(service, csv):
         client.post(f"/imports/{again['id']}", json={"profile_name": "their bms"})
         assert done(client)["error"] is None
         assert client.post(f"/imports/{again['id']}", json={"profile_name": "their bms"}).status_code == 422
+
+
+def test_what_was_done_to_read_a_file_is_said_in_either_language(service):
+    cells = [f"{'OVERLOAD' if i == 7 else '3,7'};3,8;21" for i in range(40)]
+    rows = [f"{i / 10}".replace(".", ",") + f";-{i}" + f";{each}" for i, each in enumerate(cells)]
+    text = "\n".join(["Rig 3", "Cell A12", "t;I;V1;V2;T1", *rows])
+    profile = {"time": "t", "current": "I", "voltages": "V{n}", "temperatures": "T{n}", "charge_positive": True}
+    with service.client() as client:
+        upload = client.post("/imports", params={"filename": "rig.csv"}, content=text.encode()).json()
+        asked = {"profile": profile}
+        found = client.post(f"/imports/{upload['id']}/preview", json=asked).json()["understood"]
+        assert found["notes"] == [
+            "decimal commas read as points",
+            "2 lines above the table left out",
+            "1 rows are not 5 columns of numbers: read as missing or left out; line 11: 'OVERLOAD' is no number",
+            "I counts charging as positive: sign turned",
+            "1 temperatures for 2 cells: each stands for the cells next to it",
+        ]
+        norwegian = [
+            "desimalkomma er lest som punktum",
+            "2 linjer over tabellen er utelatt",
+            "1 rader er ikke 5 kolonner med tall: lest som manglende eller utelatt; linje 11: 'OVERLOAD'"
+            " er ikke et tall",
+            "I regner lading som positiv: fortegnet er snudd",
+            "1 temperaturer for 2 celler: hver gjelder for cellene ved siden av",
+        ]
+        assert [render(message_from_json(each), "nb") for each in found["notes_words"]] == norwegian
+        client.post(f"/imports/{upload['id']}", json=asked)
+        state = done(client)
+        assert (state["notes"], state["notes_words"]) == (found["notes"], found["notes_words"])
 
 
 def test_what_is_wrong_is_said(service, csv):

@@ -257,6 +257,7 @@ class UnderstoodOut(BaseModel):
     voltages_v: list[list[float | None]]
     temperatures_degc: list[list[float | None]]
     notes: list[str]
+    notes_words: list[WordsOut]
 
 
 class PreviewOut(BaseModel):
@@ -279,6 +280,7 @@ class ImportStateOut(BaseModel):
     total: int
     session_id: str | None
     notes: list[str]
+    notes_words: list[WordsOut]
     error: str | None
     error_words: WordsOut | None
 

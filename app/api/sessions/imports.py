@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from app.api.encoding.words import message_json
+from app.api.encoding.words import message_json, messages_json
 from app.api.schemas.sessions import ImportsOut, ImportStateOut, PreviewOut, UploadOut
 from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
+from app.sessions.transfer.import_jobs import ImportState
 from app.sources.recordings.profile import ImportProfile, profile_of
 from app.words import Message
 
@@ -49,8 +50,11 @@ class ImportIn(ReadingIn):
 
 
 def _state(imports: ImportsPart) -> dict[str, Any] | None:
-    state = imports.state
-    return None if state is None else asdict(state) | message_json("error", state.error)
+    return None if imports.state is None else _state_json(imports.state)
+
+
+def _state_json(state: ImportState) -> dict[str, Any]:
+    return asdict(state) | messages_json("notes", state.notes) | message_json("error", state.error)
 
 
 @router.get("/imports", response_model=ImportsOut)
@@ -97,7 +101,9 @@ def _profile(body: ReadingIn, imports: ImportsPart) -> ImportProfile:
 def preview(upload_id: int, body: PreviewIn, imports: ImportsPart, user: UserDep) -> dict[str, Any]:
     """Say what is in an upload, and what its first rows become; nothing is imported."""
     found = imports.preview(upload_id, _profile(body, imports), body.pick_units, dbc=body.dbc)
-    return asdict(found) | message_json("error", found.error)
+    rows = found.understood
+    understood = None if rows is None else asdict(rows) | messages_json("notes", rows.notes)
+    return asdict(found) | {"understood": understood} | message_json("error", found.error)
 
 
 @router.post("/imports/{upload_id}", status_code=202, response_model=ImportStateOut)
@@ -115,4 +121,4 @@ def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPa
     if body.save_as:
         imports.profiles.save(body.save_as, profile)
     events.note("info", "import", Message("being-imported", filename=state.filename), user.name)
-    return asdict(state) | message_json("error", state.error)
+    return _state_json(state)

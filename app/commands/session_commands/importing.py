@@ -17,6 +17,7 @@ from app.sources.recordings.guess import guess
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile, ProfileStore, parse_profile, profile_of, profile_text
 from app.sources.recordings.table import read_table
+from app.words import render
 
 _NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
 
@@ -43,7 +44,7 @@ def import_recording(args: argparse.Namespace) -> int:
     )
     progress.end()
     for note in done.notes:
-        print(note, file=sys.stderr)
+        print(render(note), file=sys.stderr)
     if args.save_profile:
         store.save(args.save_profile, profile)
     rows = f"{done.rows} {'frames' if is_log else 'rows'}"
@@ -70,7 +71,7 @@ def show_columns(args: argparse.Namespace) -> int:
         span = f"{known.min():.6g} to {known.max():.6g}" if len(known) else "empty"
         print(f"{i + 1:>4}  {name}: {span}")
     for note in table.notes:
-        print(f"# {note}")
+        print(f"# {render(note)}")
     print("# guessed profile\n" + profile_text(guess(table)), end="")
     return 0
 

@@ -48,7 +48,7 @@ class ImportState:
     done: int = 0
     total: int = 0
     session_id: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Message, ...] = ()
     error: Text | None = None
 
 

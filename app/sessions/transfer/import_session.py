@@ -47,7 +47,7 @@ class Imported:
     info: SessionInfo
     rows: int
     cells: int
-    notes: tuple[str, ...]
+    notes: tuple[Message, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class _Recording:
     rows: int
     cells: int
     started_unix_s: float | None
-    notes: tuple[str, ...]
+    notes: tuple[Message, ...]
 
 
 def import_file(
@@ -188,17 +188,17 @@ def _of_frames(source: str, frames: Iterator[can_log.Frame], battery: LoadedBatt
             heard |= set() if values is None else set(values.index.tolist())
     if not spool:
         raise ImportFailed(source, Message("no-data-frame"))
-    notes = []
+    notes: list[Message] = []
     if decoder is None:
-        notes.append("CAN frames as of our own master: no battery and no DBC was named")
+        notes.append(Message("own-master"))
     else:
         if not heard:
             raise ImportFailed(source, Message("no-voltage-of-battery", name=battery.battery.name))
         n_cells = battery.battery.n_cells
         if len(heard) < n_cells:
-            notes.append(f"{n_cells - len(heard)} of {n_cells} cells were never heard")
+            notes.append(Message("cells-not-heard", silent=n_cells - len(heard), cells=n_cells))
         if decoder.bad_checksums:
-            notes.append(f"{decoder.bad_checksums} frames with a wrong checksum tell nothing")
+            notes.append(Message("wrong-checksums", frames=decoder.bad_checksums))
     started_s = spool.first_s if spool.first_s > SINCE_1970_S else None
     length_ns, n_frames = _length_ns(spool), len(spool)
     return _Recording(battery, _timed(spool), n_frames, length_ns, n_frames, len(heard), started_s, tuple(notes))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from app.errors import ImportFailed
-from app.words import Message
+from app.words import Message, Text
 
 SHOWN = 10
 WARNED_SHARE, REFUSED_SHARE = 0.05, 0.5
@@ -15,15 +15,15 @@ _TEXT = 60  # characters
 class BadRows:
     """What could not be read of a file; fed while it is read."""
 
-    what: str = "frames"
+    what: Message = field(default_factory=lambda: Message("frames"))
     count: int = 0
-    first: list[tuple[int | None, str]] = field(default_factory=list)  # line, where the file has such, and reason
+    first: list[tuple[int | None, Text]] = field(default_factory=list)  # line, where the file has such, and reason
 
-    def add(self, line: int | None, reason: str) -> None:
+    def add(self, line: int | None, reason: Text) -> None:
         """Count a row that cannot be read."""
         self.count += 1
         if len(self.first) < SHOWN:
-            self.first.append((line, reason.strip()[:_TEXT]))
+            self.first.append((line, reason.strip()[:_TEXT] if isinstance(reason, str) else reason))
 
     def check(self, source: str, good: int) -> None:
         """Refuse a file of which more than half cannot be read.
@@ -38,15 +38,24 @@ class BadRows:
             Message("too-many-bad", bad=self.count, rows=self.count + good, what=self.what, first=self.summary()),
         )
 
-    def notes(self, good: int) -> list[str]:
-        """Return what to tell the user, in no line where everything was read."""
+    def notes(self, good: int) -> list[Message]:
+        """Return what to tell the user, nothing where everything was read."""
         if not self.count:
             return []
-        warning = "warning: " if self.count > WARNED_SHARE * (self.count + good) else ""
-        text = f"{warning}{self.count} of {self.count + good} {self.what} cannot be read and are left out"
-        return [f"{text}: {self.summary()}"]
+        rows = self.count + good
+        note = Message("some-bad", bad=self.count, rows=rows, what=self.what, first=self.summary())
+        return [self.warned(note, rows)]
 
-    def summary(self) -> str:
+    def warned(self, note: Message, rows: int) -> Message:
+        """Return the note as a warning where more than a few of the file's rows cannot be read."""
+        return Message("note-warning", note=note) if self.count > WARNED_SHARE * rows else note
+
+    def summary(self) -> Text:
         """Return the first of them, with line and reason."""
-        named = [reason if line is None else f"line {line}: {reason}" for line, reason in self.first]
-        return "; ".join([*named, "..."] if self.count > len(named) else named)
+        named = [
+            reason if line is None else Message("at-line", line=line, reason=reason) for line, reason in self.first
+        ]
+        told: Text = ""
+        for each in [*named, "..."] if self.count > len(named) else named:
+            told = Message("joined", first=told, then=each) if told else each
+        return told

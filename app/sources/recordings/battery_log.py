@@ -12,7 +12,7 @@ from app.sources.recordings.charge_state import signed
 from app.sources.recordings.profile import LONGEST_S, ImportProfile, parse_cells
 from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table
-from app.words import Message
+from app.words import Message, Quantity
 
 UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
 DEFAULT_PERIOD_S = 0.1
@@ -30,7 +30,7 @@ class BatteryLog:
     temperatures_degc: FloatArray  # (n, n_cells)
     soc: FloatArray | None  # (n,) fraction
     n_cells: int
-    notes: tuple[str, ...]
+    notes: tuple[Message, ...]
 
 
 def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
@@ -46,10 +46,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     voltages_v = in_our_unit(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
     if profile.cells_in_series > 1.0:
         voltages_v = voltages_v / profile.cells_in_series
-        notes.append(
-            f"{profile.voltages} is taken as that of {profile.cells_in_series:g} cells in series, as one cell with its"
-            " share; --set cells_in_series=N changes it"
-        )
+        notes.append(Message("cells-in-series", column=profile.voltages, cells=profile.cells_in_series))
     chosen = _chosen(table.source, profile.cells, voltages_v.shape[1])
     n_cells = len(chosen)
     if n_cells > MOST_CELLS:
@@ -59,13 +56,13 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     temperatures = np.full((len(current_a), n_cells), np.nan)
     turns = profile.charge_positive and direction is None
     if direction is not None:
-        notes.append(f"{profile.current} has no sign: {direction} says whether it charges or discharges")
+        notes.append(Message("current-no-sign", column=profile.current, direction=direction))
     if turns:
-        notes.append(f"{profile.current} counts charging as positive: sign turned")
+        notes.append(Message("sign-turned", column=profile.current))
     if n_cells < voltages_v.shape[1]:
-        notes.append(f"{n_cells} of {voltages_v.shape[1]} cells are taken: {profile.cells}")
+        notes.append(Message("cells-taken", taken=n_cells, cells=voltages_v.shape[1], chosen=profile.cells))
     if n_cells == 1 and profile.cells_in_series == 1.0:
-        notes.append("a test of one cell: `voltwall estimate` and `voltwall identify` read this file, too")
+        notes.append(Message("test-of-one-cell"))
     if profile.temperatures:
         sensors = table.matrix("temperatures", profile.temperatures)
         temperatures = _spread(
@@ -79,7 +76,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
         else np.arange(len(current_a), dtype=np.float64) * DEFAULT_PERIOD_S
     )
     if not profile.time:
-        notes.append(f"no column is the time: rows are taken {DEFAULT_PERIOD_S:g} s apart")
+        notes.append(Message("no-time-column", period=Quantity(DEFAULT_PERIOD_S, "s")))
     rows = _rows(table.source, time_s, profile.max_rate_hz, notes)
     time_s = time_s[rows]
     taken_v = voltages_v[rows][:, chosen]
@@ -111,23 +108,23 @@ def _chosen(source: str, cells: str, count: int) -> list[int]:
     return sorted(taken) if spans else list(range(count))
 
 
-def _spread(sensors: FloatArray, n_cells: int, notes: list[str]) -> FloatArray:
+def _spread(sensors: FloatArray, n_cells: int, notes: list[Message]) -> FloatArray:
     """Sensors in order over the cells in order; with fewer sensors than cells each stands for its neighbours."""
     count = sensors.shape[1]
     if count > n_cells:
-        notes.append(f"{count} temperatures for {n_cells} cells: the first {n_cells} are taken")
+        notes.append(Message("more-temperatures", count=count, cells=n_cells))
     elif count < n_cells:
-        notes.append(f"{count} temperatures for {n_cells} cells: each stands for the cells next to it")
+        notes.append(Message("fewer-temperatures", count=count, cells=n_cells))
     index = np.arange(n_cells) if count >= n_cells else np.arange(n_cells) * count // n_cells
     return sensors[:, index]
 
 
-def _rows(source: str, time_s: FloatArray, max_rate_hz: float, notes: list[str]) -> NDArray[np.intp]:
+def _rows(source: str, time_s: FloatArray, max_rate_hz: float, notes: list[Message]) -> NDArray[np.intp]:
     """Indices of the rows to take, ascending in time."""
     order: NDArray[np.intp] = np.flatnonzero(np.isfinite(time_s))
     if np.any(np.diff(time_s[order]) < 0):
         order = order[np.argsort(time_s[order], kind="stable")]
-        notes.append("rows were not in the order of time: sorted")
+        notes.append(Message("rows-sorted"))
     if not len(order):
         raise ImportFailed(source, Message("no-row-has-time"))
     keep = np.append(True, np.diff(time_s[order]) > 0)
@@ -135,7 +132,7 @@ def _rows(source: str, time_s: FloatArray, max_rate_hz: float, notes: list[str])
         bucket = np.floor((time_s[order] - time_s[order[0]]) * max_rate_hz + 1e-6)
         keep &= np.append(True, np.diff(bucket) > 0)
     if left_out := int(np.sum(~keep)) + int(np.sum(~np.isfinite(time_s))):
-        notes.append(f"{left_out} of {len(time_s)} rows left out: no time, a time twice, or quicker than max_rate_hz")
+        notes.append(Message("rows-left-out", left=left_out, rows=len(time_s)))
     order = np.asarray(order[keep], np.intp)
     days = (time_s[order[-1]] - time_s[order[0]]) / 86_400
     if days > MAX_DAYS:

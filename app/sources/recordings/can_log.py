@@ -29,6 +29,7 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 _ID_BITS = 0x1FFFFFFF
 _MOST_BYTES = 64  # of CAN FD
 _READ_AT_ONCE = 1 << 18
+_ERROR_TEXT = 60  # characters of a library's reason
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
 OnRead = Callable[[int], None]  # bytes of the file that are read
 Signals = dict[str, tuple["array[float]", "array[float]"]]  # times and values by name
@@ -57,9 +58,9 @@ def read_frames(path: Path, bad: BadRows | None = None, on_read: OnRead = _not_t
     good = 0
     for frame in _read(path, kind_of(path), bad, on_read):
         if not abs(frame[0]) < MOST_S:  # not a number, too
-            bad.add(None, f"a time of {frame[0]:g} s")
+            bad.add(None, Message("odd-time", time=f"{frame[0]:g}"))
         elif frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
-            bad.add(None, f"a frame of id {frame[1]:X} and {len(frame[2])} bytes")
+            bad.add(None, Message("odd-frame", id=f"{frame[1]:X}", bytes=len(frame[2])))
         else:
             good += 1
             yield frame
@@ -210,7 +211,7 @@ def _blf(path: Path, bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
     except Exception as error:  # struct.error, zlib.error, BLFParseError, ...
         if not good:
             raise
-        bad.add(None, f"the file breaks off after {good} frames: {error}")
+        bad.add(None, Message("breaks-off", frames=good, error=str(error)[:_ERROR_TEXT]))
 
 
 def _data_frame(message: Any) -> Iterator[Frame]:
@@ -224,7 +225,7 @@ class LogSignals(NamedTuple):
 
     source: str
     found: Signals  # times [s] and values by name
-    notes: tuple[str, ...]  # what could not be read
+    notes: tuple[Message, ...]  # what could not be read
 
     def table(self, profile: ImportProfile) -> Table:
         """Return the profile's signals at every frame that carries the current; others as last received.
@@ -255,7 +256,7 @@ def read_signals(path: Path, dbc: Path, most: int | None = None) -> LogSignals:
         ExtraMissing: cantools is not installed.
         ImportFailed: the log or the DBC cannot be read.
     """
-    unread, undecoded = BadRows(), BadRows("frames of the DBC")
+    unread, undecoded = BadRows(), BadRows(Message("frames-of-dbc"))
     found = _signals(islice(read_frames(path, unread), most), path.name, dbc, bad=undecoded)
     decoded = max((len(times) for times, _ in found.values()), default=0)
     return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded)))
@@ -289,7 +290,7 @@ def _signals(
 
     With `only`, of messages that have a signal of this name.
     """
-    bad = BadRows("frames of the DBC") if bad is None else bad
+    bad = BadRows(Message("frames-of-dbc")) if bad is None else bad
     decoded = 0
     database = _database(dbc)
     by_id = {
@@ -309,7 +310,7 @@ def _signals(
         try:
             values = message.decode(data, decode_choices=False, allow_truncated=True)
         except Exception as error:  # noqa: BLE001  cantools raises its own, bitstruct's and the codec's
-            bad.add(None, f"message {message.name} at {at_s:.3f} s: {error}")
+            bad.add(None, Message("undecoded", message=message.name, at=f"{at_s:.3f}", error=str(error)[:_ERROR_TEXT]))
             continue
         decoded += 1
         numbers = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}

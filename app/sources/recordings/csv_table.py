@@ -12,7 +12,7 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
-from app.sources.recordings.bad_rows import REFUSED_SHARE, WARNED_SHARE, BadRows
+from app.sources.recordings.bad_rows import REFUSED_SHARE, BadRows
 from app.sources.recordings.charge_state import state_of, tells_state
 from app.sources.recordings.quantities import is_unit
 from app.words import Message, render
@@ -39,7 +39,7 @@ class TableUnreadable(DatasetError):
         self.reason = reason
 
 
-def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | None, list[FloatArray]]:
+def read_csv(source: str, raw: bytes, notes: list[Message]) -> tuple[list[str] | None, list[FloatArray]]:
     """Return the names, None without a header, and the columns; NaN where no number stands.
 
     Args:
@@ -70,7 +70,7 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
         numbers = numbers if len(numbers) == len(lines) else []
     if any(_has_decimal_commas(line) for line in lines[-20:]):
         lines = [DECIMAL_COMMA.sub(r"\1.\2", line) for line in lines]
-        notes.append("decimal commas read as points")
+        notes.append(Message("decimal-commas"))
     delimiter, start = _find_table(source, lines)
     if _ends_every_row(lines, start, delimiter):
         lines = [line.removesuffix(delimiter) for line in lines]
@@ -79,7 +79,7 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
     width = len(body[0].split(delimiter))
     skipped = above + start - header_lines
     if skipped:
-        notes.append(f"{skipped} lines above the table left out")
+        notes.append(Message("lines-above", lines=skipped))
     columns = _numbers(source, body, numbers[start:], delimiter, width, notes)
     for k, name in enumerate(header or []):
         if tells_state(name) and np.isnan(columns[k]).all():
@@ -240,7 +240,7 @@ def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[st
 
 
 def _numbers(
-    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[str]
+    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[Message]
 ) -> list[FloatArray]:
     text = "\n".join(body)
     empty = delimiter * 2
@@ -269,7 +269,7 @@ def _numbers(
 
 
 def _numbers_row_by_row(
-    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[str]
+    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[Message]
 ) -> list[FloatArray]:
     tokens = [line.split(delimiter) for line in body]
     whole = [k for k, row in enumerate(tokens) if len(row) == width]
@@ -284,9 +284,9 @@ def _numbers_row_by_row(
     for k, row in enumerate(tokens):
         number = numbers[k] if numbers else None
         if len(row) != width:
-            bad.add(number, f"{len(row)} columns, not {width}")
+            bad.add(number, Message("not-so-many-columns", columns=len(row), width=width))
         elif k in wrong:
-            bad.add(number, f"{wrong[k].strip()[:20]!r} is no number")
+            bad.add(number, Message("no-number", text=repr(wrong[k].strip()[:20])))
     if bad.count > REFUSED_SHARE * len(body):
         raise TableUnreadable(
             source,
@@ -300,8 +300,7 @@ def _numbers_row_by_row(
             ),
         )
     if bad.count:
-        warning = "warning: " if bad.count > WARNED_SHARE * len(body) else ""
-        text = f"{bad.count} rows are not {width} columns of numbers: read as missing or left out"
-        notes.append(f"{warning}{text}; {bad.summary()}")
+        note = Message("rows-not-numbers", rows=bad.count, width=width, first=bad.summary())
+        notes.append(bad.warned(note, len(body)))
     filled = [[float("nan") if value is None else value for value in values] for values in rows]
     return list(np.array(filled, dtype=np.float64).T)

@@ -14,6 +14,7 @@ from app.estimation.recording.cell_recording import FIELDS, Recording, clean
 from app.sources.recordings.charge_state import charges_positive, signed
 from app.sources.recordings.quantities import UNITS, Candidate, candidates, in_our_unit, is_wall_clock
 from app.sources.recordings.table import Table, load_table
+from app.words import Message, render
 
 FIELD_OF = dict(zip(UNITS, FIELDS, strict=True))  # of each quantity
 UNUSED_NAMED = 6  # columns without a use that a note names
@@ -73,16 +74,16 @@ def load_recording(
         fields["current_a"], direction = signed(fields["current_a"], table.columns)
         charge_positive &= direction is None
         if direction is not None:
-            notes.append(f"the current has no sign: {direction} says whether it charges or discharges")
+            notes.append(Message("no-sign", direction=direction))
         elif not charge_positive and "voltage_v" in fields:
             charge_positive = charges_positive(fields["current_a"], fields["voltage_v"])
             if charge_positive:
-                notes.append("the voltage rises with the current: charging is taken as positive")
+                notes.append(Message("voltage-rises"))
     recording = clean(table.source, fields, charge_positive=charge_positive, period_s=period_s)
-    return replace(recording, notes=(*notes, *recording.notes))
+    return replace(recording, notes=(*map(render, notes), *recording.notes))
 
 
-def _assign(table: Table, mapping: Mapping[str, Source], notes: list[str]) -> dict[str, FloatArray]:
+def _assign(table: Table, mapping: Mapping[str, Source], notes: list[Message]) -> dict[str, FloatArray]:
     """Return the columns by field: mapped ones first, then those the header names, else the usual order."""
     columns = table.columns
     fields = {field: _mapped(table, field, wanted) * wanted.factor for field, wanted in mapping.items()}
@@ -93,7 +94,7 @@ def _assign(table: Table, mapping: Mapping[str, Source], notes: list[str]) -> di
             raise DatasetError(
                 table.source, f"no header over {len(columns)} columns; say which is which with --map time_s=1,..."
             )
-        notes.append(f"no header: columns taken as {', '.join(FIELDS[: len(columns)])}")
+        notes.append(Message("no-header", fields=FIELDS[: len(columns)]))
         return dict(zip(FIELDS, columns.values(), strict=False))
     taken = {wanted.column for wanted in mapping.values()}
     for quantity, field in FIELD_OF.items():
@@ -104,23 +105,26 @@ def _assign(table: Table, mapping: Mapping[str, Source], notes: list[str]) -> di
             continue  # nothing, or two names that sound alike
         best, *others = found
         if not best.is_plain and not is_wall_clock(best.name):
-            notes.append(f"{field} taken from the column {best.name!r}")
+            notes.append(Message("taken-from", field=field, column=repr(best.name)))
         alike = [each.name for each in others if each.is_plain and each.score == best.score]
-        notes += [f"{field} is in more than one column: {name!r} not used" for name in alike]
+        notes += [Message("in-more-columns", field=field, column=repr(name)) for name in alike]
         fields[field] = _converted(table, best, quantity, notes)
         taken |= {best.name, *alike}
     unused = [name for name in columns if name and name not in taken]
     if unused:
-        more = f" and {len(unused) - UNUSED_NAMED} more" if len(unused) > UNUSED_NAMED else ""
-        notes.append(f"columns not used: {', '.join(unused[:UNUSED_NAMED])}{more}")
+        named = tuple(unused[:UNUSED_NAMED])
+        more = len(unused) - len(named)
+        notes.append(
+            Message("some-unused", columns=named, more=more) if more else Message("columns-unused", columns=named)
+        )
     return fields
 
 
-def _converted(table: Table, found: Candidate, quantity: str, notes: list[str]) -> FloatArray:
+def _converted(table: Table, found: Candidate, quantity: str, notes: list[Message]) -> FloatArray:
     if found.unit is None:
         return table.columns[found.name]
     if UNITS[quantity][found.unit] != (1, 0):
-        notes.append(f"column {found.name!r} converted from {found.unit}")
+        notes.append(Message("converted", column=repr(found.name), unit=found.unit))
     return in_our_unit(table.columns[found.name], quantity, found.unit)
 
 

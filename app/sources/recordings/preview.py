@@ -14,7 +14,7 @@ from app.sources.recordings.guess import with_units
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table, matching, read_table
-from app.words import Text
+from app.words import Message, Text
 
 ROWS = 6
 SAMPLES = 3
@@ -50,7 +50,7 @@ class Understood:
     soc: Numbers  # fraction; empty: not told
     voltages_v: tuple[Numbers, ...]  # by row, one a cell
     temperatures_degc: tuple[Numbers, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Message, ...]
 
 
 @dataclass(frozen=True, slots=True)

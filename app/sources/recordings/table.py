@@ -45,7 +45,7 @@ class Table:
     source: str
     columns: Mapping[str, FloatArray]
     has_header: bool = True  # else the names are numbers from 1
-    notes: tuple[str, ...] = ()  # what was done to read it
+    notes: tuple[Message, ...] = ()  # what was done to read it
 
     def column(self, what: str, name: str) -> FloatArray:
         """Return one column by its name, or by its number from 1.
@@ -103,11 +103,11 @@ def load_table(path: Path) -> Table:
         return Table(source, read_signals(path, kind))
     if kind in CAN_LOGS:
         raise TableUnreadable(source, Message("is-can-log", kind=kind))
-    notes: list[str] = []
+    notes: list[Message] = []
     try:
         if kind == "xlsx":
             sheet, raw = largest_sheet(path)
-            notes.append(f"the sheet {sheet!r} of the workbook is read")
+            notes.append(Message("sheet-read", sheet=repr(sheet)))
         else:
             raw = path.read_bytes()
         if raw[:2] == GZIP_MAGIC:

@@ -1093,6 +1093,7 @@ export interface ImportState {
   total: number;
   session_id: string | null;
   notes: string[];
+  notes_words: Words[];
   error: string | null;
   error_words: Words | null;
 }
@@ -2316,6 +2317,7 @@ export interface Understood {
   voltages_v: ((number | null)[])[];
   temperatures_degc: ((number | null)[])[];
   notes: string[];
+  notes_words: Words[];
 }
 
 /** Seconds without the cable. */

@@ -21,6 +21,7 @@ from app.sources.loaded_battery import LoadedBattery
 from app.sources.recordings.guess import guess
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import read_table
+from app.words import render
 
 START_S = 1_780_000_000.0
 N = 40
@@ -78,7 +79,7 @@ def imported(csv: Path, tmp_path_factory: pytest.TempPathFactory) -> Imported:
 def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp_path: Path) -> None:
     done = import_file(csv, ORION, tmp_path / "sessions", pipeline, name="their run")
     assert (done.rows, done.cells) == (ROWS, N)
-    assert "10 temperatures for 40 cells" in " ".join(done.notes)
+    assert "10 temperatures for 40 cells" in " ".join(map(render, done.notes))
     with SessionFile(done.info.path) as session:
         info = session.info
         assert (info.name, info.frames, info.is_closed) == ("their run", 0, True)
@@ -223,4 +224,4 @@ def test_more_cells_than_a_battery_may_have_are_refused(tmp_path):
 def test_rows_that_come_too_quickly_are_left_out_and_counted(csv, tmp_path):
     done = import_file(csv, replace(ORION, max_rate_hz=2.0), tmp_path / "sessions", pipeline)
     assert done.rows == ROWS // 5
-    assert f"{ROWS - ROWS // 5} of {ROWS} rows left out" in " ".join(done.notes)
+    assert f"{ROWS - ROWS // 5} of {ROWS} rows left out" in " ".join(map(render, done.notes))

@@ -9,6 +9,7 @@ from app.errors import ImportFailed
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
 from app.sources.recordings.profile import ImportProfile
+from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 START_S = 1_780_000_000.0
@@ -147,7 +148,7 @@ def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path: Path, dbc: Path) -> No
     profile = ImportProfile(current="PackCurrent", voltages="Level")
     table = read_signals(tmp_path / "bad.log", dbc).table(profile)
     assert len(table.columns["time"]) == 38
-    assert any("2 of 40 frames cannot be read" in note and "line 8" in note for note in table.notes)
+    assert any("2 of 40 frames cannot be read" in note and "line 8" in note for note in map(render, table.notes))
 
 
 @pytest.mark.parametrize("ending", ["asc", "trc"])

@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 
 from app.estimation.errors import DatasetError
 from app.sources.recordings.csv_table import read_csv
+from app.words import Message, render
 
 
 def read(text: str) -> tuple[list[str] | None, np.ndarray, list[str]]:
-    notes: list[str] = []
+    notes: list[Message] = []
     header, columns = read_csv("x.csv", text.encode(), notes)
-    return header, np.column_stack(columns), notes
+    return header, np.column_stack(columns), [render(note) for note in notes]
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])

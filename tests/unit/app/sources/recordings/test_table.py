@@ -12,6 +12,7 @@ from app.errors import ImportFailed, LimitExceeded
 from app.estimation.errors import DatasetError
 from app.sources.recordings import table as table_module
 from app.sources.recordings.table import Table, load_table, matching
+from app.words import render
 
 TABLE = Table("x.csv", {"time": np.zeros(2), "V10": np.full(2, 10.0), "V2": np.full(2, 2.0), "7": np.full(2, 7.0)})
 
@@ -114,9 +115,8 @@ def test_rows_that_are_cut_are_counted(tmp_path):
     rows = "".join(f"{i},1,3.7\n" for i in range(20))
     table = written(tmp_path, "t,I,V\n" + rows + "20,1\n21,1,3.7\n")
     assert len(table.columns["t"]) == 21
-    assert table.notes == (
-        "1 rows are not 3 columns of numbers: read as missing or left out; line 22: 2 columns, not 3",
-    )
+    (note,) = table.notes
+    assert render(note) == "1 rows are not 3 columns of numbers: read as missing or left out; line 22: 2 columns, not 3"
 
 
 @pytest.mark.parametrize(

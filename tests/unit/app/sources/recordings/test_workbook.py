@@ -8,6 +8,7 @@ from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.guess import guess
 from app.sources.recordings.table import load_table
+from app.words import render
 
 SPREADSHEET = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
 OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
@@ -55,7 +56,7 @@ def test_the_records_of_a_workbook_are_read(tmp_path: Path) -> None:
     path = write_workbook(tmp_path / "neware.dat", {"unit": [["Voltage", "V"]], "record": [[*names], *rows]})
     table = load_table(path)
     log = battery_log(table, guess(table))
-    assert any("'record'" in note for note in table.notes)
+    assert any("'record'" in render(note) for note in table.notes)
     np.testing.assert_allclose(log.time_s, [0, 10, 20, 30, 40])
     np.testing.assert_allclose(log.current_a, -1.5)
     np.testing.assert_allclose(log.voltages_v[:, 0], [3.5, 3.51, 3.52, 3.53, 3.54])
