@@ -6,6 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.cli import main
@@ -13,6 +14,7 @@ from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import Data, Window
 from tests.fake_clock import FunctionClock
+from tests.recorded.arrays import START_S, SessionMaker
 
 WALL_NS = 1_790_000_000 * 10**9
 
@@ -166,6 +168,22 @@ def test_a_swap_is_confirmed_listed_and_taken_back(data: Path, capsys) -> None:
     assert "swap" not in capsys.readouterr().out
     assert main([*command, "--take-back", "1"]) == 2
     assert "a swap that is listed" in capsys.readouterr().err
+
+
+def test_a_swap_is_of_the_car_that_is_named(tmp_path: Path, capsys) -> None:
+    make = SessionMaker(tmp_path / "sessions")
+    for day, car in enumerate(("red", "blue")):
+        make(np.arange(20.0), np.zeros(20), start_s=START_S + day * 86400.0, metadata={"car": car})
+    command = ["sessions", "passport", "--data", str(tmp_path)]
+    assert main([*command, "--swap", "3/7"]) == 2
+    assert re.search("car.*blue.*red", capsys.readouterr().err)
+    assert main([*command, "--swap", "3/7", "--car", "red"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("car red, of blue, red\n1 finished session\n")
+    assert "swap 1: 3/7 replaced" in shown
+    assert main([*command, "--json"]) == 0
+    newest = json.loads(capsys.readouterr().out)
+    assert (newest["car"], newest["swaps"], len(newest["sessions"])) == ("blue", [], 1)
 
 
 def test_without_a_finished_session_no_cell_is_ranked(tmp_path: Path, capsys) -> None:

@@ -67,6 +67,11 @@ class Swap:
     time_s: float
     cells: tuple[int, ...]
     note: str = ""
+    car: str | None = None  # None: of every car
+
+    def is_of(self, car: str) -> bool:
+        """Whether it counts for a car."""
+        return self.car in (None, car)
 
 
 DriftKind = Literal["capacity", "resistance", "self-discharge"]

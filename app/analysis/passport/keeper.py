@@ -23,13 +23,14 @@ from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.rest_capacity import CapacityBetweenRests
+from app.sessions.car import car_of
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
 from app.sources.loaded_battery import team_battery
-from app.words import named_as_here, naming_cells
+from app.words import Message, named_as_here, naming_cells
 
 log = logging.getLogger(__name__)
 
@@ -117,7 +118,7 @@ class PassportKeeper:
         simulated: bool = False,
         also: Callable[[SessionFile], object] | None = None,
     ) -> None:
-        """Keep passports in a data folder: those of the car, or those of the simulated one, never mixed.
+        """Keep passports in a data folder: those of cars, or those of simulated ones, each by itself.
 
         Args:
             folder: of the data.
@@ -161,11 +162,16 @@ class PassportKeeper:
                 self._thread.start()
 
     def _new(self) -> list[SessionInfo]:
-        """Finished sessions of this car that are not in the store yet, the oldest first."""
+        """Finished sessions that are not in the store yet, the oldest first; names the cars of old records."""
+        infos = self._catalogue.list()
+        without_car = self.store.without_car()
+        for info in infos:
+            if info.id in without_car:
+                self.store.name_car(info.id, car_of(info, self.battery.name))
         known = self.store.known() | self._unreadable | self._of_other_batteries
         found = [
             info
-            for info in self._catalogue.list()
+            for info in infos
             if info.is_closed and info.id not in known and self._is_ours(info.metadata.get("source"))
         ]
         return found[::-1]
@@ -189,7 +195,8 @@ class PassportKeeper:
                     record = record_of(session, self._cell)
                     if self._also is not None:
                         self._also(session)
-                self.store.add_record(info.id, info.started_wall_ns, _to_json(record))
+                car = car_of(info, self.battery.name)
+                self.store.add_record(info.id, info.started_wall_ns, car, _to_json(record))
                 done += 1
             except SessionError as error:
                 self._unreadable.add(info.id)
@@ -208,31 +215,46 @@ class PassportKeeper:
         """A profile may have been edited meanwhile: name and shape tell a battery."""
         return (battery.name, battery.segments) == (self.battery.name, self.battery.segments)
 
-    def passports(self) -> Passports:
-        """Return the life of every cell, out of what has been read."""
-        records = self.records()
-        with naming_cells(self.battery.segments):
-            return passports(records, self.swaps(), self._cell.capacity_ah, self._cell.ocv.soc_at, self.battery.n_cells)
-
-    def records(self) -> list[SessionRecord]:
-        """Return what each session told, the oldest first."""
-        return [_from_json(body) for body in self.store.records()]
-
-    def swaps(self) -> list[Swap]:
-        """Return the swaps of modules, in the order in which they were told."""
-        return [Swap(swap.time_s, tuple(swap.cells), swap.note) for swap in self.store.swaps()]
-
-    def swap(self, cells: list[int], time_s: float, note: str, who: str | None) -> None:
-        """Record that modules were swapped; from then on their cells begin a new line.
+    def car(self, wanted: str = "") -> str:
+        """Return the car of that name; of none that of the newest session, empty before any has been read.
 
         Raises:
-            ConfigError: no cell, or one that there is not.
+            ConfigError: there are other cars alone.
+        """
+        cars = self.store.cars()
+        if wanted and cars and wanted not in cars:
+            raise ConfigError("car", wanted, Message("one-of", choices=tuple(sorted(cars))))
+        return wanted or next(iter(cars), "")
+
+    def passports(self, car: str = "") -> Passports:
+        """Return the life of every cell of a car, out of what has been read; of none as `car` says."""
+        car = self.car(car)
+        records = [_from_json(body) for body in self.store.records(car)]
+        swaps = [swap for swap in self.swaps() if swap.is_of(car)]
+        with naming_cells(self.battery.segments):
+            return passports(records, swaps, self._cell.capacity_ah, self._cell.ocv.soc_at, self.battery.n_cells)
+
+    def swaps(self) -> list[Swap]:
+        """Return the swaps of modules of all cars, in the order in which they were told."""
+        return [Swap(swap.time_s, tuple(swap.cells), swap.note, swap.car) for swap in self.store.swaps()]
+
+    def swap(self, cells: list[int], time_s: float, note: str, who: str | None, car: str = "") -> None:
+        """Record that modules of a car were swapped; from then on their cells begin a new line.
+
+        Without a car it is the only one there is, and before any has been read it counts for every car.
+
+        Raises:
+            ConfigError: no cell, or one that there is not; no such car, or which of several is not said.
             RecordingFailed: the disk does not take it.
         """
+        cars = self.store.cars()
+        if not car and len(cars) > 1:
+            raise ConfigError("car", car, Message("one-of", choices=tuple(sorted(cars))))
+        of_car = self.car(car) or None
         n_cells = self.battery.n_cells
         if not cells or not all(0 <= cell < n_cells for cell in cells):
             raise ConfigError("cells", cells, f"at least one of 0..{n_cells - 1}")
-        self.store.add_swap(round(time_s * 1e9), cells, note, who)
+        self.store.add_swap(round(time_s * 1e9), cells, note, who, of_car)
 
     def close(self) -> None:
         """Stop reading and close the store."""

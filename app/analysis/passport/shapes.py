@@ -15,8 +15,11 @@ class AllPassports:
     """Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read.
 
     Each session is judged by its own cell file; `by_todays_cell` of them keep none, and are judged by today's.
+    `car` is whose they are, of all `cars`, as the season names them.
     """
 
+    car: str
+    cars: list[str]
     sessions: int
     by_todays_cell: int
     reading: int
@@ -51,6 +54,7 @@ class PassportEntry:
 class CellPassport:
     """The life of one cell's place, the oldest session first."""
 
+    car: str
     cell: int
     rank: float | None
     entries: list[PassportEntry]
@@ -58,11 +62,23 @@ class CellPassport:
     swaps: list[StoredSwap]
 
 
-def all_passports(keeper: PassportKeeper) -> AllPassports:
-    """Return every cell as it is now."""
-    made = keeper.passports()
+def swaps_of(keeper: PassportKeeper, car: str) -> list[StoredSwap]:
+    """Return the swaps that count for a car, the oldest first."""
+    return [swap for swap in keeper.store.swaps() if swap.car in (None, car)]
+
+
+def all_passports(keeper: PassportKeeper, car: str = "") -> AllPassports:
+    """Return every cell of a car as it is now; without a name of the car of the newest session.
+
+    Raises:
+        ConfigError: there are other cars alone.
+    """
+    car = keeper.car(car)
+    made = keeper.passports(car)
     reading, to_read = keeper.progress
     return AllPassports(
+        car=car,
+        cars=sorted(keeper.store.cars()),
         sessions=len(made.sessions),
         by_todays_cell=made.n_by_todays_cell,
         reading=reading,
@@ -75,13 +91,18 @@ def all_passports(keeper: PassportKeeper) -> AllPassports:
         balancing_h=listed(made.now("balancing_h")),
         rank=listed(made.rank),
         drifts=list(made.drifts),
-        swaps=keeper.store.swaps(),
+        swaps=swaps_of(keeper, car),
     )
 
 
-def cell_passport(keeper: PassportKeeper, cell: int) -> CellPassport:
-    """Return the life of one cell, session by session."""
-    made = keeper.passports()
+def cell_passport(keeper: PassportKeeper, cell: int, car: str = "") -> CellPassport:
+    """Return the life of one cell of a car, session by session; without a name of the car of the newest session.
+
+    Raises:
+        ConfigError: there are other cars alone.
+    """
+    car = keeper.car(car)
+    made = keeper.passports(car)
     entries = [
         PassportEntry(
             session_id=session_id,
@@ -97,9 +118,10 @@ def cell_passport(keeper: PassportKeeper, cell: int) -> CellPassport:
         for k, session_id in enumerate(made.sessions)
     ]
     return CellPassport(
+        car=car,
         cell=cell,
         rank=number(made.rank[cell]),
         entries=entries,
         drifts=[drift for drift in made.drifts if drift.cell == cell],
-        swaps=[swap for swap in keeper.store.swaps() if cell in swap.cells],
+        swaps=[swap for swap in swaps_of(keeper, car) if cell in swap.cells],
     )

@@ -99,6 +99,9 @@ def _add_passport(actions: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "session_commands.passport.show_passport",
     )
     add_car_arguments(action)
+    action.add_argument(
+        "--car", default="", metavar="NAME", help="of this car, as the season names it (default: of the newest session)"
+    )
     add_json_argument(action)
     swap = action.add_argument_group("swaps", "a swapped module begins a new line, which inherits nothing")
     swap.add_argument("--swap", metavar="CELLS", help="record that these modules were replaced: pack/cell, as 3/7,3/8")

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 from app.analysis.passport.history import Passports
 from app.analysis.passport.keeper import PassportKeeper
+from app.analysis.passport.shapes import swaps_of
 from app.analysis.totals import listed, number
 from app.battery.battery import Battery
 from app.clock import Clock
@@ -38,22 +39,25 @@ def _of_battery(args: argparse.Namespace, battery: Battery, cell: CellModel) -> 
     try:
         if args.take_back is not None and not keeper.store.remove_swap(args.take_back):
             raise ConfigError("--take-back", args.take_back, "the number of a swap that is listed")
+        keeper.read_new()  # before a swap: it says which cars there are
         if args.swap is not None:
             _swap(keeper, args)
-        keeper.read_new()
-        made, swaps = keeper.passports(), keeper.store.swaps()
+        car, cars = keeper.car(args.car), sorted(keeper.store.cars())
+        made, swaps = keeper.passports(car), swaps_of(keeper, car)
     finally:
         keeper.close()
     if args.json:
-        _print_json(made, swaps)
+        _print_json(made, swaps, {"car": car, "cars": cars})
     else:
+        if len(cars) > 1:
+            print(f"car {car}, of {', '.join(cars)}")
         _print_table(made, swaps)
     return 0
 
 
 def _swap(keeper: PassportKeeper, args: argparse.Namespace) -> None:
     cells, at_s = [cell_index(keeper.battery, part) for part in args.swap.split(",")], _time(args.at)
-    keeper.swap(cells, at_s, args.note, None)
+    keeper.swap(cells, at_s, args.note, None, args.car)
     print(f"recorded: {_swap_text(sorted(set(cells)), at_s, args.note)}", file=sys.stderr)
 
 
@@ -62,9 +66,9 @@ def _swap_text(cells: list[int], at_s: float, note: str) -> str:
     return f"{', '.join(short_place(cell) for cell in cells)} replaced {when}" + (f": {note}" if note else "")
 
 
-def _print_json(made: Passports, swaps: list[StoredSwap]) -> None:
+def _print_json(made: Passports, swaps: list[StoredSwap], whose: dict[str, object]) -> None:
     known = {name: listed(made.now(name)) for name in _NOW}
-    shown = {
+    shown = whose | {
         "sessions": made.sessions,
         "by_todays_cell": made.n_by_todays_cell,
         **known,

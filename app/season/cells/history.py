@@ -2,7 +2,7 @@
 
 Cars share nothing, also where their accumulators are of one profile: each has a history of its own. What is in it are
 facts of the season lake: resistance at the temperature and SOC of the moment, charge passed, capacity between rests,
-SOC at rests. Swaps of modules are those of the cell passports.
+SOC at rests. Swaps of modules are those of the cell passports, of this car.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
     start_s = column("start_time")[:, 0]
     line = np.zeros(shape)  # number of swaps that the module in a place has seen, session by session
     line_now = np.zeros(n_cells)
-    for swap in source.swaps:
+    for swap in (each for each in source.swaps if each.is_of(car)):
         is_swapped = np.isin(np.arange(n_cells), swap.cells)
         line += np.outer(start_s >= swap.time_s, is_swapped)
         line_now += is_swapped

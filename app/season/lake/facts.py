@@ -32,6 +32,7 @@ from app.estimation.health.capacity import SOC_MOVED_MIN
 from app.season.estimates.session import SessionEstimate
 from app.season.lake.cell_sums import CellSums
 from app.season.lake.schema import WHOLE
+from app.sessions.car import car_of
 from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 
@@ -65,12 +66,9 @@ class Facts:
 def where_of(session: SessionFile) -> Where:
     """Return whose session it is and of which season."""
     info = session.info
-    metadata = info.metadata
-    car = file_name_of(str(metadata.get("car") or session.battery.name))
-    if metadata.get("source") == "simulator":
-        car += "-simulated"
     year = str(_time(info.started_wall_ns / 1e9).year)
-    return Where(car, file_name_of(str(metadata.get("season") or year)), info.id)
+    season = file_name_of(str(info.metadata.get("season") or year))
+    return Where(car_of(info, session.battery.name), season, info.id)
 
 
 @in_its_words

@@ -75,6 +75,8 @@ export interface Alarm {
 
 /** Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read. */
 export interface AllPassports {
+  car: string;
+  cars: string[];
   sessions: number;
   by_todays_cell: number;
   reading: number;
@@ -455,6 +457,7 @@ export interface CellFinding {
 
 /** The life of one cell's place, the oldest session first. */
 export interface CellPassport {
+  car: string;
   cell: number;
   rank: number | null;
   entries: PassportEntry[];
@@ -2214,6 +2217,7 @@ export interface StoredSwap {
   cells: number[];
   note: string;
   who: string | null;
+  car?: string | null;
 }
 
 /** A field of the master's struct. */

@@ -1,5 +1,8 @@
 """Passports over HTTP, out of sessions on the disk."""
 
+import sqlite3
+from contextlib import closing
+
 import numpy as np
 import pytest
 
@@ -104,6 +107,81 @@ def test_a_swap_begins_a_new_line_until_it_is_taken_back(client, sessions):
     assert client.delete(f"/api/v1/passport/swaps/{swap['id']}").status_code == 200
     assert client.delete(f"/api/v1/passport/swaps/{swap['id']}").status_code == 404
     assert len(client.get("/api/v1/passport").json()["swaps"]) == 1
+
+
+@pytest.fixture
+def two_cars(make_session):
+    """Red and blue with one battery profile, in turns; cell 50 of red leaks, and nothing of blue does."""
+    for day in range(4):
+        car = ("red", "blue")[day % 2]
+        volts = CELL.ocv.voltage(0.8 - LEAK * day * (car == "red")) - CURRENT_A[:, None] * OHM
+        make_session(TIME_S, CURRENT_A, volts, 25, start_s=START_S + day * DAY_S, metadata={"car": car})
+
+
+def test_each_car_has_passports_and_swaps_of_its_own(client, two_cars):
+    keeper = client.app.state.parts.service.passports
+    keeper.read_new()
+    red, blue = (client.get("/api/v1/passport", params={"car": car}).json() for car in ("red", "blue"))
+    assert (red["car"], red["cars"], red["sessions"], blue["sessions"]) == ("red", ["blue", "red"], 2, 2)
+    assert red["self_discharge_per_day"][50] == pytest.approx(0.01, rel=0.05)
+    assert blue["self_discharge_per_day"][50] == pytest.approx(0.0, abs=1e-4)
+    assert client.get("/api/v1/passport").json()["car"] == "blue"  # drove last
+    when = START_S + 1.5 * DAY_S
+    swapped = client.post("/api/v1/passport/swaps", json={"cells": [50], "time_s": when, "car": "red"}).json()
+    assert [swap["car"] for swap in swapped["swaps"]] == ["red"]
+    lines = {}
+    for car in ("red", "blue"):
+        one = client.get("/api/v1/passport/50", params={"car": car}).json()
+        lines[car] = [entry["line"] for entry in one["entries"]], len(one["swaps"])
+    assert lines == {"red": ([0, 1], 1), "blue": ([0, 0], 0)}
+    source = client.app.state.parts.service.season_source()
+    assert [(swap.is_of("red"), swap.is_of("blue")) for swap in source.swaps] == [(True, False)]
+
+
+def test_which_of_several_cars_a_swap_is_of_has_to_be_said(client, two_cars):
+    client.app.state.parts.service.passports.read_new()
+    for body in ({"cells": [50]}, {"cells": [50], "car": "green"}):
+        answer = client.post("/api/v1/passport/swaps", json=body)
+        assert answer.status_code == 422
+        assert "blue" in answer.text
+        assert "red" in answer.text
+    assert client.get("/api/v1/passport?car=green").status_code == 422
+    assert client.get("/api/v1/passport/50?car=green").status_code == 422
+
+
+def test_what_was_kept_without_a_car_counts_for_every_car(two_cars, tmp_path):
+    """A file of the version before: records learn their car from their sessions, of a deleted one nobody knows it."""
+    path, catalogue = tmp_path / "passport.sqlite", Catalogue(tmp_path / "sessions")
+    keeper = PassportKeeper(tmp_path, catalogue, CELL)
+    assert keeper.read_new() == 4
+    first, *others = keeper.passports("red").sessions + keeper.passports("blue").sessions
+    keeper.close()
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute(
+            "INSERT INTO swaps (t_wall_ns, cells, note) VALUES (?, '[50]', 'old')", (round(START_S * 1e9) - 1,)
+        )
+        for table in ("records", "swaps"):
+            file.execute(f"ALTER TABLE {table} DROP COLUMN car")
+        file.execute("PRAGMA user_version = 1")
+    catalogue.delete(first)
+    keeper = PassportKeeper(tmp_path, catalogue, CELL)
+    assert keeper.read_new() == 0  # none is read again
+    kept = {car: keeper.passports(car) for car in ("red", "blue")}
+    swaps = keeper.swaps()
+    keeper.close()
+    assert kept["red"].sessions == (first, others[0])
+    assert kept["blue"].sessions == (first, *others[1:])
+    assert [made.line_now[50] for made in kept.values()] == [1, 1]
+    assert [swap.is_of(car) for swap in swaps for car in ("red", "blue")] == [True, True]
+
+
+def test_a_swap_without_a_car_is_of_the_only_one(client, sessions):
+    keeper = client.app.state.parts.service.passports
+    keeper.swap([3], START_S, "before any was read", None)
+    keeper.read_new()
+    keeper.swap([4], START_S, "", None)
+    assert [swap.car for swap in keeper.swaps()] == [None, keeper.car()]
+    assert len(client.get("/api/v1/passport").json()["swaps"]) == 2
 
 
 @pytest.mark.parametrize("body", [{"cells": []}, {"cells": [96]}, {"cells": [1], "time_s": -1}])
