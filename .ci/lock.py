@@ -13,7 +13,10 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-EXTRAS = ("parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast", "season", "cluster", "completion", "excel")
+EXTRAS = (
+    *("parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast", "season", "cluster", "completion"),
+    *("excel", "neware"),
+)
 RUN_EXTRAS = ("parquet", "mcap", "mqtt", "dbc", "season")
 LOCKS = {
     "run": ["pyproject.toml", *(word for extra in RUN_EXTRAS for word in ("--extra", extra))],

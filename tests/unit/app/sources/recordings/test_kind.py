@@ -69,7 +69,17 @@ def test_logs_of_python_can_are_known_under_another_name(tmp_path: Path, ending:
     assert [frame[1:] for frame in read_frames(renamed)] == [(5, b"ab")] * 4
 
 
-@pytest.mark.parametrize(("content", "said"), [(bytes(range(256)), "a binary file, no text"), (b"NEWARE..", "BTSDA")])
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (bytes(range(256)), "a binary file, no text"),
+        (
+            b"BIO-LOGIC MODULAR FILE\x1a".ljust(48) + bytes(4) + b"MODULEVMP Set   ",
+            r"a BioLogic \.mpr: export it as text \(\.mpt\) from EC-Lab",
+        ),
+        (b"\0\1\0\0Standard Jet DB\0", r"an Arbin \.res .*export it as CSV from MITS Pro"),
+    ],
+)
 def test_what_is_no_text_is_said_to_be_none(tmp_path: Path, content: bytes, said: str) -> None:
     (tmp_path / "drive.csv").write_bytes(content)
     with pytest.raises(TableUnreadable, match=said):
