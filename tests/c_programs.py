@@ -69,7 +69,7 @@ def master_library() -> Path:
 @cache
 def slaves_library(*sanitizers: str) -> Path:
     """Return the C master's driver of the slaves as a shared library, with what these options of gcc watch."""
-    sources = [C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "balance")]
+    sources = [C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "slaves_values", "balance")]
     sources.append(Path(__file__).parent / "c_sizes.c")
     command = ["gcc", *FLAGS, "-Wconversion", *sanitizers, "-fPIC", "-shared"]
 

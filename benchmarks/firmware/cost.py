@@ -24,7 +24,7 @@ ENGINE = ROOT / "app" / "estimation" / "filters" / "engine"
 ARM_FLAGS = ("-mcpu=cortex-m4", "-mthumb")
 FPU_FLAGS = ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
 ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", f"-I{ENGINE}", f"-I{C_FOLDER / 'estimator'}")
-SLAVES = tuple(C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "balance"))
+SLAVES = tuple(C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "slaves_values", "balance"))
 CELLS = (12, 96)
 QEMU = ("qemu-system-arm", "-M", "netduinoplus2", "-icount", "shift=0", "-nographic", "-monitor", "none")
 QEMU_OPTIONS = ("-serial", "none", "-semihosting-config", "enable=on,target=native")
