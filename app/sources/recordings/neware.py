@@ -21,7 +21,7 @@ from app.words import Message, Quantity
 MOST_BYTES = 512 << 20  # of records, unpacked: half as much memory again
 
 
-def read_neware(path: Path, kind: str) -> tuple[dict[str, FloatArray], list[str]]:
+def read_neware(path: Path, kind: str) -> tuple[dict[str, FloatArray], tuple[Message, ...]]:
     """Return the (n,) columns of a file by name, and what its reader remarks.
 
     The time comes first: ascending over all steps, in seconds since 1970 where the file says when it began; a date
@@ -49,7 +49,7 @@ def read_neware(path: Path, kind: str) -> tuple[dict[str, FloatArray], list[str]
         raise TableUnreadable(path.name, Message("no-neware", error=str(error) or type(error).__name__)) from error
     if not len(frame):
         raise TableUnreadable(path.name, Message("no-neware", error="no record"))
-    return columns, [str(remark.message) for remark in remarks]
+    return columns, tuple(Message("neware-remark", text=str(remark.message)) for remark in remarks)
 
 
 def _reader(kind: str) -> Callable[[Path], Any]:

@@ -102,8 +102,8 @@ def load_table(path: Path) -> Table:
     if kind in OF_SIGNALS and not is_can_log(path):
         return Table(source, read_signals(path, kind))
     if kind in NEWARE:
-        columns_by_name, remarks = read_neware(path, kind)
-        return Table(source, columns_by_name, notes=tuple(remarks))
+        of_neware, remarks = read_neware(path, kind)
+        return Table(source, of_neware, notes=remarks)
     if kind in CAN_LOGS:
         raise TableUnreadable(source, Message("is-can-log", kind=kind))
     notes: list[Message] = []

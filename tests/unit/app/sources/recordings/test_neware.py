@@ -1,6 +1,7 @@
 """Made files of the two layouts that BTS writes most: version 29 of .nda, version 2 of the records in an .ndax."""
 
 import struct
+import warnings
 import zipfile
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +16,7 @@ from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.guess import guess
 from app.sources.recordings.kind import kind_of
 from app.sources.recordings.table import load_table
+from app.words import render
 
 pytest.importorskip("fastnda")
 RANGE_MA, MA_OF_RANGE = 1000, 0.1  # a count of the current in that range is 0.1 mA
@@ -129,3 +131,16 @@ def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(neware, "import_module", missing)
     with pytest.raises(ExtraMissing, match=r"voltwall\[neware\]"):
         load_table(path)
+
+
+def test_what_the_reader_remarks_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = neware._reader("nda")
+
+    def remarking(path: Path) -> object:
+        warnings.warn("nda version 29 is unverified", stacklevel=1)
+        return read(path)
+
+    monkeypatch.setattr(neware, "_reader", lambda kind: remarking)
+    path = tmp_path / "cell.nda"
+    path.write_bytes(nda())
+    assert [render(note) for note in load_table(path).notes] == ["its reader remarks: nda version 29 is unverified"]
