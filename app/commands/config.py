@@ -30,12 +30,18 @@ def _run(service: ConfigService, args: argparse.Namespace) -> int:
             return _read(service, args.source, args.out)
         case "diff":
             answer = _write(service, args.edits, args.reason, dry_run=True)
-            _print_answer(answer)
+            if args.json:
+                print(json.dumps(answer, indent=2))
+            else:
+                _print_answer(answer)
             return DIFFERS if answer["difference"] else 0
         case "compare":
-            changes = service.json("/compare", query={"a": args.a, "b": args.b})["difference"]
-            _print_changes(changes)
-            return DIFFERS if changes else 0
+            answer = service.json("/compare", query={"a": args.a, "b": args.b})
+            if args.json:
+                print(json.dumps(answer, indent=2))
+            else:
+                _print_changes(answer["difference"])
+            return DIFFERS if answer["difference"] else 0
         case "write":
             _print_written(_write(service, args.edits, args.reason, dry_run=False))
             return _store(service) if args.store else 0
@@ -173,7 +179,7 @@ def _history(service: ConfigService, *, as_json: bool) -> int:
 
 
 def _profiles(service: ConfigService, args: argparse.Namespace) -> int:
-    if args.do == "list":
+    if args.what == "list":
         found = service.json("/profiles")["profiles"]
         if args.json:
             print(json.dumps(found, indent=2))
@@ -182,8 +188,8 @@ def _profiles(service: ConfigService, args: argparse.Namespace) -> int:
             print(f"{profile['name']}@{profile['version']}  {profile['hash']}  {profile['comment']}".rstrip())
         return 0
     if args.name is None:
-        raise ConfigError("name", "missing", f"profiles {args.do} NAME")
-    match args.do:
+        raise ConfigError("name", "missing", f"profiles {args.what} NAME")
+    match args.what:
         case "save":
             saved = service.send(_path(args.name), "PUT", {"source": args.source, "comment": args.comment or ""})
             print(f"{saved['name']}@{saved['version']}  {saved['hash']}")

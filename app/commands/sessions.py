@@ -210,10 +210,13 @@ def prune_sessions(args: argparse.Namespace) -> int:
         older_than_s=None if args.older_than is None else args.older_than * 86400,
         keep_bytes=None if args.keep_gb is None else round(args.keep_gb * 1e9),
     )
+    facts = [_facts(info) | {"deleted": args.yes} for info in found]
     for info in found:
         if args.yes:
             sessions.delete(info.id)
-        print(
-            f"{info.id}  {info.size_bytes / 1e6:.1f} MB  {info.name}: {'deleted' if args.yes else 'kept without --yes'}"
-        )
+        if not args.json:
+            done = "deleted" if args.yes else "kept without --yes"
+            print(f"{info.id}  {info.size_bytes / 1e6:.1f} MB  {info.name}: {done}")
+    if args.json:
+        print(json.dumps(facts, indent=2))
     return 0

@@ -23,6 +23,9 @@ def test_read_compare_write_store_and_roll_back(config, tmp_path):
 
     different = config("diff", "t_cell_max=50")
     assert (different.returncode, different.stdout.strip()) == (1, "t_cell_max: 45 -> 50 degC")
+    as_json = config("diff", "t_cell_max=50", "--json")
+    (change,) = json.loads(as_json.stdout)["difference"]
+    assert (as_json.returncode, change["field"], change["from"], change["to"]) == (1, "t_cell_max", 45, 50)
     written = config("write", "t_cell_max=50", "--store")
     assert written.returncode == 0, written.stderr
     assert "read back and equal" in written.stdout
@@ -67,6 +70,9 @@ def test_profiles_go_out_to_git_and_come_back(config, tmp_path):
     compared = config("compare", "profile:dry", "profile:wet@1")
     assert (compared.returncode, compared.stdout.strip()) == (1, "t_cell_max: 45 -> 55 degC")
     assert config("write", "profile:wet@1").returncode == 0
+    as_json = json.loads(config("compare", "profile:dry", "profile:wet@1", "--json").stdout)
+    assert [change["field"] for change in as_json["difference"]] == ["t_cell_max"]
+    assert as_json["b"]["source"].startswith("profile:wet@1")
     assert config("compare", "in-force", "profile:wet@1").returncode == 0
     assert config("diff", str(file)).returncode == 0, "the file itself can be written too"
     assert config("profiles", "delete", "dry").returncode == 0

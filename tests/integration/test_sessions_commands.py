@@ -90,8 +90,23 @@ def test_prune_deletes_only_when_it_is_meant(data: Path, capsys) -> None:
     assert main(["sessions", "prune", "--data", str(data)]) == 2
     assert main(["sessions", "prune", "--keep-gb", "0", "--data", str(data)]) == 0
     assert capsys.readouterr().out.count("kept without --yes") == 2
-    assert main(["sessions", "prune", "--keep-gb", "0", "--data", str(data), "--yes"]) == 0
+    as_json = ["sessions", "prune", "--keep-gb", "0", "--data", str(data), "--json"]
+    for more, is_deleted in (([], False), (["--yes"], True)):
+        assert main([*as_json, *more]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert {(each["id"], each["deleted"]) for each in found} == {(CUT, is_deleted), (CLOSED, is_deleted)}
+        assert all(each["bytes"] > 0 for each in found)
     assert list((data / "sessions").glob("*.sqlite*")) == []
+
+
+def test_columns_are_told_as_json(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("Time (s),Pack Current (A),Cell 1 (V),spare\n0,1.5,3.7,\n1,2.5,3.6,\n", encoding="utf-8")
+    assert main(["sessions", "columns", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["columns"][1] == {"name": "Pack Current (A)", "lowest": 1.5, "highest": 2.5}
+    assert told["columns"][3] == {"name": "spare", "lowest": None, "highest": None}
+    assert (told["profile"]["time"], told["profile"]["current"]) == ("Time (s)", "Pack Current (A)")
 
 
 def test_export_writes_the_range_asked_for(data: Path, tmp_path: Path, capsys) -> None:

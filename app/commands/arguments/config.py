@@ -4,7 +4,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from app.commands.arguments.common import add_trust_argument
+from app.commands.arguments.common import add_json_argument, add_trust_argument
 from app.commands.arguments.work import Work
 from app.words import Message, render
 
@@ -46,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     compare = add("compare", help="what differs between two SOURCEs; exit code 1 if anything")
     compare.add_argument("a", metavar="FROM", help="a SOURCE, as stored")
     compare.add_argument("b", metavar="TO", help="a SOURCE, as in-force")
+    for action in (diff, compare):
+        add_json_argument(action, default=False)
     add("store", help="store what is in force in the EEPROM and read it back")
     add("load", help="put what the EEPROM holds in force")
     rollback = add("rollback", help="put back what was in force before a write")
@@ -55,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     history.add_argument("--json", action="store_true", help="as JSON")
     profiles = add("profiles", help="named configurations: list, save, get, put, delete")
     profiles.add_argument(
-        "do", nargs="?", choices=("list", "save", "get", "put", "delete"), default="list", help="default: list"
+        "what", nargs="?", choices=("list", "save", "get", "put", "delete"), default="list", help="default: list"
     )
     profiles.add_argument("name", nargs="?", help="of the profile; get: NAME or NAME@VERSION; put: its FILE")
     profiles.add_argument("--from", dest="source", default="in-force", metavar="SOURCE", help="save: default in-force")

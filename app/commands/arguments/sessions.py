@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     prune.add_argument("--older-than", type=float, metavar="DAYS", help="sessions that ended longer ago")
     prune.add_argument("--keep-gb", type=float, metavar="GB", help="all but so much of the newest")
+    add_json_argument(prune)
     for action in (delete, prune):
         action.add_argument("--yes", action="store_true", help="delete without asking")
     for add in (_add_analysis, _add_passport, _add_transfer, _add_importing):
@@ -179,6 +180,7 @@ def _add_importing(actions: "argparse._SubParsersAction[argparse.ArgumentParser]
     for action in (taking, columns):
         action.add_argument("file", type=Path, metavar="FILE", help="the recording")
         action.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
+    add_json_argument(columns)
     taking.add_argument("--battery", metavar="NAME|FILE", help="whose frames a CAN log holds, or whose cells a table")
     taking.add_argument("--profile", metavar="NAME|FILE", help="which columns are what: a kept profile, or TOML")
     taking.add_argument(

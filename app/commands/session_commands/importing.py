@@ -1,14 +1,19 @@
 """`voltwall sessions import`: other systems' recordings, and CAN logs, as sessions."""
 
 import argparse
+import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from app.commands.console.progress import Progress
 from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
+from app.estimation.arrays import FloatArray
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.transfer.import_session import import_file
 from app.sources.loaded_battery import load_battery
@@ -63,17 +68,28 @@ def show_columns(args: argparse.Namespace) -> int:
     """Print what is in a recording."""
     path = _existing(args.file)
     if args.dbc is not None:
-        print("\n".join(sorted(read_signals(path, args.dbc).found)))
+        signals = sorted(read_signals(path, args.dbc).found)
+        print(json.dumps({"signals": signals}, indent=2) if args.json else "\n".join(signals))
         return 0
     table = read_table(path)
-    for i, (name, values) in enumerate(table.columns.items()):
-        known = values[values == values]
-        span = f"{known.min():.6g} to {known.max():.6g}" if len(known) else "empty"
-        print(f"{i + 1:>4}  {name}: {span}")
+    columns = [_span(name, values) for name, values in table.columns.items()]
+    if args.json:
+        notes = [render(note) for note in table.notes]
+        print(json.dumps({"columns": columns, "notes": notes, "profile": asdict(guess(table))}, indent=2))
+        return 0
+    for i, each in enumerate(columns, 1):
+        span = "empty" if each["lowest"] is None else f"{each['lowest']:.6g} to {each['highest']:.6g}"
+        print(f"{i:>4}  {each['name']}: {span}")
     for note in table.notes:
         print(f"# {render(note)}")
     print("# guessed profile\n" + profile_text(guess(table)), end="")
     return 0
+
+
+def _span(name: str, values: FloatArray) -> dict[str, Any]:
+    known = values[np.isfinite(values)]
+    lowest, highest = (float(known.min()), float(known.max())) if len(known) else (None, None)
+    return {"name": name, "lowest": lowest, "highest": highest}
 
 
 def _profile(args: argparse.Namespace, path: Path, store: ProfileStore) -> ImportProfile:
