@@ -112,10 +112,7 @@ class MeasuringTask:
 
     def _measure_current(self, config: Config, dt_s: float, true_current_a: float) -> tuple[int, bool]:
         """Take the samples of a pass; return `i_fc` as it stands, and whether the sensor is lost."""
-        n = max(round(dt_s / SAMPLE_S), 1)
-        counts = self._board.current_sensor.sample(true_current_a, min(n, _MAX_SAMPLES))
-        if n > _MAX_SAMPLES:  # a simulation in long passes: the same samples again, so that no charge is lost
-            counts = np.resize(counts, n)
+        counts = samples_of_pass(self._board, dt_s, true_current_a)
         means = self._current.take(config, counts)
         self.new_means = [_amperes_raw(config, mean) for mean in means]
         if means:
@@ -202,6 +199,14 @@ class MeasuringTask:
         # v + R i in 100 uV: 10 uohm times 10 mA is 0.1 uV
         ocv = self._filtered + config.r_fs_avg * self._i_fc_hp * 1e-3
         memory.ocv[:] = np.where(self._known, np.clip(np.rint(ocv), 0, _U16), V_MISSING)
+
+
+def samples_of_pass(board: Board, dt_s: float, true_current_a: float) -> NDArray[np.float64]:
+    """Return what the current's converter gives in a pass, whole counts."""
+    n = max(round(dt_s / SAMPLE_S), 1)
+    counts = board.current_sensor.sample(true_current_a, min(n, _MAX_SAMPLES))
+    # a simulation in long passes: the same samples again, so that no charge is lost
+    return counts if n <= _MAX_SAMPLES else np.resize(counts, n)
 
 
 def _amperes_raw(config: Config, mean_count: float) -> int:

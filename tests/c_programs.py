@@ -68,8 +68,10 @@ def master_library() -> Path:
 
 @cache
 def slaves_library(*sanitizers: str) -> Path:
-    """Return the C master's driver of the slaves as a shared library, with what these options of gcc watch."""
-    sources = [C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "slaves_values", "balance")]
+    """Return the C master's driver of the slaves and measuring as a library, with what these options of gcc watch."""
+    sources = [
+        C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "slaves_values", "balance", "measuring")
+    ]
     sources.append(Path(__file__).parent / "c_sizes.c")
     command = ["gcc", *FLAGS, "-Wconversion", *sanitizers, "-fPIC", "-shared"]
 

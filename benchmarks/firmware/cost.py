@@ -25,6 +25,7 @@ ARM_FLAGS = ("-mcpu=cortex-m4", "-mthumb")
 FPU_FLAGS = ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
 ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", f"-I{ENGINE}", f"-I{C_FOLDER / 'estimator'}")
 SLAVES = tuple(C_FOLDER / "master" / f"vw_{name}.c" for name in ("ltc6804", "slaves", "slaves_values", "balance"))
+MEASURING = (C_FOLDER / "master" / "vw_measuring.c",)
 CELLS = (12, 96)
 QEMU = ("qemu-system-arm", "-M", "netduinoplus2", "-icount", "shift=0", "-nographic", "-monitor", "none")
 QEMU_OPTIONS = ("-serial", "none", "-semihosting-config", "enable=on,target=native")
@@ -33,9 +34,10 @@ CYCLES_PER_INSTRUCTION = 1.6  # with the flash accelerator on; measure yours wit
 CLOCK_HZ = 168e6
 LIBRARY_STACK = 32  # bytes for memcpy, memset, memcmp and arithmetic in software: they push at most eight registers
 LIBRARY = {"memcpy", "memset", "memcmp", "memmove"}
-MASTER = tuple(path for path in sorted((C_FOLDER / "master").glob("vw_*.c")) if path not in SLAVES)
+MASTER = tuple(path for path in sorted((C_FOLDER / "master").glob("vw_*.c")) if path not in (*SLAVES, *MEASURING))
 ENTRIES = ("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received")
 SLAVES_ENTRIES = ("vw_slaves_start", "vw_slaves_read_voltages", "vw_slaves_read_temperatures", "vw_slaves_self_check")
+MEASURING_ENTRIES = ("vw_measuring_samples", "vw_measuring_run")
 MASTER_ENTRIES = ("vw_master_init", "vw_master_step", "vw_master_command")
 ESTIMATOR_ENTRIES = ("vw_filter_start", "vw_filter_step")
 # Who can stand behind a pointer; the firmware's own callbacks are its own to add.
@@ -101,11 +103,11 @@ def print_stack(compiler: str) -> None:
     """Print each entry's worst case, without the firmware's own callbacks."""
     for optimisation in ("-Os", "-O2"):
         with tempfile.TemporaryDirectory() as folder:
-            sources = [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES, *MASTER]
+            sources = [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES, *MEASURING, *MASTER]
             functions = call_graph(compiler, optimisation, Path(folder), sources)
             fpu = FPU_FLAGS if compiler.startswith("arm") else ()
             functions |= call_graph(compiler, optimisation, Path(folder), engine_sources(), (*ON_CHIP, *fpu))
-        for entry in (*ENTRIES, *SLAVES_ENTRIES, *MASTER_ENTRIES, *ESTIMATOR_ENTRIES):
+        for entry in (*ENTRIES, *SLAVES_ENTRIES, *MEASURING_ENTRIES, *MASTER_ENTRIES, *ESTIMATOR_ENTRIES):
             stack, path = deepest(functions, entry)
             print(f"{compiler} {optimisation} stack {entry}: {stack} bytes ({' > '.join(path)})")
 
@@ -136,7 +138,7 @@ def print_instructions() -> None:
     for optimisation in ("-Os", "-O2"):
         found = run_on_chip([*sorted(C_FOLDER.glob("vw_*.c")), HERE / "protocol.c"], (), optimisation)
         print_found(found, optimisation)
-        print_found(run_on_chip([*SLAVES, HERE / "slaves.c"], (), optimisation), f"slaves, {optimisation}")
+        print_found(run_on_chip([*SLAVES, *MEASURING, HERE / "slaves.c"], (), optimisation), f"slaves, {optimisation}")
         sources = [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES, *MASTER, HERE / "master.c"]
         print_found(run_on_chip(sources, (), optimisation), f"master, {optimisation}")
     for optimisation in ("-Os", "-O2"):
@@ -166,6 +168,7 @@ def print_flash() -> None:
     flags = (*FPU_FLAGS, *ON_CHIP)
     print_size("protocol", sorted(C_FOLDER.glob("vw_*.c")), ())
     print_size("slaves", [*SLAVES], (f"-I{C_FOLDER}",))
+    print_size("measuring", [*MEASURING], ())
     print_size("the rest of the master", [*MASTER], ())
     print_size("estimator", engine_sources(), flags)
     print_size("tables of the default cell, and the estimator on the struct", tables, flags)

@@ -92,6 +92,9 @@ bool vw_slaves_self_check(vw_slaves_t *slaves);
  */
 uint16_t vw_slaves_known(const vw_slaves_t *slaves, uint8_t pack);
 
+/* The same for a slave that answered when its voltages were read, whatever came of later readings. */
+uint16_t vw_slaves_sound(const vw_slaves_t *slaves, uint8_t pack);
+
 /* The temperature of a cell [degC], VW_T_MISSING where there is none: no working sensor gives that voltage, or a wire
  * beside the sensor's input is open.
  */

@@ -11,18 +11,24 @@ static const uint16_t points[N_POINTS] = {
     14500u, 14300u, 14000u, 13800u, 13700u, 13500u, 13400u, 13300u, 13200u, 13100u, 13000u,
 };
 
-uint16_t vw_slaves_known(const vw_slaves_t *slaves, uint8_t pack)
+uint16_t vw_slaves_sound(const vw_slaves_t *slaves, uint8_t pack)
 {
-    unsigned known = 0u, cell;
-    if (pack >= VW_N_PACKS || slaves->is_silent[pack] || slaves->failures[pack] != 0u) {
+    unsigned sound = 0u, cell;
+    if (pack >= VW_N_PACKS || slaves->failures[pack] != 0u) {
         return 0u;
     }
     for (cell = 0; cell < VW_LTC_CELLS; cell++) {
         if (slaves->slave[pack].cvr[cell] != VW_LTC_MISSING) {
-            known |= 1u << cell;
+            sound |= 1u << cell;
         }
     }
-    return (uint16_t)(known & ~(unsigned)slaves->open_wires[pack]);
+    return (uint16_t)(sound & ~(unsigned)slaves->open_wires[pack]);
+}
+
+uint16_t vw_slaves_known(const vw_slaves_t *slaves, uint8_t pack)
+{
+    bool is_silent = pack >= VW_N_PACKS || slaves->is_silent[pack];
+    return is_silent ? 0u : vw_slaves_sound(slaves, pack);
 }
 
 int8_t vw_slaves_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell)
