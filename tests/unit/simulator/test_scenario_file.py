@@ -2,8 +2,9 @@ import pytest
 
 from firmware_protocol.config_image import unit_value
 from firmware_protocol.messages import EventCode
+from simulator.arguments import DEFAULT_SCENARIO
 from simulator.errors import ScenarioError
-from simulator.library import DEFAULT_SCENARIO, find_scenario, library
+from simulator.library import find_scenario, library
 from simulator.loads import PATTERNS_C
 from simulator.scenario_file import load_scenario
 
