@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from app.sessions.reading.samples import FieldSamples
 from app.sessions.storage.battery_fields import IS_NEW
 
 _REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # of the team's boards
+PIECE_S: Final = 60.0
+HELD_S: Final = 60.0  # a value counts until the next one, no longer than this
 _FIELDS = ("i_fs", "v", "t", "estimate.soc")
 
 
@@ -26,9 +30,30 @@ def read_pieces(
 ) -> Iterator[Piece]:
     """Yield the session a minute at a time on the time axis of the cell voltages; `totals` is collected meanwhile.
 
-    `from_s` and `to_s` are a range in unix time [s], ends included.
+    Minutes count from the first sample, however the session is stored: what is made of a piece, as a mean, is the same
+    for a file that was committed, cut off or fetched in other parts. `from_s` and `to_s` are a range in unix time [s],
+    ends included.
     """
-    held: dict[str, FloatArray] = {}  # the last row of each field: slow windows do not come every minute
+    parts: list[Piece] = []
+    first_s = minute = np.nan
+    for stored in _stored_pieces(session, totals, from_s, to_s):
+        first_s = float(stored.time_s[0]) if np.isnan(first_s) else first_s
+        minutes = np.floor((stored.time_s - first_s) / PIECE_S)
+        for begin, end in pairwise([0, *(np.flatnonzero(np.diff(minutes)) + 1).tolist(), len(minutes)]):
+            if parts and minutes[begin] != minute:
+                yield Piece.joined(parts)
+                parts = []
+            minute = float(minutes[begin])
+            parts.append(stored.rows(slice(begin, end)))
+    if parts:
+        yield Piece.joined(parts)
+
+
+def _stored_pieces(
+    session: SessionFile, totals: TotalsCollector | None, from_s: float | None, to_s: float | None
+) -> Iterator[Piece]:
+    """The blocks of the file as pieces."""
+    held: dict[str, tuple[float, FloatArray]] = {}  # time and last row of each field: some are told seldom
     fields = (*_FIELDS, *_fields_of_kind(session))
     names = fields if totals is None else tuple(dict.fromkeys((*fields, *TOTALS_FIELDS)))
     for found in session.fields(names, from_s, to_s):
@@ -58,19 +83,25 @@ def _fields_of_kind(session: SessionFile) -> tuple[str, ...]:
     return ("balancing", IS_NEW) if "balancing" in session.signals.order else (IS_NEW,)
 
 
-def _piece(time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, FloatArray], n_cells: int) -> Piece:
-    def table(name: str, width: int) -> FloatArray:
+def _piece(
+    time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, tuple[float, FloatArray]], n_cells: int
+) -> Piece:
+    def table(name: str, width: int, held_s: float = np.inf) -> FloatArray:
         samples = found.get(name)
-        before = held.get(name, np.full(width, np.nan))
+        before_s, before = held.get(name, (-np.inf, np.full(width, np.nan)))
         if samples is None:
-            return np.broadcast_to(before, (len(time_s), width))
-        at = np.searchsorted(samples.time_s, time_s, side="right") - 1
-        rows = np.where((at >= 0)[:, None], samples.values[np.maximum(at, 0)], before)
-        held[name] = samples.values[-1]
-        return rows
+            since_s, rows = np.full(len(time_s), before_s), np.broadcast_to(before, (len(time_s), width))
+        else:
+            at = np.searchsorted(samples.time_s, time_s, side="right") - 1
+            own, at = at >= 0, np.maximum(at, 0)
+            since_s = np.where(own, samples.time_s[at], before_s)
+            rows = samples.values[at] if own.all() else np.where(own[:, None], samples.values[at], before)
+            held[name] = (float(samples.time_s[-1]), samples.values[-1])
+        is_old = time_s - since_s > held_s
+        return np.where(is_old[:, None], np.nan, rows) if is_old.any() else rows
 
     def fresh(name: str, width: int) -> FloatArray:
-        return table(name, width) if name in found else np.full((len(time_s), width), np.nan)
+        return table(name, width, HELD_S)
 
     balancing = fresh("balancing", n_cells)
     if any(name in found or name in held for name in _REGISTERS):

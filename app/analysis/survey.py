@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -41,6 +42,34 @@ class Piece:
     def told_v(self) -> FloatArray:
         """(n, n_cells) voltages that belong to their row's current; NaN where one is held from before."""
         return self.voltage_v if self.is_new is None else np.where(self.is_new, self.voltage_v, np.nan)
+
+    def rows(self, rows: slice) -> Piece:
+        """Return a part of it; its arrays are views."""
+        return Piece(
+            self.time_s[rows],
+            self.current_a[rows],
+            self.voltage_v[rows],
+            self.temperature_degc[rows],
+            self.soc[rows],
+            self.balancing[rows],
+            None if self.is_new is None else self.is_new[rows],
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[Piece]) -> Piece:
+        """Return parts behind each other as one."""
+        if len(parts) == 1:
+            return parts[0]
+        is_new = [np.isfinite(part.voltage_v) if part.is_new is None else part.is_new for part in parts]
+        return Piece(
+            np.concatenate([part.time_s for part in parts]),
+            np.concatenate([part.current_a for part in parts]),
+            np.concatenate([part.voltage_v for part in parts]),
+            np.concatenate([part.temperature_degc for part in parts]),
+            np.concatenate([part.soc for part in parts]),
+            np.concatenate([part.balancing for part in parts]),
+            None if all(part.is_new is None for part in parts) else np.concatenate(is_new),
+        )
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from firmware_protocol.messages import Data, MessageType, Window
 from tests.fake_clock import FunctionClock
 
 START_S = 1_790_000_000.0
+TEMPERATURES = 2280  # the offset of their window
 FAST = ((420, 20), (1884, 204), (2280, 116), (2982, 2))
 
 
@@ -44,11 +45,14 @@ class SessionMaker:
         metadata: Mapping[str, object] | None = None,
         cell_file: str | None = None,
         closed: bool = True,
+        flush_every: int = 0,
+        temperature_every: int = 1,
     ) -> Path:
         """Record arrays: (n,) current, and (n,), (n, 96) or scalar voltage, temperature and SOC.
 
         `fields` are (n, count) raw counts of other fields of the struct; `markers` are (at_s, kind, text), `events`
-        keyword arguments with `at_s`, `can` (at_s, id, data).
+        keyword arguments with `at_s`, `can` (at_s, id, data). After `flush_every` frames all are brought to the disk;
+        one frame in `temperature_every` tells temperatures.
         """
         time_s, current_a = np.asarray(time_s, dtype=np.float64), np.asarray(current_a, dtype=np.float64)
         n = len(time_s)
@@ -84,11 +88,14 @@ class SessionMaker:
             } | {name: table[i] for name, table in (fields or {}).items()}
             for name, row in values.items():
                 FIELDS[name].pack_into(image, tuple(int(value) for value in row))
-            body = Data(tuple(Window(o, bytes(image[o : o + length])) for o, length in windows)).to_body()
+            sent = [each for each in windows if each[0] != TEMPERATURES or i % temperature_every == 0]
+            body = Data(tuple(Window(o, bytes(image[o : o + length])) for o, length in sent)).to_body()
             raw = encode_frame(MessageType.DATA, i & 0xFF, round(at_s * 1000) & 0xFFFFFFFF, body)[1:-1]
             recorder.frame(at_ns, wall_ns + at_ns, 0, raw, True)
             if soc is not None:
                 recorder.estimates(at_ns, round(at_s * 1000), _table(soc, n)[i], np.full(96, 0.01))
+            if flush_every and i % flush_every == 0:
+                recorder.flush()
         for at_s, can_id, data in can:
             recorder.can_frame(round(at_s * 1e9), wall_ns + round(at_s * 1e9), can_id, data)
         for at_s, kind, text in markers:

@@ -164,7 +164,7 @@ class _Stretches:
         cuts = [0, *np.searchsorted(piece.time_s, self._edges_s).tolist(), len(piece.time_s)]
         for first, last in pairwise(cuts):
             if last > first:
-                self._add_part(_rows(piece, slice(first, last)))
+                self._add_part(piece.rows(slice(first, last)))
 
     def _add_part(self, part: Piece) -> None:
         at_s = float(part.time_s[0])
@@ -251,20 +251,6 @@ class _Findings:
             if (from_s is None or at_s >= from_s) and (to_s is None or at_s < to_s):
                 found.setdefault(cell, {})[code] = None
         return {cell: " ".join(codes) for cell, codes in found.items()}
-
-
-def _rows(piece: Piece, rows: slice) -> Piece:
-    if rows.start == 0 and rows.stop == len(piece.time_s):
-        return piece
-    return Piece(
-        piece.time_s[rows],
-        piece.current_a[rows],
-        piece.voltage_v[rows],
-        piece.temperature_degc[rows],
-        piece.soc[rows],
-        piece.balancing[rows],
-        None if piece.is_new is None else piece.is_new[rows],
-    )
 
 
 def _of_session(survey: Survey) -> Row:

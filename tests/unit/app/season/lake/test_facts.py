@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 
 from app.analysis.session_cell import cell_of
+from app.estimation.cell_model.cell_file import load_cell
 from app.season.lake.facts import Facts, facts_of, where_of
 from app.sessions.reading.reader import SessionFile
+from app.sessions.recording import session_writer
 from tests.recorded.season import CURRENT_A, LAP_S, OCV_V, R_OHM, TIME_S, record
 
 CAPACITY_AH = 26.0
@@ -89,6 +91,31 @@ def test_a_capacity_is_told_between_two_rests(make_session):
     assert row["counted_ah"] == pytest.approx(10.0, rel=0.02)
     assert row["capacity_ah"] == pytest.approx(CAPACITY_AH, rel=0.05)
     assert 0.0 < row["capacity_sigma_ah"] < 5.0
+
+
+def test_facts_are_the_same_however_the_session_was_cut_by_its_commits(make_session, monkeypatch):
+    """The same samples, temperatures seldom, in chunks of 7 s and of 100 s: every row and figure is the same."""
+    time_s = np.arange(0.0, 240.0, 0.25)
+    current = np.where(time_s < 30, 0.0, 60.0 + 50.0 * np.sin(time_s) + time_s / 4)
+    soc = 0.8 - np.cumsum(current) * 0.25 / 3600 / CAPACITY_AH
+    marks = [(60.0 * k + 5.0, "lap", "") for k in range(4)]
+    made = []
+    for chunk_s in (7, 100):
+        monkeypatch.setattr(session_writer, "CHUNK_NS", chunk_s * 10**9)
+        volts = load_cell("samsung-25r-10p").ocv.voltage(soc)[:, None] - current[:, None] * R_OHM
+        how = {"markers": marks, "flush_every": 4, "temperature_every": 9}
+        path = make_session(time_s, current, volts, 20.0 + time_s / 60, soc, **how)
+        with SessionFile(path) as session:
+            n_chunks = len(session.chunk_spans_us())
+            assert n_chunks > 25 if chunk_s == 7 else n_chunks < 4
+            made.append(facts_of(session).tables)
+    short, long = ([row for name in ("laps", "cells") for row in tables[name]] for tables in made)
+    assert len(short) == len(long) == 3 + 4 * 96
+    assert np.isfinite([row["resistance_factor"] for row in short if "resistance_factor" in row]).all()
+    for one, other in zip(short, long, strict=True):
+        for name in one.keys() - {"session"}:
+            is_number = isinstance(one[name], float)
+            assert one[name] == (pytest.approx(other[name], 1e-9, nan_ok=True) if is_number else other[name]), name
 
 
 def test_a_session_of_the_simulator_is_of_another_car(season):
