@@ -21,6 +21,7 @@ from typing import Any, Final, TypeVar
 
 from app.errors import AppError, ExtraMissing, NotNow
 from app.season.lake.arrow import name_of_table
+from app.season.lake.place import Place
 from app.season.lake.schema import MARK
 from app.season.store.store import Limits, QueryFailed
 from app.sessions.storage.files import SUFFIX
@@ -45,8 +46,14 @@ class SeasonLake:
     """Builds in a thread that waits for its process; `query` may be called from any thread, one at a time."""
 
     def __init__(self, data: Path, place: str | None, *, builds: bool) -> None:
-        """Keep the lake of a data folder at `place`, a folder or URL, or in `lake` of it."""
+        """Keep the lake of a data folder at `place`, a folder or URL, or in `lake` of it.
+
+        Raises:
+            ConfigError: `place` is no folder, or cannot be written into.
+        """
         self.place = place or str(data / "lake")
+        if place and not self.missing:
+            Place(place).make()
         self._data = data
         self.builds = builds and not self.missing
         self._wanted, self._ending = threading.Event(), threading.Event()

@@ -107,8 +107,9 @@ class SimulatorProcess:
         self._thread.start()
         self._ready.wait(READY_S)
         if self._first_exit is not None:
-            arguments = " ".join([*self._arguments[5:], *(("--scenario", self._scenario) if self._scenario else ())])
-            raise ConfigError("simulator", arguments, Message("simulator-ended", exit_code=self._first_exit))
+            raise ConfigError(
+                "scenario", self._scenario or "default", Message("simulator-ended", exit_code=self._first_exit)
+            )
 
     @property
     def scenario(self) -> str | None:

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from app.commands.console.terminal import print_table
 from app.commands.season.lake import lake_of
 from app.errors import ConfigError
+from app.season.lake.place import Place
 from app.season.store import Answer, Limits, open_store
 from app.season.store.questions import find_question, parameters_of, questions
 
@@ -37,7 +38,10 @@ def answer_question(args: argparse.Namespace) -> int:
         if not getattr(args, option) >= least:
             raise ConfigError(option.replace("_", "-"), getattr(args, option), f"at least {least}")
     limits = Limits(args.limit_s, args.limit_mb, args.limit_rows)
-    store = open_store(lake_of(args), args.store)
+    lake = lake_of(args)
+    if args.lake:
+        Place(lake).check_there()
+    store = open_store(lake, args.store)
     try:
         answer = store.query(sql, values, limits)
     finally:

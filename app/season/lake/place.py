@@ -23,7 +23,7 @@ class Place:
 
         Raises:
             ExtraMissing: fsspec, or what it needs for this kind of URL, is not installed.
-            ConfigError: no such kind of URL.
+            ConfigError: no such kind of URL, or a file.
         """
         try:
             from fsspec.core import url_to_fs
@@ -39,6 +39,35 @@ class Place:
         self.fs: Any = fs
         self.is_local: bool = "file" in ([fs.protocol] if isinstance(fs.protocol, str) else fs.protocol)
         self.root: str = str(root).rstrip("/") or "/"
+        if (
+            self.is_local
+            and not next(each for each in (Path(self.root), *Path(self.root).parents) if each.exists()).is_dir()
+        ):
+            raise ConfigError("lake", self.url, Message("a-folder-or-url"))
+
+    def make(self) -> None:
+        """Make a local folder that is not there yet; a place by URL is made with its first file.
+
+        Raises:
+            ConfigError: it cannot be made, or not written into.
+        """
+        if not self.is_local:
+            return
+        try:
+            Path(self.root).mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=self.root).close()
+        except OSError as error:
+            limit = Message("a-folder-to-write", error=error.strerror or str(error))
+            raise ConfigError("lake", self.url, limit) from error
+
+    def check_there(self) -> None:
+        """Refuse a local folder that is not there.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        if self.is_local and not Path(self.root).is_dir():
+            raise ConfigError("lake", self.url, Message("no-lake-there"))
 
     def path(self, name: str) -> str:
         """Return the path of a file in the place, as its file system names it."""

@@ -49,6 +49,14 @@ class RemoteSession:
     is_recording: bool
 
 
+def reason_of(error: BaseException) -> Text:
+    """What broke a connection, in the system's words alone: `Connection refused`."""
+    inner = error.reason if isinstance(error, urllib.error.URLError) else error
+    if isinstance(inner, OSError) and inner.strerror:
+        return inner.strerror
+    return message_of(inner) if isinstance(inner, BaseException) else str(inner)
+
+
 class Remote:
     """Another voltwall service."""
 
@@ -101,7 +109,7 @@ class Remote:
                 for each in found
             ]  # fmt: skip
         except (OSError, http.client.HTTPException) as error:
-            raise FetchFailed(self.url, str(error)) from error
+            raise FetchFailed(self.url, reason_of(error)) from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
@@ -146,7 +154,7 @@ class Remote:
             except (OSError, http.client.HTTPException) as error:
                 idle = idle + 1 if _size(part) <= before else 0
                 if idle >= ATTEMPTS:
-                    raise self._failed(session, Message("goes-on-from-here", error=str(error))) from error
+                    raise self._failed(session, Message("goes-on-from-here", error=reason_of(error))) from error
                 self._sleep(PAUSE_S * 2**idle)
             except ValueError as error:  # a length or a digest that is none
                 raise self._failed(session, Message("no-voltwall")) from error
@@ -219,7 +227,7 @@ class Remote:
                         raise FetchFailed(self.url, Message("cut-off"))
                     yield int(header["piece"]), str(header["sha256"]), body
         except (OSError, http.client.HTTPException) as error:
-            raise FetchFailed(self.url, str(error) or type(error).__name__) from error
+            raise FetchFailed(self.url, reason_of(error)) from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
@@ -228,7 +236,7 @@ class Remote:
             with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
                 return json.loads(answer.read(LIST_BYTES))
         except (OSError, http.client.HTTPException) as error:
-            raise FetchFailed(self.url, str(error) or type(error).__name__) from error
+            raise FetchFailed(self.url, reason_of(error)) from error
         except (ValueError, RecursionError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 

@@ -14,6 +14,7 @@ from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 DEFINITION_ENDINGS = (".dbc", ".sym", ".kcd", ".arxml")
+_FORMATS = ", ".join(DEFINITION_ENDINGS)
 _MOST_LEFT_OUT = 40  # lines; a file with more of them is something else
 MOST_CYCLE_MS = 1e9
 _LENGTHS_FD = (12, 16, 20, 24, 32, 48, 64)
@@ -45,6 +46,8 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
     except ImportError as error:
         raise ExtraMissing("a DBC", "cantools", "dbc") from error
     ending = Path(name.lower()).suffix
+    if b"\0" in data and data[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+        raise ImportFailed(name, Message("dbc-no-text", formats=_FORMATS))
     oddities: list[Oddity] = []
     text = _text(data, name, oddities)
     if ending == ".dbc":
@@ -59,7 +62,11 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
         except Exception as error:  # every format raises its own
             shorter = _without_line(text, name, error, oddities) if ending == ".dbc" else None
             if shorter is None:
-                raise ImportFailed(name, Message("no-dbc", error=_first_line(error))) from error
+                unknown = Message(
+                    "dbc-no-format", formats=_FORMATS
+                )  # else each format's complaint, one behind the other
+                why = Message("no-dbc", error=_first_line(error)) if options else unknown
+                raise ImportFailed(name, why) from error
             text = shorter
     lines = _lines_of_messages(text)
     messages: list[MessageDefinition] = []

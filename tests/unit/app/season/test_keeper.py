@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import ExtraMissing, NotNow
+from app.errors import ConfigError, ExtraMissing, NotNow
 from app.season import keeper
 from app.season.keeper import SeasonLake
 from app.season.lake.build import build_lake, session_files
@@ -151,3 +151,18 @@ def test_nothing_is_remembered_of_a_lake_elsewhere(data):
     for _ in range(2):
         lake.remembered(("a",), lambda: made.append("a"))
     assert len(made) == 2
+
+
+NO_DISK = pytest.param("/proc/lake", marks=pytest.mark.skipif(not Path("/proc/self").exists(), reason="of Linux"))
+
+
+@pytest.mark.parametrize("place", ["file", "file/below", NO_DISK])
+def test_a_place_that_takes_no_lake_is_refused_at_the_start(tmp_path, place):
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match=r"lake = .*: a folder"):
+        SeasonLake(tmp_path, str(tmp_path / place), builds=False)
+
+
+def test_the_place_of_a_lake_is_made_at_the_start(tmp_path):
+    SeasonLake(tmp_path, str(tmp_path / "of" / "the season"), builds=False)
+    assert list((tmp_path / "of" / "the season").iterdir()) == []

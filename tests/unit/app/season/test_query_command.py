@@ -61,3 +61,15 @@ def test_what_is_wrong_is_one_line(query, arguments, said):
     assert status == 2
     assert len(err.strip().splitlines()) == 1
     assert said in err
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [("file", "a folder, or a URL"), ("file/below", "a folder, or a URL"), ("none", "a folder that is")],
+)
+def test_a_lake_that_is_not_there_is_refused(tmp_path, capsys, name, limit):
+    (tmp_path / "file").touch()
+    place = tmp_path / name
+    assert main(["season", "query", "--lake", str(place), "SELECT count(*) FROM sessions"]) == 2
+    assert f"lake = {place}: {limit}" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()

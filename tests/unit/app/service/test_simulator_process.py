@@ -75,3 +75,11 @@ def test_one_that_does_not_listen_is_killed(make):
     simulator.start()
     simulator.stop()
     assert simulator._process.wait(5) != 0
+
+
+def test_a_scenario_that_cannot_be_played_is_named_and_no_command(make):
+    process = make("import sys; sys.exit(2)")
+    process._scenario = "no-such"
+    with pytest.raises(ConfigError) as refused:
+        process.start()
+    assert str(refused.value) == "scenario = no-such: it ended with code 2, its words are above"

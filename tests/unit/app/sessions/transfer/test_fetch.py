@@ -1,6 +1,9 @@
 """What a server that is no voltwall, or a hostile one, can make of a fetch: an error that is told, and nothing more."""
 
+import errno
 import json
+import os
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -153,3 +156,12 @@ def test_two_recorders_behind_one_label_do_not_overwrite_each_other(serve, tmp_p
         fetched(blue, "car")
     assert (tmp_path / "here" / "car-s1.sqlite").read_bytes() == red
     assert fetched(blue, "blue") == blue
+
+
+def test_a_service_that_is_not_there_is_told_in_the_words_of_the_system() -> None:
+    with socket.socket() as taken:  # nobody listens on it
+        taken.bind(("127.0.0.1", 0))
+        url = f"http://127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(FetchFailed) as refused:
+            Remote(url).sessions()
+    assert str(refused.value) == f"{url}: {os.strerror(errno.ECONNREFUSED)}"

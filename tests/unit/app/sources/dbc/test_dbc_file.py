@@ -200,3 +200,15 @@ def test_a_file_that_cannot_be_read_says_why_in_its_own_format_only(name, text, 
         parse_definitions(text.encode(), name)
     assert reason in str(raised.value)
     assert "DBC: " not in str(raised.value).partition("not a readable DBC: ")[2]
+
+
+@pytest.mark.parametrize("name", ["bus.bin", "bus.dbc"])
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [(bytes(range(256)), "a binary file, no text"), (b"time,current\n0,1\n", "not a readable|of none of")],
+)
+def test_what_is_of_no_format_is_refused_in_one_line(name, data, why):
+    with pytest.raises(ImportFailed, match=rf"{name}: .*({why})") as refused:
+        parse_definitions(data, name)
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).count('"') <= 4  # no complaints of four parsers
