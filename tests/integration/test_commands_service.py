@@ -91,7 +91,7 @@ def test_a_slave_is_checked_against_a_meter_before_and_after_its_repair(client, 
     asked = {"pack": 4, "quantity": "voltage"}
     meter = volts(client.post("/calibration/slave", json=asked).json())  # the board as it left the factory
     assert all(3.0 < value < 4.3 for value in meter)
-    assert client.get("/calibration/slave").json() == {"checks": []}, "reading alone keeps nothing"
+    assert client.get("/calibration/slave").json() == {"checks": [], "next_cursor": None}, "reading alone keeps nothing"
 
     drifting = {"fault": "drifting-reference", "pack": 5, "value": 0.3}  # the board's self-test finds it from 0.4 % on
     client.post("/simulator/faults", json=drifting).raise_for_status()

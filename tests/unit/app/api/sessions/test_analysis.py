@@ -99,7 +99,7 @@ def tripped(make_session):
 
 
 def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_it(client, tripped):
-    assert client.get("/api/v1/blackboxes").json() == {"boxes": []}
+    assert client.get("/api/v1/blackboxes").json() == {"boxes": [], "next_cursor": None}
     (listed,) = client.get(f"/api/v1/sessions/{tripped}/blackboxes").json()["boxes"]
     assert (listed["code"], listed["cell"], listed["session_id"]) == ("trip-v-min", 3, tripped)
     assert (listed["text"], listed["text_words"]) == ("under", {"code": "verbatim", "args": {"text": "under"}})

@@ -25,7 +25,10 @@ def test_the_questions_are_told_with_their_sql(client, tmp_path):
     body = client.get("/api/v1/season/questions").json()
     assert body["lake"] == str(tmp_path / "lake")
     by_name = {each["name"]: each for each in body["questions"]}
-    assert by_name["hot_laps"]["parameters"] == [{"name": "degc", "default": "35", "meaning": "degrees Celsius"}]
+    assert by_name["hot_laps"]["parameters"] == [
+        {"name": "degc", "default": "35", "meaning": "degrees Celsius"},
+        {"name": "car", "default": "", "meaning": "name of the car; empty: of each"},
+    ]
     assert "FROM cells" in by_name["ranking"]["sql"]
 
 
