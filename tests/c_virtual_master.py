@@ -1,6 +1,7 @@
 """The master in C on the simulated board, in the place of the virtual master: the same car, the same tests.
 
-Measuring is the simulator's; what the measurement leads to, the link, the EEPROM's layout and the CAN tables are C.
+Measuring is the simulator's, which is quick, or C as well, through the bytes of the slaves' pair; what the measurement
+leads to, the link, the EEPROM's layout and the CAN tables are C.
 """
 
 from __future__ import annotations
@@ -12,19 +13,26 @@ from collections.abc import Iterator
 import numpy as np
 
 from firmware_protocol.can_tables import bit_rate
+from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import CELLS_PER_PACK, FIELDS, MASTER_SIZE, N_CELLS, N_PACKS
-from firmware_protocol.messages import CommandId, Result
+from firmware_protocol.messages import CommandId, MessageType, Result
 from simulator.board import Board
 from simulator.can_bus import CanFrame
 from simulator.charging import ChargingState
 from simulator.master import RESET_DELAY_S, SLAVE_REFRESH_S
-from simulator.measuring_task import MeasuringTask
+from simulator.measuring_task import MeasuringTask, samples_of_pass
 from simulator.memory import FLAG, Config, MasterMemory
 from simulator.relays import RelayState
 from simulator.simulation import Simulation
 from tests.c_master import CReading, library, ms
 
 _READ = ctypes.CFUNCTYPE(None, ctypes.c_uint16, ctypes.POINTER(ctypes.c_uint8), ctypes.c_uint16)
+_TRANSFER = ctypes.CFUNCTYPE(
+    ctypes.c_bool, ctypes.POINTER(ctypes.c_uint8), ctypes.c_size_t, ctypes.POINTER(ctypes.c_uint8), ctypes.c_size_t
+)
+_WAIT = ctypes.CFUNCTYPE(None, ctypes.c_uint32)
+_BYTE_S = 8e-6  # at 1 MHz
+_IDLE_PAIR = b"\xff"
 _LINE_LOOK_S = 0.001
 _MAX_FRAME = 600
 
@@ -126,7 +134,7 @@ class CVirtualMaster:
             )
         )
         self._config_image, self.config = b"", Config.from_image(self.memory.image)
-        self._measurement = MeasuringTask(self.memory, board, now_s)
+        self._start_measuring(now_s)
         self._out = (ctypes.c_uint8 * _MAX_FRAME)()
         self._state = _State()
         self._slave_refresh_s = now_s
@@ -135,6 +143,7 @@ class CVirtualMaster:
         self.drive_requested = False
         self.is_shutdown_closed = True
         self.reset_due_s: float | None = None
+        self._requests = 0
         self._read_state(now_s)
 
     def __del__(self) -> None:
@@ -159,19 +168,28 @@ class CVirtualMaster:
 
     # --- a pass
 
-    def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:
-        """Measure with the simulator's task, and let the C master do the rest of the pass."""
+    def _start_measuring(self, now_s: float) -> None:
+        self._measurement = MeasuringTask(self.memory, self.board, now_s)
+
+    def _read_config(self) -> None:
         if self.memory.config != self._config_image:
             self._config_image, self.config = self.memory.config, Config.from_image(self.memory.image)
-        reading = self._measurement.run(self.config, now_s, dt_s, true_current_a, self.charging.is_active)
-        means = (ctypes.c_int32 * 255)(*self._measurement.new_means)
-        inputs = _Inputs(
-            self._measurement.is_ready,
+
+    def _inputs(self, *, is_ready: bool = False) -> _Inputs:
+        return _Inputs(
+            is_ready,
             self.drive_requested,
             self.is_shutdown_closed,
             min(max(int(self.board.link_share * 1000), 0), 0xFFFF),
             FLAG["i2c1"] * (not self.board.eeprom.worn_pages) | FLAG["can1"] * (self.can.bit_rate > 0),
         )
+
+    def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:
+        """Measure with the simulator's task, and let the C master do the rest of the pass."""
+        self._read_config()
+        reading = self._measurement.run(self.config, now_s, dt_s, true_current_a, self.charging.is_active)
+        means = (ctypes.c_int32 * 255)(*self._measurement.new_means)
+        inputs = self._inputs(is_ready=self._measurement.is_ready)
         self._c.port_step(
             self._port, self._ms(now_s), ctypes.byref(CReading.of(reading)), means,
             len(self._measurement.new_means), ctypes.byref(inputs),
@@ -215,6 +233,12 @@ class CVirtualMaster:
         self._read_state(now_s)
         return bool(result == Result.DONE)
 
+    def store_config(self, now_s: float) -> bool:
+        """Store the configuration in force, as a request on the line asks for it."""
+        self._requests += 1
+        self.receive(encode_frame(MessageType.STORE, self._requests, 0, b""), now_s)
+        return True
+
     def lose_power(self, rng: np.random.Generator) -> None:
         """Lose power; the bytes of a page under way are on the chip already."""
 
@@ -253,3 +277,47 @@ class CarWithCMaster(Simulation):
 
     def _boot(self) -> None:
         self.master = CVirtualMaster(self.board, self.now_s, self._boot_cause)  # type: ignore[assignment]
+
+
+class CWholeMaster(CVirtualMaster):
+    """Nothing of the firmware is Python: the slaves are read in C, byte for byte over their pair."""
+
+    def _start_measuring(self, now_s: float) -> None:
+        self._bus_s = now_s
+        self._transfer_bytes, self._wait_us = _TRANSFER(self._transfer), _WAIT(self._wait)
+        inputs = (ctypes.c_uint8 * 12)(*self.board.chain.sensor_inputs)
+        self._c.port_start_slaves(self._port, self._ms(now_s), inputs, self._transfer_bytes, self._wait_us)
+
+    def _transfer(self, tx: ctypes.Array, tx_length: int, rx: ctypes.Array, rx_length: int) -> bool:
+        self._bus_s += _BYTE_S * tx_length
+        if tx_length:
+            answer = self.board.chain.execute(bytes(tx[:tx_length]), self._bus_s)
+        else:
+            self.board.chain.wake(self._bus_s)
+            answer = b""
+        self._bus_s += _BYTE_S * rx_length
+        if rx_length:
+            ctypes.memmove(rx, answer[:rx_length].ljust(rx_length, _IDLE_PAIR), rx_length)
+        return True
+
+    def _wait(self, time_us: int) -> None:
+        self._bus_s += time_us * 1e-6
+
+    def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:
+        """Give the samples of the current and the pair to C, which does the pass."""
+        self._read_config()
+        counts = samples_of_pass(self.board, dt_s, true_current_a).astype(np.uint16)
+        samples = (ctypes.c_uint16 * len(counts)).from_buffer(counts)
+        self._bus_s = now_s
+        inputs = self._inputs()
+        self._c.port_pass(
+            self._port, self._ms(now_s), ms(dt_s), samples, ctypes.c_uint16(len(counts)), ctypes.byref(inputs)
+        )
+        self._read_state(now_s)
+
+
+class CarWithWholeCMaster(Simulation):
+    """The team's own car with a master of which everything is C."""
+
+    def _boot(self) -> None:
+        self.master = CWholeMaster(self.board, self.now_s, self._boot_cause)  # type: ignore[assignment]

@@ -1,5 +1,4 @@
 /* A master made of the C library, as plain functions for ctypes: its struct, EEPROM and time belong to the caller. */
-#include "master/vw_master.h"
 #include "port.h"
 
 #include <stdlib.h>
@@ -13,6 +12,12 @@ struct port {
     eeprom_read_t read;
     eeprom_write_t write;
     bool is_restarting;
+    vw_ltc_bus_t bus;
+    vw_slaves_t slaves;
+    vw_measuring_t measuring;
+    uint8_t sensor_inputs[VW_LTC_CELLS];
+    transfer_t transfer;
+    wait_t wait;
 };
 
 static bool eeprom_read(void *context, uint16_t address, uint8_t *data, uint16_t length)
@@ -93,6 +98,44 @@ void port_step(port_t *port, uint32_t now_ms, const vw_reading_t *reading, const
     inputs.hardware = with->hardware;
     vw_link_run(&port->link, now_ms);
     vw_master_step(&port->task, &inputs, now_ms);
+}
+
+static bool transfer(void *context, const uint8_t *tx, size_t tx_length, uint8_t *rx, size_t rx_length)
+{
+    return ((port_t *)context)->transfer(tx, tx_length, rx, rx_length);
+}
+
+static void wait_us(void *context, uint32_t time_us)
+{
+    ((port_t *)context)->wait(time_us);
+}
+
+void port_start_slaves(port_t *port, uint32_t now_ms, const uint8_t sensor_inputs[VW_LTC_CELLS], transfer_t of_board,
+                       wait_t waiting)
+{
+    port->transfer = of_board;
+    port->wait = waiting;
+    port->bus.context = port;
+    port->bus.transfer = transfer;
+    port->bus.wait_us = wait_us;
+    (void)memcpy(port->sensor_inputs, sensor_inputs, sizeof port->sensor_inputs);
+    vw_slaves_init(&port->slaves, &port->bus, port->task.memory->slave);
+    port->slaves.sensor_inputs = port->sensor_inputs;
+    (void)vw_slaves_start(&port->slaves);
+    vw_measuring_init(&port->measuring, &port->slaves, port->task.memory, now_ms);
+}
+
+void port_pass(port_t *port, uint32_t now_ms, uint32_t pass_ms, const uint16_t *samples, uint16_t n, const port_inputs_t *with)
+{
+    vw_inputs_t inputs = { .is_drive_asked = with->is_drive_asked, .is_shutdown_closed = with->is_shutdown_closed };
+    inputs.link_permille = with->link_permille;
+    inputs.hardware = with->hardware;
+    (void)vw_measuring_samples(&port->measuring, samples, n);
+    vw_measuring_run(&port->measuring, &inputs, pass_ms, now_ms);
+    vw_link_run(&port->link, now_ms);
+    vw_master_step(&port->task, &inputs, now_ms);
+    (void)vw_measuring_bleed(&port->measuring, port->task.balance.cells, port->task.has_new_cells, now_ms);
+    port->task.has_new_cells = false;
 }
 
 void port_state(port_t *port, port_state_t *state)
