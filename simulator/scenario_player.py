@@ -79,13 +79,14 @@ class ScenarioPlayer:
         seed: int | None = None,
         step_s: float = PASS_S,
         battery: DbcBattery | None = None,
+        car: type[Simulation] = Simulation,
     ) -> None:
-        """Build the simulation that the scenario starts with; without a battery it is the team's own."""
+        """Build the simulation that the scenario starts with: without a battery the team's own car."""
         self.scenario = scenario
         used_seed = scenario.seed if seed is None else seed
         self.simulation: Vehicle
         if battery is None:
-            self.simulation = _of_team(scenario, eeprom or Eeprom(), used_seed, step_s)
+            self.simulation = _of_team(scenario, eeprom or Eeprom(), used_seed, step_s, car)
         else:
             parameters = _parameters(scenario, battery.shape.n_cells, used_seed)
             self.simulation = BatterySimulation(parameters, battery, seed=used_seed, step_s=step_s)
@@ -241,12 +242,12 @@ class ScenarioPlayer:
         return plan.recording or Rest()
 
 
-def _of_team(scenario: Scenario, eeprom: Eeprom, seed: int, step_s: float) -> Simulation:
+def _of_team(scenario: Scenario, eeprom: Eeprom, seed: int, step_s: float, car: type[Simulation]) -> Simulation:
     if scenario.config is not None:
         for page in plan_store(bytes(eeprom.content), scenario.config):
             eeprom.write(page.offset, page.data)
     parameters = _parameters(scenario, TEAM.n_cells, seed)
-    return Simulation(
+    return car(
         parameters,
         eeprom=eeprom,
         seed=seed,

@@ -1,4 +1,7 @@
-"""Every scenario of the library is played, and what happens is what its file says: these events, and no other trip."""
+"""Every scenario of the library is played, and what happens is what its file says: these events, and no other trip.
+
+On the virtual master and on the one in C: of the latter `make test` plays a few, the campaign all.
+"""
 
 import functools
 import math
@@ -16,6 +19,8 @@ from simulator.master import PASS_S
 from simulator.memory import FLAG
 from simulator.scenario import Scenario
 from simulator.scenario_player import ScenarioPlayer
+from simulator.simulation import Simulation
+from tests.c_virtual_master import CarWithCMaster
 from tests.campaign import SIZE, of_size
 
 LOOPING_S = 60.0
@@ -24,6 +29,10 @@ COARSE = of_size(2, 1, 1)  # passes of `make test` are twice as long where what 
 NEVER_COARSE = ("blocked-fan", "scrutineering")
 LONG = ("charging-cold", "charging-unbalanced")  # hours of charging
 in_the_campaign = pytest.mark.skipif(SIZE == "sample", reason="hours of charging: in the campaign")
+QUICK_ON_C = ("broken-converter", "failed-precharge", "sensor-unplugged", "worn-eeprom", "brown-out-mid-write")
+of_the_campaign = pytest.mark.skipif(SIZE == "sample", reason="the master in C: in the campaign")
+CARS = [pytest.param(Simulation, id="python"), pytest.param(CarWithCMaster, id="c", marks=of_the_campaign)]
+on_both_masters = pytest.mark.parametrize("car", CARS)
 FINER_STEP_S = {"blocked-fan": 0.5}  # of long scenarios
 
 
@@ -31,9 +40,15 @@ class Played:
     """A scenario from its start to its end, with everything that the master told."""
 
     def __init__(
-        self, scenario: Scenario, *, listen: bool = False, pass_s: float | None = None, until_s: float = LIMIT_S
+        self,
+        scenario: Scenario,
+        *,
+        listen: bool = False,
+        pass_s: float | None = None,
+        until_s: float = LIMIT_S,
+        car: type[Simulation] = Simulation,
     ) -> None:
-        self.player = ScenarioPlayer(scenario, step_s=pass_s or step_s(scenario))
+        self.player = ScenarioPlayer(scenario, step_s=pass_s or step_s(scenario), car=car)
         self.simulation = self.player.simulation
         self.simulation.serial_out = self._take
         self._decoder = FrameDecoder()
@@ -80,17 +95,28 @@ def step_s(scenario: Scenario) -> float:
 
 
 @functools.lru_cache
-def played_once(name: str) -> Played:
+def played_once(name: str, car: type[Simulation] = Simulation) -> Played:
     """Return a scenario of the library that has been played to its end."""
-    return Played(find_scenario(name))
+    return Played(find_scenario(name), car=car)
 
 
-SCENARIOS = [pytest.param(each.name, marks=in_the_campaign if each.name in LONG else ()) for each in library()[0]]
+SCENARIOS = [
+    *(
+        pytest.param(each.name, Simulation, id=each.name, marks=in_the_campaign if each.name in LONG else ())
+        for each in library()[0]
+    ),
+    *(
+        pytest.param(
+            each.name, CarWithCMaster, id=f"{each.name}-c", marks=() if each.name in QUICK_ON_C else of_the_campaign
+        )
+        for each in library()[0]
+    ),
+]
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_what_the_file_expects_happens_and_no_other_trip(name):
-    played = played_once(name)
+@pytest.mark.parametrize(("name", "car"), SCENARIOS)
+def test_what_the_file_expects_happens_and_no_other_trip(name, car):
+    played = played_once(name, car)
     scenario = played.player.scenario
     slack_s = step_s(scenario)
     unexpected = [(at_s, event) for at_s, event in played.events if EventCode(event.code).name.startswith("TRIP_")]
@@ -111,9 +137,10 @@ def test_what_the_file_expects_happens_and_no_other_trip(name):
         assert played.highest_v < limit_v + 2e-3
 
 
+@on_both_masters
 @pytest.mark.parametrize("name", ["charging", pytest.param("charging-cold", marks=in_the_campaign)])
-def test_charging_goes_through_its_states_once(name):
-    played = played_once(name)
+def test_charging_goes_through_its_states_once(name, car):
+    played = played_once(name, car)
     states = [ChargingState(event.value) for _, event in played.happened(EventCode.CHARGER_STATE)]
     assert states == [
         ChargingState.WAITING,
@@ -126,23 +153,25 @@ def test_charging_goes_through_its_states_once(name):
     assert accumulator.soc.min() > 0.9
 
 
+@on_both_masters
 @pytest.mark.parametrize(
     ("name", "start_soc", "until_s"),
     [("charging", 0.952, 300.0), pytest.param("charging-cold", 0.925, 240.0, marks=in_the_campaign)],
 )
-def test_at_the_master_s_own_pass_no_cell_is_overcharged(name, start_soc, until_s):
+def test_at_the_master_s_own_pass_no_cell_is_overcharged(name, start_soc, until_s, car):
     """The minutes in which the first cell reaches its limit, and those in which the current comes back."""
     scenario = find_scenario(name)
     full = replace(scenario, start=replace(scenario.start, soc=start_soc), expected=())
-    played = Played(full, pass_s=PASS_S, until_s=until_s)
+    played = Played(full, pass_s=PASS_S, until_s=until_s, car=car)
     states = [ChargingState(event.value) for _, event in played.happened(EventCode.CHARGER_STATE)]
     assert ChargingState.CONSTANT_VOLTAGE in states
     limit_v = played.simulation.master.config.v_cell_chrg * 1e-4
     assert limit_v - 2e-3 < played.highest_v < limit_v + 2e-3
 
 
-def test_a_drifting_current_sensor_shows_in_the_count_and_not_in_the_cells():
-    played = played_once("drifting-sensor")
+@on_both_masters
+def test_a_drifting_current_sensor_shows_in_the_count_and_not_in_the_cells(car):
+    played = played_once("drifting-sensor", car)
     memory, accumulator = played.simulation.master.memory, played.simulation.accumulator
     counted_soc = FIELDS["soc"].unpack(memory.image)[0] * 1e-4
     missed_soc = 3.0 * 595.0 / 3600.0 / accumulator.capacity_ah.mean()
@@ -151,16 +180,18 @@ def test_a_drifting_current_sensor_shows_in_the_count_and_not_in_the_cells():
 
 
 @in_the_campaign
-def test_unbalanced_cells_are_brought_together():
-    played = played_once("charging-unbalanced")
+@on_both_masters
+def test_unbalanced_cells_are_brought_together(car):
+    played = played_once("charging-unbalanced", car)
     accumulator = played.simulation.accumulator
     at_start = ScenarioPlayer(played.player.scenario).simulation.accumulator.soc
     assert at_start.max() - at_start.min() > 0.015
     assert accumulator.soc.max() - accumulator.soc.min() < 0.75 * (at_start.max() - at_start.min())
 
 
-def test_endurance_ends_where_a_real_one_would():
-    played = played_once("clean-endurance")
+@on_both_masters
+def test_endurance_ends_where_a_real_one_would(car):
+    played = played_once("clean-endurance", car)
     accumulator = played.simulation.accumulator
     assert 0.18 < accumulator.soc.mean() < 0.40
     assert 1400 < played.simulation.now_s < 1900
@@ -183,8 +214,9 @@ def test_loose_bolt_shows_under_load_and_not_at_rest():
     assert min(sag_v) > 0.09  # 1 mohm at 100 A and more
 
 
-def test_a_car_whose_precharge_failed_drives_only_after_it_was_mended_and_cleared():
-    player = ScenarioPlayer(find_scenario("failed-precharge"))
+@on_both_masters
+def test_a_car_whose_precharge_failed_drives_only_after_it_was_mended_and_cleared(car):
+    player = ScenarioPlayer(find_scenario("failed-precharge"), car=car)
     simulation = player.simulation
     player.run(19.5)
     assert simulation.master.has_precharge_failed
@@ -195,8 +227,9 @@ def test_a_car_whose_precharge_failed_drives_only_after_it_was_mended_and_cleare
     assert simulation.link.voltage_v > 300.0
 
 
-def test_damaged_frames_of_a_noisy_cable_are_all_found():
-    played = Played(find_scenario("noisy-cable"), listen=True)
+@on_both_masters
+def test_damaged_frames_of_a_noisy_cable_are_all_found(car):
+    played = Played(find_scenario("noisy-cable"), listen=True, car=car)
     steps = [(b - a) & 0xFF for a, b in zip(played.sequences, played.sequences[1:], strict=False)]
     lost = sum(step - 1 for step in steps if step)
     assert played.bad > 50
@@ -205,19 +238,21 @@ def test_damaged_frames_of_a_noisy_cable_are_all_found():
     assert played.happened(EventCode.BOOT)[0][1].value == 0
 
 
-def test_brown_out_mid_write_leaves_old_or_new():
+@on_both_masters
+def test_brown_out_mid_write_leaves_old_or_new(car):
     for seed in range(4):
         scenario = find_scenario("brown-out-mid-write")
-        player = ScenarioPlayer(scenario, seed=seed)
+        player = ScenarioPlayer(scenario, seed=seed, car=car)
         player.run(30.0)
         master = player.simulation.master
         assert master.memory.config == scenario.config
         assert newest(bytes(player.simulation.board.eeprom.content)).counter in (1, 2)
 
 
-def test_a_worn_eeprom_refuses_and_keeps_the_old():
+@on_both_masters
+def test_a_worn_eeprom_refuses_and_keeps_the_old(car):
     replies = []
-    player = ScenarioPlayer(find_scenario("worn-eeprom"))
+    player = ScenarioPlayer(find_scenario("worn-eeprom"), car=car)
     decoder = FrameDecoder()
     player.simulation.serial_out = lambda data: replies.extend(
         decode_message(frame).result for frame in decoder.feed(data) if frame.type == MessageType.REPLY
