@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
-from app.errors import ExtraMissing, ImportFailed
+from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray, latest_at
 from app.sources.recordings.bad_rows import EARLY, BadRows
 from app.sources.recordings.candump import MOST_S, candump_frame
@@ -29,6 +29,7 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 _ID_BITS = 0x1FFFFFFF
 _MOST_BYTES = 64  # of CAN FD
 _READ_AT_ONCE = 1 << 18
+MOST_VALUES = 16_000_000  # of signals by a DBC: each takes 38 bytes until the table is made
 _ERROR_TEXT = 60  # characters of a library's reason
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
 OnRead = Callable[[int], None]  # bytes of the file that are read
@@ -291,7 +292,7 @@ def _signals(
     With `only`, of messages that have a signal of this name.
     """
     bad = BadRows(Message("frames-of-dbc")) if bad is None else bad
-    decoded = 0
+    decoded, kept = 0, 0
     database = _database(dbc)
     by_id = {
         m.frame_id | (CAN_ID_EXTENDED if m.is_extended_frame else 0): m
@@ -315,12 +316,20 @@ def _signals(
         decoded += 1
         numbers = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
         for name, value in numbers.items():
-            names = [f"{message.name}.{name}"] + ([name] if uses[name] == 1 else [])
-            names += [f"{name}[{int(index)}]" for other, index in numbers.items() if _counts(other, name, index)]
+            whole = f"{message.name}.{name}"
+            if uses[name] == 1:
+                signals[name] = signals[whole]  # by both names the same values
+            names = [
+                whole,
+                *(f"{name}[{int(index)}]" for other, index in numbers.items() if _counts(other, name, index)),
+            ]
+            kept += len(names)
             for each in names:
                 times, found = signals[each]
                 times.append(at_s)
                 found.append(value)
+        if kept > MOST_VALUES:
+            raise LimitExceeded(Message("limit-signals", limit=MOST_VALUES))
     bad.check(source, decoded)
     if not signals:
         if only is None:

@@ -5,7 +5,8 @@ import cantools
 import numpy as np
 import pytest
 
-from app.errors import ImportFailed
+from app.errors import ImportFailed, LimitExceeded
+from app.sources.recordings import can_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
 from app.sources.recordings.profile import ImportProfile
@@ -174,3 +175,15 @@ def test_a_log_of_which_most_is_bad_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.log").write_text("(1.0) can0 100#0A00\n" + "(2.0) can0 zzz\n" * 3)
     with pytest.raises(ImportFailed, match=r"bad\.log: 3 of 4 frames cannot be read, more than half; line 2: not"):
         list(read_frames(tmp_path / "bad.log"))
+
+
+def test_a_log_with_more_values_than_memory_is_to_hold_is_refused(
+    log: Path, dbc: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    n_values = 5 * 2 + 2 * 3 + 2  # the current and Level, the number and voltage of a cell, also by its name, Temps
+    monkeypatch.setattr(can_log, "MOST_VALUES", n_values)
+    signals = read_signals(log, dbc).found
+    assert signals["PackCurrent"] is signals["Pack.PackCurrent"]  # kept once
+    monkeypatch.setattr(can_log, "MOST_VALUES", n_values - 1)
+    with pytest.raises(LimitExceeded, match=f"more than {n_values - 1} values.*--battery"):
+        read_signals(log, dbc)
