@@ -15,6 +15,10 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
+VALUES = (  # of a car's own
+    *("soc", "soc_min", "soc_min_cell", "voltage_v", "current_a", "voltage_min_v", "voltage_min_cell"),
+    *("temperature_max_degc", "temperature_max_cell"),
+)
 IS_CI = os.environ.get("CI") == "true"  # there a missing broker is a failure
 
 
@@ -60,6 +64,7 @@ class ToldCar:
     def __init__(self, port: int, name: str, *, url: str | None = None, alarms: Sequence[object] = ()) -> None:
         self.topic = f"voltwall/{name}"
         self._ending = threading.Event()
+        self._told: dict[str, object] = {}
         self._client = paho.Client(CallbackAPIVersion.VERSION2)
         self._client.will_set(f"{self.topic}/status", b"offline", qos=1, retain=True)
         self._client.connect("127.0.0.1", port)
@@ -83,7 +88,13 @@ class ToldCar:
                 "voltage_v": 355.2, "current_a": 12.0, "voltage_min_v": 3.651, "voltage_min_cell": 30,
                 "temperature_max_degc": 41.0, "temperature_max_cell": 5,
             }  # fmt: skip
-            self.publish("accumulator", values)
+            self.publish("accumulator", values | self._told)
+
+    def fall_silent(self) -> None:
+        """Go on speaking, of an RS232 line that tells nothing any more: no value is left, none is new."""
+        self.publish("links", {"rs232": {"state": "silent", "lost": 0}, "can": {"state": "live", "lost": 0}})
+        self._told = dict.fromkeys(VALUES)
+        self._told["age_s"] = {"voltage": 30.0, "current": 30.0}
 
     def vanish(self) -> None:
         """Break the connection without a word, as a radio does."""

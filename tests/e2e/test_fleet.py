@@ -1,4 +1,4 @@
-"""The page of several cars: three that are told, one of which vanishes."""
+"""The page of several cars: three that are told, one of which vanishes and one falls silent."""
 
 import pytest
 from playwright.sync_api import expect
@@ -49,6 +49,15 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     expect(red).to_have_attribute("data-state", "vanished")
     expect(red.get_by_test_id("trust")).to_contain_text("vanished since")
     expect(page.get_by_test_id("counts")).to_contain_text("2 of 3 live, 1 vanished")
+    assert violations(page) == {}
+    cars[0].fall_silent()
+    expect(blue).to_have_attribute("data-state", "silent")
+    expect(page.get_by_test_id("counts")).to_contain_text("1 of 3 live, 1 silent, 1 vanished")
+    for line, state in (("rs232", "silent"), ("can", "live")):  # its service speaks: the links are as it says
+        expect(blue.get_by_test_id(line)).to_have_attribute("data-state", state)
+    expect(blue).not_to_contain_text("last SOC")  # it tells none
+    expect(red).to_contain_text("last SOC")
+    expect(red.get_by_test_id("rs232")).to_have_attribute("data-state", "lost")
     assert violations(page) == {}
     page.get_by_test_id("language").select_option("nb")
     expect(red.get_by_test_id("trust")).to_contain_text("borte siden")
