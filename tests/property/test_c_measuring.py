@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.config_image import default_image
+from firmware_protocol.ltc6804 import AdcMode, adcv
 from firmware_protocol.memory_map import CONFIG, FIELDS, T_MISSING
 from simulator import sensors, slave_setup
 from simulator.memory import Config
@@ -208,3 +209,32 @@ def test_what_the_estimator_writes_is_left_alone(library):
         c.run(0.02 * k, 20)
     assert set(c.memory.ocv.tolist()) == {36_123}
     assert set(c.memory.c.tolist()) == {DEFAULT.c_avg}
+
+
+def test_a_slave_that_is_lost_within_a_pass_keeps_the_voltages_that_it_gave(library):
+    """Its voltages arrive, its temperatures and self-tests do not: the next pass is the first without it."""
+    both = BothMeasuring(library, INPUTS, DEFAULT)
+    chain = both.chains[1]
+    for _ in range(2):
+        both.run(250, np.full(250, 2049.0))
+    for each in both.chains:
+        lose_after_the_voltages(each, 3)
+    reading = both.run(250, np.full(250, 2049.0))
+    assert (reading.lost_slave, reading.lost_cell) == (None, None)
+    assert both.c.memory.v[36:48].all()
+    assert chain.damaged
+    reading = both.run(250, np.full(250, 2049.0))
+    assert reading.lost_slave == 3
+    assert not both.c.memory.v[36:48].any()
+
+
+def lose_after_the_voltages(chain, slave):
+    """Damage a slave's packets from the first conversion with the sensors switched in."""
+    execute = chain.execute
+
+    def watched(packet, now_s):
+        if int.from_bytes(packet[:2], "big") == adcv(AdcMode.FAST, discharge_permitted=True):
+            chain.damaged = frozenset((0, slave, at) for at in range(4))
+        return execute(packet, now_s)
+
+    chain.execute = watched
