@@ -139,6 +139,9 @@ export function count(n: number | null | undefined): string {
 export const hex = (n: number, digits: number): string => n.toString(16).toUpperCase().padStart(digits, '0');
 export const canId = (id: number, extended: boolean): string => `0x${hex(id, extended ? 8 : 3)}`;
 
+/** An address in the pieces between which its line may break: not within a word. */
+export const addressPieces = (address: string): string[] => address.split(/(?<=\/\/|[^/][/:?&,;@=_-])(?!\/)/);
+
 export interface DisplayUnit {
   label: string;
   factor: number; // shown = SI * factor

@@ -46,6 +46,12 @@ describe('numbers', () => {
   });
 });
 
+it('an address breaks behind its separators, not within a word', () => {
+  expect(f.addressPieces('socket://127.0.0.1:40123')).toEqual(['socket://', '127.0.0.1:', '40123']);
+  expect(f.addressPieces('/tmp/volt-a1/can')).toEqual(['/tmp/', 'volt-', 'a1/', 'can']);
+  expect(f.addressPieces('COM3')).toEqual(['COM3']);
+});
+
 describe('names of cells', () => {
   let end = (): void => undefined;
   beforeAll(() => {

@@ -8,6 +8,12 @@ from tests.e2e.conftest import COUNT_CLICKS, spent
 
 READS_ONLY = True
 
+LINES_OF_WORDS = """(cell) => Math.max(...[...cell.childNodes].filter((n) => n.data?.trim()).map((n) => {
+  const range = document.createRange();
+  range.selectNodeContents(n);
+  return range.getClientRects().length;
+}))"""
+
 
 def test_single_keys_act_and_can_be_switched_off(service, open_page, tell):
     page = open_page(f"{service.base_url}/#/overview")
@@ -90,6 +96,9 @@ def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):
     expect(page.get_by_test_id("readers")).to_contain_text("engineer, 127.0.0.1")
     expect(page.get_by_test_id("disk")).to_contain_text("of")
     expect(page.get_by_test_id("reach-none")).to_contain_text("--host 0.0.0.0 --tls")
+    source = page.get_by_test_id("links").get_by_role("row", name="Source").get_by_role("cell").first
+    expect(source).to_contain_text(re.compile("[/:]"))
+    assert source.evaluate(LINES_OF_WORDS) == 1  # the address breaks between its parts
 
 
 def test_pages_open_without_the_service_and_show_no_value(make_service, open_page):
