@@ -2,9 +2,10 @@ import { beforeAll, describe, expect, it } from 'vitest';
 
 describe('addresses', () => {
   let parse: typeof import('../src/store/route.svelte').parseHash;
+  let beside: typeof import('../src/store/route.svelte').beside;
   beforeAll(async () => {
     Object.assign(globalThis, { location: { hash: '' } });
-    parse = (await import('../src/store/route.svelte')).parseHash;
+    ({ parseHash: parse, beside } = await import('../src/store/route.svelte'));
   });
 
   it('leads to a page and its arguments', () => {
@@ -17,6 +18,13 @@ describe('addresses', () => {
     const place = parse('#/sessions/run-3?from=12.5&with=run%202');
     expect(place.args).toEqual(['run-3']);
     expect([place.query.get('from'), place.query.get('with')]).toEqual(['12.5', 'run 2']);
+  });
+
+  it('of the next cell keeps all that is shown but the part in view', () => {
+    const here = '#/packs/1/2?sort-history=3&from-cell=10.000&to-cell=20.000&a-cell=12.000&find-x=a+b';
+    expect(beside('packs/1/3', here)).toBe('#/packs/1/3?sort-history=3&a-cell=12.000&find-x=a+b');
+    expect(beside('packs/1/3', '#/packs/1/2?from-cell=1&to-cell=2')).toBe('#/packs/1/3');
+    expect(beside('packs/1/3', '#/packs/1/2')).toBe('#/packs/1/3');
   });
 
   it('leads to the overview from anywhere unknown', () => {

@@ -46,6 +46,14 @@ export function parseHash(hash: string): Place {
   return { page: known ? (first as Page) : 'overview', args, query: new URLSearchParams(query) };
 }
 
+/** The address of another place that shows what this one does, but for the part of charts in view: that is of here. */
+export function beside(path: string, hash: string): string {
+  const { query } = parseHash(hash);
+  for (const name of [...query.keys()]) if (/^(from|to)-/.test(name)) query.delete(name);
+  const text = query.toString();
+  return `#/${path}${text ? `?${text}` : ''}`;
+}
+
 class Route {
   hash = $state(location.hash);
   arrivals = $state(0); // counts the reader's own steps; what a page notes is none
