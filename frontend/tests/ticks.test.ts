@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { places, STEPS, ticks } from '../src/store/ticks';
+import { places, stepOf, STEPS, ticks } from '../src/store/ticks';
 import { fixed, signed } from '../src/format';
 
 describe('axis ticks', () => {
@@ -25,6 +25,27 @@ describe('axis ticks', () => {
     ] as const) {
       const axis = ticks(low, high, most);
       expect(new Set(axis.map((v) => fixed(v, places(axis)))).size).toBe(axis.length);
+    }
+  });
+
+  it('are two at least, wherever the range lies', () => {
+    for (const most of [2, 3, 5]) {
+      for (let k = 0; k < 400; k++) {
+        const low = -7 + 0.037 * k;
+        const span = 0.01 * 1.05 ** (k % 120);
+        expect(ticks(low, low + span, most).length).toBeGreaterThan(1);
+      }
+    }
+  });
+
+  it('of a chart are a line of text apart, and two at least', () => {
+    for (let k = 0; k < 400; k++) {
+      const low = 3 + 0.0037 * k;
+      const high = low + 0.0224 * 1.04 ** (k % 90); // a cell's voltage: 20 mV and room at either end
+      const step = stepOf(low, high, 94, 26);
+      const seen = Math.floor(high / step + 1e-9) - Math.ceil(low / step - 1e-9) + 1;
+      expect(seen).toBeGreaterThan(1);
+      expect((94 * step) / (high - low)).toBeGreaterThan(17);
     }
   });
 

@@ -4,7 +4,7 @@ import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
 import { clock, fixed } from '../format';
 import type { Band } from '../store/decimate';
-import { places, STEPS } from '../store/ticks';
+import { places, stepOf } from '../store/ticks';
 import { DrawQueue } from './draw_queue';
 import { gestures, type GestureAxis } from './gestures';
 import { picture } from './picture';
@@ -39,6 +39,7 @@ export interface PlotSpec {
 export type Hands = Pick<GestureAxis, 'isZoomed' | 'look' | 'whole' | 'pick'>;
 
 const LABEL_HEIGHT = 15;
+const TICK_SPACE = 26;
 const LABEL_EMS = 6.8; // room for "max 4.0000 V" at the right of the lines
 const LATE_S = 1.5; // a line that ends earlier than this has no value now
 
@@ -182,8 +183,9 @@ export class Plot {
         {
           ...axis,
           size: 52,
-          space: 26,
-          incrs: [...STEPS],
+          space: (_u, _i, low, high, length) =>
+            Math.min(TICK_SPACE, (0.99 * length * stepOf(low, high, length, TICK_SPACE)) / (high - low)),
+          incrs: (_u, _i, low, high, length) => [stepOf(low, high, length, TICK_SPACE)],
           values: (u, splits) => splits.map((v) => (isEmpty(u.data) ? '' : fixed(v, places(splits)))),
         },
       ],
