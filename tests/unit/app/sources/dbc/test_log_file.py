@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from app.errors import ImportFailed
+from app.sources.dbc import log_file
 from app.sources.dbc.log_file import load_log
 
 FRAMES = [
@@ -80,3 +81,17 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     for suffix in (".log", ".blf"):
         with pytest.raises(ImportFailed, match=f"gone{suffix}"):
             load_log(tmp_path / f"gone{suffix}")
+
+
+def test_a_log_is_the_same_whatever_part_of_it_is_taken_at_once(tmp_path, monkeypatch):
+    path = tmp_path / "mixed.log"
+    lines = [f"({9 - k // 2}.0) can0 {0x100 + k:03X}#{k:02X}" for k in range(7)] + ["(3.5) can0 700##1" + "AB" * 64]
+    path.write_text("\n".join(lines) + "\n")
+    whole = load_log(path)
+    assert whole.data.shape == (8, 64)
+    assert whole.can_id.tolist() == [0x700, 0x106, 0x104, 0x105, 0x102, 0x103, 0x100, 0x101]  # of one time in order
+    monkeypatch.setattr(log_file, "AT_ONCE", 3)
+    parts = load_log(path)
+    for name in ("t_ns", "can_id", "length", "data"):
+        assert getattr(parts, name).tolist() == getattr(whole, name).tolist()
+        assert getattr(parts, name).dtype == getattr(whole, name).dtype
