@@ -60,7 +60,7 @@ from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.transfer.session_copy import remove_left_halves
 from app.sessions.worker import Workers
 from app.sources.links.driver_display import DriverDisplay
-from app.sources.loaded_battery import LoadedBattery, load_battery
+from app.sources.loaded_battery import LoadedBattery, load_battery, team_battery
 from app.telemetry import Event, Snapshot, Source
 from app.telemetry.aging import aged
 from app.telemetry.measurement import STALE_S
@@ -226,7 +226,7 @@ def make_service(
     )
 
     # The pipeline of the live source, which goes on from what earlier runs learned; the replay has its own
-    learned_path = data / learned_file(battery.battery.name, is_team=battery.speaks_dbc is None)
+    learned_path = data / learned_file(battery.battery.name, is_team=battery.battery == team_battery().battery)
     learned = load_learned_state(learned_path, battery.battery.n_cells)
     predictor = pipelines.predictor(None if learned is None else learned.cells)
     start_soc = None if learned is None else learned.start(clock.wall_ns())

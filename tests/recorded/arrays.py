@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.sessions.recording.recorder import Recorder
+from app.sources.loaded_battery import LoadedBattery
 from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.config_image import default_image
@@ -47,6 +48,7 @@ class SessionMaker:
         closed: bool = True,
         flush_every: int = 0,
         temperature_every: int = 1,
+        battery: LoadedBattery | None = None,
     ) -> Path:
         """Record arrays: (n,) current, and (n,), (n, 96) or scalar voltage, temperature and SOC.
 
@@ -64,6 +66,7 @@ class SessionMaker:
             version="test",
             free_bytes=lambda _: 1 << 40,
             cell_file=cell_file,
+            battery=battery,
         )
         info = recorder.start("made", metadata or {})
         recorder.config(0, wall_ns, config or default_image(), "in force at the start")

@@ -20,7 +20,7 @@ from app.sessions.storage.digests import COLUMNS, KEY, Digests
 from app.sessions.storage.files import identity, remove
 from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
-from app.sources.loaded_battery import LoadedBattery
+from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.telemetry import Event
 
 IDS_PER_CHUNK = 1 << 20
@@ -293,8 +293,8 @@ def _columns(
 
 
 def _battery_rows(battery: LoadedBattery | None) -> list[TableRow]:
-    """What explains the frames, where they are not the team's master's."""
-    if battery is None or battery.speaks_dbc is None:
+    """What explains the frames, where the battery is not the team's own; a copy of it has a name of its own."""
+    if battery is None or battery.battery == team_battery().battery:
         return []
     return [("battery_files", file) for file in battery.files.items()]
 

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from app.analysis.passport.history import Swap
+from app.analysis.passport.keeper import PassportKeeper
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.cells.history import DAY_S, SeasonSource
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
-from app.sources.loaded_battery import team_battery
+from app.sessions.catalogue import Catalogue
+from app.sources.loaded_battery import load_battery, team_battery
 from tests.recorded.arrays import START_S, SessionMaker
 
 CELL = load_cell("samsung-25r-10p")
@@ -74,6 +76,32 @@ def test_a_swapped_module_inherits_nothing(lake):
 
 def test_an_empty_lake_has_no_car(tmp_path):
     assert source(str(tmp_path)).histories() == source(str(tmp_path)).histories("red") == []
+
+
+def test_a_second_accumulator_of_a_car_has_a_profile_of_its_own_name(tmp_path):
+    """Of the same build, driven in turns with the first: a profile that includes the first keeps them apart."""
+    (tmp_path / "spare.toml").write_text('include = ["team"]\n\n[battery]\nname = "spare accumulator"\n')
+    accumulators = (team_battery(), load_battery(str(tmp_path / "spare.toml")))
+    make = SessionMaker(tmp_path / "sessions")
+    for day in range(4):
+        volts = CELL.ocv.voltage(0.8 - LEAK * day * (day % 2 * (np.arange(96) == LEAKY))) - CURRENT_A[:, None] * 0.002
+        start_s, red = START_S + day * DAY_S, {"car": "red"}
+        make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, metadata=red, battery=accumulators[day % 2])
+    build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
+    catalogue, found = Catalogue(tmp_path / "sessions"), []
+    for each in accumulators:
+        (history,) = SeasonSource(str(tmp_path / "lake"), each.battery, False, CELL).histories()
+        keeper = PassportKeeper(tmp_path, catalogue, CELL, battery=each.battery)
+        keeper.read_new()
+        assert keeper.passports().sessions == history.sessions
+        keeper.close()
+        assert history.car == "red"
+        assert history.charge_ah == pytest.approx(AMPERE_HOURS * np.arange(1, 3), rel=0.02)
+        found.append(history)
+    own, spare = found
+    assert not set(own.sessions) & set(spare.sessions)
+    assert abs(own.self_discharge_per_day[LEAKY]) < LEAK / 10
+    assert spare.self_discharge_per_day[LEAKY] == pytest.approx(LEAK, rel=0.1)
 
 
 def test_two_cars_with_one_battery_share_nothing(tmp_path):
