@@ -1,0 +1,62 @@
+import { render } from 'svelte/server';
+import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import { makeSnapshot } from '../fixtures/snapshot';
+import type { Snapshot } from '../src/link/types';
+
+const DRIVING = makeSnapshot('drive', 0, 1000, 1);
+const SILENT: Snapshot = { ...DRIVING, age: { ...DRIVING.age, voltage: null } };
+
+describe('the strip over every page', () => {
+  let live: typeof import('../src/store/live.svelte').live;
+  let route: typeof import('../src/store/route.svelte').route;
+  let strip: (hash: string) => string;
+  beforeAll(async () => {
+    Object.assign(globalThis, { location: { hash: '' } });
+    ({ live } = await import('../src/store/live.svelte'));
+    ({ route } = await import('../src/store/route.svelte'));
+    const { default: ServiceGone } = await import('../src/parts/ServiceGone.svelte');
+    strip = (hash) => {
+      route.hash = hash;
+      return render(ServiceGone).body;
+    };
+    live.connection = 'open';
+    live.now = 0;
+  });
+  afterAll(() => {
+    live.snapshot = null;
+    live.connection = 'connecting';
+    route.hash = '';
+  });
+
+  it('says that the car is silent on pages of live values', () => {
+    live.snapshot = SILENT;
+    for (const hash of ['#/overview', '#/packs/3/7', '#/events', '#/sessions'])
+      expect(strip(hash), hash).toContain('data-testid="car-silent"');
+  });
+
+  it('does not over what was recorded', () => {
+    live.snapshot = SILENT;
+    for (const hash of [
+      '#/sessions/run-1',
+      '#/sessions/run-1/laps',
+      '#/sessions/run-1?at=12',
+      '#/sessions/box/b',
+    ])
+      expect(strip(hash), hash).not.toContain('car-silent');
+  });
+
+  it('says nothing while voltages come', () => {
+    live.snapshot = DRIVING;
+    expect(strip('#/overview')).not.toContain('data-testid');
+  });
+
+  it('says everywhere that the service is gone', () => {
+    live.snapshot = SILENT;
+    live.connection = 'lost';
+    for (const hash of ['#/overview', '#/sessions/run-1']) {
+      expect(strip(hash), hash).toContain('data-testid="service-lost"');
+      expect(strip(hash), hash).not.toContain('car-silent');
+    }
+    live.connection = 'open';
+  });
+});
