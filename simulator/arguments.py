@@ -58,7 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--with-parent", action="store_true", help="end when standard input does")
     parser.add_argument("--list", action="store_true", help="list the scenarios and end")
-    parser.add_argument("--json", action="store_true", help="with --list: as JSON")
+    parser.add_argument(
+        "--json", action="store_true", help="with --list: as JSON, with the seconds that a round takes at the most"
+    )
     parser.add_argument("--describe", metavar="NAME", help="describe a scenario and end")
 
 

@@ -29,10 +29,12 @@ def run(arguments: argparse.Namespace, battery: DbcBattery | None = None) -> int
     """Carry out `simulate` and return the exit code; without a battery it is the team's own."""
     shape = TEAM if battery is None else battery.shape
     try:
+        if arguments.json and not arguments.list:
+            raise InputError("json", "--json goes with --list")
         if arguments.list:
             scenarios, unreadable = library(shape=shape)
             if arguments.json:
-                print(json.dumps([{"name": each.name, "title": each.title} for each in scenarios], indent=2))
+                print(json.dumps([_listed(each) for each in scenarios], indent=2))
             else:
                 for scenario in scenarios:
                     print(f"{scenario.name:24} {scenario.title}")
@@ -54,6 +56,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="voltwall simulate")
     add_arguments(parser)
     return run(parser.parse_args(argv))
+
+
+def _listed(scenario: Scenario) -> dict[str, str | float | bool | None]:
+    return {
+        "name": scenario.name,
+        "title": scenario.title,
+        "seconds": scenario.longest_s,
+        "loop": scenario.loop,
+    }
 
 
 def _simulate(arguments: argparse.Namespace, scenario: Scenario, battery: DbcBattery | None) -> None:

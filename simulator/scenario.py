@@ -66,6 +66,12 @@ class PhasePlan:
     recording: Recorded | None = field(default=None, compare=False, repr=False)
 
     @property
+    def longest_s(self) -> float | None:
+        """How long the phase takes at the most [s]; None where the file gives no time."""
+        given = [self.for_s, None if self.recording is None else self.recording.duration_s]
+        return min((each for each in given if each is not None), default=None)
+
+    @property
     def is_filling(self) -> bool:
         """Whether the SOC rises in this phase, so that `until_soc` is reached from below."""
         return self.load in ("charge", "charge-by-hand") or self.current_a < 0.0
@@ -126,6 +132,12 @@ class Scenario:
     faults: tuple[FaultPlan, ...]
     actions: tuple[ActionPlan, ...]
     expected: tuple[Expectation, ...]
+
+    @property
+    def longest_s(self) -> float | None:
+        """How long a round takes at the most [s]; None if a phase ends by its load or by a state of charge alone."""
+        longest = [phase.longest_s for phase in self.phases]
+        return None if None in longest else sum(each for each in longest if each is not None)
 
     def describe(self) -> str:
         """Return the scenario for people to read."""

@@ -1,11 +1,13 @@
 """`voltwall simulate` by itself: the library, a description, a scenario played as fast as it goes."""
 
+import json
 import time
+import tomllib
 
 import pytest
 
 from simulator.cli import main
-from simulator.library import find_scenario, library
+from simulator.library import LIBRARY, find_scenario, library
 
 
 def test_list_names_the_library_with_titles(capsys):
@@ -13,6 +15,26 @@ def test_list_names_the_library_with_titles(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == [scenario.name for scenario in library()[0]]
     assert all(scenario.title in line for scenario, line in zip(library()[0], lines, strict=True))
+
+
+def test_list_as_json_tells_what_the_files_say(capsys):
+    assert main(["--list", "--json"]) == 0
+    listed = {each.pop("name"): each for each in json.loads(capsys.readouterr().out)}
+    files = {path.stem: tomllib.loads(path.read_text()) for path in LIBRARY.glob("*.toml")}
+    assert listed.keys() == files.keys()
+    for name, file in files.items():
+        times = [phase.get("for_s") for phase in file["phase"]]
+        seconds = None if None in times else sum(times)
+        assert listed[name] == {"title": file["title"], "seconds": seconds, "loop": file.get("loop", False)}, name
+    assert listed["race-day"]["seconds"] is None  # its race ends by itself
+    assert listed["thesis-soft"]["seconds"] == 900
+
+
+def test_json_without_a_list_is_refused(capsys):
+    for words in (["--json"], ["--json", "--describe", "race-day"]):
+        assert main(words) == 2
+        told = capsys.readouterr()
+        assert (told.out, told.err) == ("", "voltwall simulate: --json goes with --list\n")
 
 
 def test_describe_tells_start_phases_faults_and_outcome(capsys):

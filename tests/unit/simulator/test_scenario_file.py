@@ -168,6 +168,22 @@ def test_a_later_phase_is_made_when_the_file_is_read(tmp_path):
     assert load_scenario(write(tmp_path, text)).phases[1].recording.duration_s == 1.0
 
 
+def test_a_round_takes_at_most_what_its_phases_do_if_each_has_a_time(tmp_path):
+    (tmp_path / "drive.csv").write_text("time_s,current_a\n0,10\n7,20\n")
+    recorded = GOOD.replace("[[fault]]", '[[phase]]\nload = "recorded"\nfile = "drive.csv"\n\n[[fault]]', 1)
+
+    def longest_s(text):
+        return load_scenario(write(tmp_path, text)).longest_s
+
+    assert longest_s(GOOD) == 60
+    assert longest_s(GOOD.replace("for_s = 60", "for_s = 60\nuntil_soc = 0.2")) == 60
+    assert longest_s(GOOD.replace("for_s = 60", "until_soc = 0.2")) is None
+    assert longest_s(recorded) == 67
+    assert longest_s(recorded.replace('"drive.csv"', '"drive.csv"\nfor_s = 5')) == 65
+    assert longest_s(recorded.replace('"drive.csv"', '"drive.csv"\nfor_s = 50')) == 67
+    assert longest_s(recorded.replace("for_s = 60", "until_soc = 0.2")) is None
+
+
 def test_library_has_what_the_default_needs_and_reads_back():
     scenarios, _ = library()
     assert len(scenarios) >= 15
