@@ -155,6 +155,7 @@ class SeasonLake:
     def _ask(self, question: str, given: Mapping[str, str], limits: Limits) -> dict[str, Any]:
         values = [part for name, value in given.items() for part in ("--set", f"{name}={value}")]
         most = ("--limit-s", limits.seconds, "--limit-mb", limits.memory_mb, "--limit-rows", limits.rows)
+        Place(self.place).make()  # before the first session has ended there is none, and an answer all the same
         arguments = ["query", "--json", "--lake", self.place, *map(str, most), *values, "--", question]
         is_late = threading.Event()
         pipe = subprocess.PIPE

@@ -90,6 +90,12 @@ def test_a_wrong_question_says_why(lake, tmp_path):
         asked.query("DROP TABLE cells", {})
 
 
+def test_a_service_without_a_session_answers(tmp_path):
+    asked = SeasonLake(tmp_path, None, builds=False)
+    assert asked.query("SELECT 7 AS n", {})["rows"] == [[7]]
+    assert asked.query("SELECT count(*) AS n FROM sessions", {})["rows"] == [[0]]
+
+
 def test_a_question_that_hangs_is_killed(lake, tmp_path, monkeypatch):
     monkeypatch.setattr("app.season.keeper.START_S", 0.0)
     asked = SeasonLake(tmp_path, str(lake), builds=False)
