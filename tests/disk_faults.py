@@ -221,8 +221,8 @@ def stores(folder: Path, said: list[str]) -> Iterator[Step]:
     """The passports' file, and what the filter learned."""
     opened: list[PassportStore] = []
     yield lambda: opened.append(PassportStore(folder / "passport.sqlite"))
-    yield lambda: opened[0].add_record("a", WALL_NS, {"cells": [1, 2]})
-    yield lambda: opened[0].add_swap(WALL_NS, [3], "new", "ada")
+    yield lambda: opened[0].add_record("a", WALL_NS, "red", {"cells": [1, 2]})
+    yield lambda: opened[0].add_swap(WALL_NS, [3], "new", "ada", "red")
     yield lambda: must(opened[0].known() == {"a"}, "a passport is lost")
     yield lambda: must(len(opened[0].swaps()) in (1, 2), "a swap is lost")
     opened[0].close()
