@@ -176,7 +176,7 @@ def monotone_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     if d.size == 1:
         return np.repeat(d, 2)
     w1, w2 = 2 * h[1:] + h[:-1], h[1:] + 2 * h[:-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         inner = np.where(d[:-1] * d[1:] > 0, (w1 + w2) / (w1 / d[:-1] + w2 / d[1:]), 0.0)
     first = _end_slope(h[0], h[1], d[0], d[1])
     last = _end_slope(h[-1], h[-2], d[-1], d[-2])
