@@ -17,11 +17,14 @@ from app.sessions.export.formats import Names
 from app.sessions.export.names import column_name, export_name
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
+from app.sessions.storage.chunks import ESTIMATES
 from app.sessions.storage.signals import Signal
 from app.sources.master.uptime_clock import UptimeClock
 
+_Instants = tuple[NDArray[np.int64], NDArray[np.int64]]  # times [us] and instants of a track
 PIECE_S = 240.0
 MARGIN_US = 1_000_000  # what belongs to one instant arrives within this time
+_UPTIME = 0xFFFFFFFF  # of an instant; the rest is how often the master had started
 _SAME_S = 1e-4  # a span is told to the millisecond
 # What every row is told besides its signals, in this order behind them.
 FILLED = Signal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
@@ -169,7 +172,9 @@ class SignalTable:
         tracks = {id(column.track): column.track for column in columns}
         ends_us = (first_us - MARGIN_US, end_us + MARGIN_US + 1)
         spans = {key: slice(*np.searchsorted(track.times_us, ends_us)) for key, track in tracks.items()}
+        of_estimates = {id(column.track) for column in columns if column.field in ESTIMATES}
         parts = [(tracks[key].times_us[span], tracks[key].instants[span]) for key, span in spans.items()]
+        parts = _with_their_samples(parts, [key in of_estimates for key in spans])
         nothing = np.empty(0, np.int64)
         times_us, instants = (np.concatenate(each) for each in zip((nothing, nothing), *parts, strict=True))
         instants, row_of_sample = np.unique(instants, return_inverse=True)
@@ -201,6 +206,28 @@ class SignalTable:
                 _ages_s(row_us[order], instants[order], uptime_clock) if is_age else self.constant(signal, time_s)
             )
         return Rows(time_s, elapsed_s, uptime_s, time_us, values.T)
+
+
+def _with_their_samples(parts: Sequence[_Instants], are_estimates: Sequence[bool]) -> list[_Instants]:
+    """Return the parts, each estimate with the instant of the sample that it was made from.
+
+    Where a chunk ended between the two and the master started anew, only the sample knows which start it is of.
+    """
+    of_master = np.concatenate([np.empty(0, np.int64), *(instants[instants >= 0] for _, instants in parts)])
+    if not len(of_master) or of_master.min() >> 32 == of_master.max() >> 32:
+        return list(parts)
+    samples = (part for part, is_estimate in zip(parts, are_estimates, strict=True) if not is_estimate)
+    known = {(time_us, instant & _UPTIME): instant for part in samples for time_us, instant in _pairs(part)}
+    return [
+        (part[0], np.array([known.get((time_us, each & _UPTIME), each) for time_us, each in _pairs(part)], np.int64))
+        if is_estimate
+        else part
+        for part, is_estimate in zip(parts, are_estimates, strict=True)
+    ]
+
+
+def _pairs(part: _Instants) -> Iterator[tuple[int, int]]:
+    return zip(part[0].tolist(), part[1].tolist(), strict=True)
 
 
 def _ages_s(row_us: NDArray[np.int64], instants: NDArray[np.int64], uptime_clock: UptimeClock) -> FloatArray:
