@@ -1,4 +1,8 @@
-"""HTTP on the wire: the server's own protocol, with limits on how many there are and how slow one is."""
+"""HTTP on the wire: the server's own protocol, with limits on how many there are and how slow one is.
+
+A limit counts what the client is late, never what the service is: a body is not judged while nobody here takes it, an
+answer not while it shrinks, and a connection that says nothing is closed only after a last look at what it said.
+"""
 
 import asyncio
 from typing import Any
@@ -25,6 +29,9 @@ class HttpProtocol(H11Protocol):
     _timer: asyncio.TimerHandle | None = None
     _stall: asyncio.TimerHandle | None = None
     _taken_bytes = 0
+    _left_bytes = 0  # of an answer, at the last look
+    _has_waited = False  # for this side to take its body, since the last look
+    wire: asyncio.Transport | None = None  # below TLS: what the network has not taken waits there
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Let it in, or close it before anything is made for it."""
@@ -50,7 +57,11 @@ class HttpProtocol(H11Protocol):
     def handle_events(self) -> None:
         """Work on what came, then see what is awaited next."""
         super().handle_events()
+        self._has_waited |= self.flow.read_paused
         self._look()
+
+    def timeout_keep_alive_handler(self) -> None:
+        """REQUEST_S is how long a request is awaited: at the server's own 5 s, clients just ask once more."""
 
     def on_response_complete(self) -> None:
         """The next request is awaited."""
@@ -71,7 +82,8 @@ class HttpProtocol(H11Protocol):
         """The client is behind."""
         super().pause_writing()
         if self._stall is None:
-            self._stall = self.loop.call_later(STALL_S, self.cut)
+            self._left_bytes = self._unsent_bytes()
+            self._stall = self.loop.call_later(STALL_S, self._look_at_answer)
 
     def resume_writing(self) -> None:
         """The client took what waited."""
@@ -99,9 +111,13 @@ class HttpProtocol(H11Protocol):
         self.waits_since_s = self.loop.time() if state is h11.IDLE else None
         self._taken_bytes = 0
         if state is h11.IDLE:
-            self._timer = self.loop.call_later(REQUEST_S, self._no_request)
+            self._timer = self.loop.call_later(REQUEST_S, self._last_look)
         elif state is h11.SEND_BODY:
+            self._has_waited = self._waits_for_us()
             self._timer = self.loop.call_later(BODY_S, self._look_at_body)
+
+    def _last_look(self) -> None:
+        self._timer = self.loop.call_later(0, self._no_request)  # after what came while the loop was busy
 
     def _no_request(self) -> None:
         if self._taken_bytes:
@@ -110,11 +126,28 @@ class HttpProtocol(H11Protocol):
             self.transport.close()
 
     def _look_at_body(self) -> None:
-        if self._taken_bytes < BODY_BYTES and not self.flow.read_paused:
+        has_waited, self._has_waited = self._has_waited, self._waits_for_us()
+        if self._taken_bytes < BODY_BYTES and not has_waited and not self._has_waited:
             self.cut()
             return
         self._taken_bytes = 0
         self._timer = self.loop.call_later(BODY_S, self._look_at_body)
+
+    def _waits_for_us(self) -> bool:
+        """Whether the client cannot send: nobody takes its body, or it was not yet told to go on ("100 Continue")."""
+        return self.flow.read_paused or self.conn.they_are_waiting_for_100_continue
+
+    def _look_at_answer(self) -> None:
+        left = self._unsent_bytes()
+        if left >= self._left_bytes:
+            self.cut()
+            return
+        self._left_bytes = left
+        self._stall = self.loop.call_later(STALL_S, self._look_at_answer)
+
+    def _unsent_bytes(self) -> int:
+        below = 0 if self.wire is None else self.wire.get_write_buffer_size()
+        return self.transport.get_write_buffer_size() + below
 
     def _answer(self, status: str) -> None:
         self.transport.write(_REFUSAL.format(status).encode())

@@ -14,7 +14,7 @@ from uvicorn.protocols.utils import get_remote_addr
 from app.api.web.connection_limits import make_room, refuse
 from app.api.web.http_protocol import HttpProtocol
 
-HANDSHAKE_S = 10.0
+HANDSHAKE_S = 20.0  # two answers each way, also where each side is seconds late
 
 
 class TlsProtocol(asyncio.Protocol):
@@ -59,6 +59,7 @@ class TlsProtocol(asyncio.Protocol):
             return
         transport.set_write_buffer_limits(high=0)  # what waits for the network waits in the TLS layer, which tells it
         protocol = HttpProtocol(**self._options)
+        protocol.wire = transport
         secured.set_protocol(protocol)
         protocol.connection_made(secured)
         if self._early and not secured.is_closing():
