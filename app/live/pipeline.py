@@ -48,6 +48,14 @@ class Output:
     t_mono_ns: int = 0  # of them
     received: Received = NOTHING_RECEIVED  # by the source, with the master's reply
 
+    @property
+    def is_nothing(self) -> bool:
+        """The item led to nothing."""
+        return self is _NOTHING
+
+
+_NOTHING = Output()
+
 
 class Pipeline:
     """One source's chain. `feed` and `tick` are called from one thread; `acknowledge` from any."""
@@ -98,6 +106,8 @@ class Pipeline:
     def feed(self, item: Item, *, publishes: bool = True) -> Output:
         """Take one item from a link; without `publishes` the estimator steps, and no snapshot is made of it."""
         received = self._source.feed(item)
+        if received is NOTHING_RECEIVED:
+            return _NOTHING
         if received.measurement is None:
             return Output(events=received.events, received=received)
         return self._take(received.measurement, publishes=publishes)

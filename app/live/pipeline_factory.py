@@ -63,23 +63,31 @@ class PipelineFactory:
         watch: CellWatch | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
         stopwatch_ns: Callable[[], int] | None = None,
+        looks_ahead: bool = True,
     ) -> Pipeline:
-        """Return a fresh pipeline; without `predictor` nothing was learned before but what `watch` has seen."""
+        """Return a fresh pipeline; without `predictor` nothing was learned before but what `watch` has seen.
+
+        With `looks_ahead` False it tells no power, energy and times to the limits: for who keeps estimates and events.
+        """
         return Pipeline(
             self._source(source, rs232_url, can_url),
             self._new_estimator,
             filter_name=self._filter_name,
             cell_name=self._cell_name,
             stopwatch_ns=stopwatch_ns,
-            predictor=predictor or self.predictor(watch=watch),
+            predictor=predictor or self.predictor(watch=watch, looks_ahead=looks_ahead),
             start_soc=start_soc,
         )
 
-    def predictor(self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None) -> Predictor:
+    def predictor(
+        self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None, *, looks_ahead: bool = True
+    ) -> Predictor:
         """Return a fresh predictor that goes on with what earlier sessions learned."""
         battery = self.battery.battery
         sensors = sensors_of(battery.sensors, battery.n_cells)
-        return Predictor(self.cell, battery.segments, learned_before, watch=watch, sensors=sensors)
+        return Predictor(
+            self.cell, battery.segments, learned_before, watch=watch, sensors=sensors, looks_ahead=looks_ahead
+        )
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
         battery, speaks, buses = self.battery, self.battery.speaks_dbc, buses_of(can_url)

@@ -78,6 +78,7 @@ class Predictor:
         *,
         watch: CellWatch | None = None,
         sensors: Sensors | None = None,
+        looks_ahead: bool = True,
     ) -> None:
         """Start, or go on with what was learned before.
 
@@ -87,6 +88,8 @@ class Predictor:
             learned_before: by earlier sessions.
             watch: has watched these cells up to now.
             sensors: of each temperature sensor the cells that it stands for; None: one a cell.
+            looks_ahead: whether power, energy and times to the limits are wanted; nothing that is learned, found or
+                alarmed about depends on them.
         """
         n_cells = sum(segments)
         self.cell = cell
@@ -94,6 +97,7 @@ class Predictor:
         before = learned_before
         self._watch = watch or CellWatch(cell, segments, _watched_before(before))
         self._sensors = sensors
+        self._looks_ahead = looks_ahead
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)
@@ -235,6 +239,9 @@ class Predictor:
             self.sensor = self._offset.estimate()
         if self._t_s - self._judged_s >= JUDGE_S:
             self._judge()
+        if not self._looks_ahead:
+            self.assessment = self._learned_so_far()
+            return True
         branches = estimator.state_mean[1 : 1 + self.cell.n_rc]
         if branches.shape[0] != self.cell.n_rc:
             branches = np.zeros((self.cell.n_rc, len(estimates.soc)))
@@ -272,21 +279,26 @@ class Predictor:
         steady_a = load_a if abs(load_a) >= RESTING_A else 0.0
         model = PowerModel(self.cell, limits, of_cells)
         power, (to_trip, to_trip_full) = model.predict(states, (steady_a, limits.discharge_max_a))
-        assessment = Assessment(
+        assessment = replace(
+            self._learned_so_far(),
             power=power,
             to_trip=to_trip,
             to_trip_full=to_trip_full,
             energy=energy,
             laps=self._laps_left(energy),
             target=self._target.judge(self._laps, lambda reserve, pace: energy_to(limits.soc_min + reserve, pace)),
+        )
+        self.assessment = replace(assessment, prediction=self._prediction(assessment, steady_a, mean_a))
+        return True
+
+    def _learned_so_far(self) -> Assessment:
+        return Assessment(
             joints=self._joints,
             loose=self._watch.loose,
             health=self._health,
             capacity_ah=self._capacity_ah,
-            learned=known,
+            learned=self.learned,
         )
-        self.assessment = replace(assessment, prediction=self._prediction(assessment, steady_a, mean_a))
-        return True
 
     def _driven_current_a(self) -> tuple[float, float]:
         """Mean current of the last minutes of driving, and mean of its square over that [A]; 0 while it charged."""

@@ -50,10 +50,12 @@ class Pipelines:
         battery: LoadedBattery | None = None,
         cell: CellModel | None = None,
         watch: CellWatch | None = None,
+        looks_ahead: bool = True,
     ) -> Pipeline:
         """Return a fresh pipeline; None is the configured filter, cell or battery.
 
-        `cell` is what `cell_name` stands for, `watch` has watched the cells until then.
+        `cell` is what `cell_name` stands for, `watch` has watched the cells until then; without `looks_ahead` it
+        predicts nothing.
 
         Raises:
             ConfigError: there is no such filter or cell.
@@ -73,8 +75,9 @@ class Pipelines:
             watch=watch,
             start_soc=start_soc,
             stopwatch_ns=time.perf_counter_ns,
+            looks_ahead=looks_ahead,
         )
 
     def for_import(self, battery: LoadedBattery) -> Pipeline:
         """Return a pipeline that recordings of other systems go through."""
-        return self.new("replay", "imported", "imported", battery=battery)
+        return self.new("replay", "imported", "imported", battery=battery, looks_ahead=False)

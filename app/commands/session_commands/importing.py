@@ -40,7 +40,9 @@ def import_recording(args: argparse.Namespace) -> int:
         path,
         profile,
         data / "sessions",
-        lambda of: PipelineFactory(args.filter, args.cell, of).pipeline("replay", "imported", "imported"),
+        lambda of: PipelineFactory(args.filter, args.cell, of).pipeline(
+            "replay", "imported", "imported", looks_ahead=False
+        ),
         battery=battery,
         dbc=args.dbc,
         name=args.name,

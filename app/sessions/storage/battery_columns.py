@@ -4,7 +4,7 @@ Pure, no I/O. The columns of two chunks go on in each other: what was heard last
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +52,10 @@ class BatteryColumns:
     def add(self, t_mono_ns: int, can_id: int, data: bytes) -> None:
         """Take a frame."""
         self._frames.append((t_mono_ns, can_id, data))
+
+    def add_all(self, frames: Iterable[TimedFrame]) -> None:
+        """Take frames in their order."""
+        self._frames.extend(frames)
 
     def clear(self) -> None:
         """Forget the frames; what is held stays."""

@@ -161,6 +161,9 @@ class ChunkBuilder:
         configs: Iterable[tuple[int, bytes]] = (),
     ) -> None:
         """Take what was received, each kind in order: (t_mono_ns, raw), (t_mono_ns, id, data), (t_mono_ns, image)."""
+        if self._battery is not None and not configs and not frames:
+            self._battery.add_all(can_frames)
+            return
         kinds: tuple[tuple[Iterable[tuple[Any, ...]], Callable[..., None]], ...] = (
             (configs, self._use_tables),
             (can_frames, self.add_can_frame),

@@ -210,7 +210,7 @@ def _write(info: SessionInfo, recording: _Recording, pipeline: Pipeline, on_prog
     try:
         done = 0
         for part in _parts(recording.frames):
-            writer.write([row for frame in part for row in _rows(info, frame, pipeline)])
+            writer.write(_rows(info, part, pipeline))
             writer.close_chunk_if_due(START_MONO_NS + part[-1][0])
             done += len(part)
             on_progress(round(begun + (PARTS - begun) * done / recording.n_frames), PARTS)
@@ -235,14 +235,20 @@ def _parts(frames: Iterable[TimedFrame]) -> Iterator[list[TimedFrame]]:
         yield part
 
 
-def _rows(info: SessionInfo, frame: TimedFrame, pipeline: Pipeline) -> Iterator[TableRow]:
-    """A frame, and what the pipeline made of it."""
-    t_ns, can_id, data = frame
-    mono_ns, wall_ns = START_MONO_NS + t_ns, info.started_wall_ns + t_ns
-    yield "can_frames", (mono_ns, wall_ns, can_id, data)
-    output = pipeline.feed(CanItem(mono_ns, wall_ns, can_id, data))
-    pipeline.predict()
-    yield from _rows_of(output, mono_ns)
+def _rows(info: SessionInfo, frames: Iterable[TimedFrame], pipeline: Pipeline) -> list[TableRow]:
+    """Frames, and what the pipeline made of them."""
+    rows: list[TableRow] = []
+    wall_of_mono_ns = info.started_wall_ns - START_MONO_NS
+    for t_ns, can_id, data in frames:
+        mono_ns = START_MONO_NS + t_ns
+        wall_ns = mono_ns + wall_of_mono_ns
+        rows.append(("can_frames", (mono_ns, wall_ns, can_id, data)))
+        output = pipeline.feed(CanItem(mono_ns, wall_ns, can_id, data))
+        if output.is_nothing:
+            continue
+        pipeline.predict()
+        rows += _rows_of(output, mono_ns)
+    return rows
 
 
 def _rows_of(output: Output, mono_ns: int) -> Iterator[TableRow]:

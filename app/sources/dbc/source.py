@@ -16,7 +16,7 @@ from app.sources.dbc.two_senders import TwoSenders
 from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.can import bit_rate_of
 from app.sources.links.monitor import LinkMonitor
-from app.sources.source import Received
+from app.sources.source import NOTHING_RECEIVED, Received
 from app.telemetry import Ages, Charger, Event, FloatArray, Identity, Links, Master, ProtectionLimits, Source
 from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import STALE_S, Measurement, Reported
@@ -81,6 +81,7 @@ class DbcSource:
         self._assembler = Assembler(battery, source)
         self._period_ns = round(source.period_s * 1e9)
         self._waiting: list[CanItem] = []
+        self._waiting_of = 0  # number of the period of what waits
         self._newest: BatteryMeasurement | None = None
         self._sampled_ns: int | None = None
         self._rhythm = _Rhythm()
@@ -98,12 +99,14 @@ class DbcSource:
         if isinstance(item, CanFault):
             self._can.on_fault(item)
         if not isinstance(item, CanItem) or item.sent:
-            return Received()
-        self._can.on_can_frame(item.t_mono_ns, len(item.data), is_extended=bool(item.can_id >> 31))
-        begun = self._waiting[0].t_mono_ns // self._period_ns if self._waiting else None
-        if begun is None or item.t_mono_ns // self._period_ns == begun:
+            return NOTHING_RECEIVED
+        self._can.on_can_frame(item.t_mono_ns, len(item.data), is_extended=item.can_id >> 31 != 0)
+        period = item.t_mono_ns // self._period_ns
+        if not self._waiting or period == self._waiting_of:
+            self._waiting_of = period
             self._waiting.append(item)
-            return Received()
+            return NOTHING_RECEIVED
+        self._waiting_of = period
         found = self._take(item.t_mono_ns)
         self._waiting.append(item)
         events = self._two_senders.events(item.t_wall_ns)
@@ -117,7 +120,7 @@ class DbcSource:
         """When the period ends in which frames wait."""
         if not self._waiting:
             return None
-        return (self._waiting[0].t_mono_ns // self._period_ns + 1) * self._period_ns
+        return (self._waiting_of + 1) * self._period_ns
 
     def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
         """Return a measurement of this instant; what waited is in it."""
@@ -143,7 +146,7 @@ class DbcSource:
 
     def _on_change(self, change: LinkChange) -> Received:
         if change.link != "can" or not self._can.on_change(change) or change.state == "connecting":
-            return Received()
+            return NOTHING_RECEIVED
         if change.state == "open":
             message = Message("can-open")
             return Received(events=(Event(change.t_wall_ns, "info", message.code, message),))

@@ -14,25 +14,32 @@ _WINDOW_NS = 2_000_000_000
 _DELIMITERS = 2
 
 
-@dataclass
-class _Rate:
-    """Amounts in the last two seconds."""
+@dataclass(slots=True)
+class _Rates:
+    """Frames, bytes and bits in the last two seconds."""
 
-    _entries: deque[tuple[int, int]] = field(default_factory=deque)
-    _sum: int = 0
+    frames: int = 0
+    bytes: int = 0
+    bits: int = 0
+    _entries: deque[tuple[int, int, int, int]] = field(default_factory=deque)
 
-    def add(self, t_ns: int, amount: int) -> None:
-        self._entries.append((t_ns, amount))
-        self._sum += amount
-        self._forget(t_ns)  # an import feeds millions of frames, and asks for no rate
+    def add(self, t_ns: int, frames: int, n_bytes: int, bits: int) -> None:
+        self._entries.append((t_ns, frames, n_bytes, bits))
+        self.frames += frames
+        self.bytes += n_bytes
+        self.bits += bits
+        if self._entries[0][0] < t_ns - _WINDOW_NS:  # an import feeds millions of frames, and asks for no rate
+            self.forget(t_ns)
 
-    def per_s(self, now_ns: int) -> float:
-        self._forget(now_ns)
-        return self._sum / (_WINDOW_NS / 1e9)
-
-    def _forget(self, now_ns: int) -> None:
+    def forget(self, now_ns: int) -> None:
         while self._entries and self._entries[0][0] < now_ns - _WINDOW_NS:
-            self._sum -= self._entries.popleft()[1]
+            _, frames, n_bytes, bits = self._entries.popleft()
+            self.frames -= frames
+            self.bytes -= n_bytes
+            self.bits -= bits
+
+    def per_s(self, amount: int) -> float:
+        return amount / (_WINDOW_NS / 1e9)
 
 
 class LinkMonitor:
@@ -49,9 +56,7 @@ class LinkMonitor:
         self._last_sent_ns: int | None = None
         self._sequence: int | None = None
         self._uptime_ms = 0
-        self._rate = _Rate()
-        self._bytes_rate = _Rate()
-        self._bits_rate = _Rate()
+        self._rates = _Rates()
         self.bit_rate: int | None = None  # of the CAN bus [bit/s], by the master's tables
         self._fault: CanFault | None = None
         self.frames = self.lost = self.crc_errors = self.resyncs = self.bytes = self.reconnects = 0
@@ -97,9 +102,8 @@ class LinkMonitor:
         """A CAN frame was heard."""
         self.frames += 1
         self._last_good_ns = self._last_sent_ns = t_ns
-        self._rate.add(t_ns, 1)
-        self._bits_rate.add(t_ns, worst_case_bits(length, is_extended))
-        self._add_bytes(t_ns, length)
+        self.bytes += length
+        self._rates.add(t_ns, 1, length, worst_case_bits(length, is_extended))
 
     def on_fault(self, fault: CanFault) -> bool:
         """What the controller says; True where its state is another one now."""
@@ -109,11 +113,11 @@ class LinkMonitor:
 
     def on_snapshot(self, t_ns: int) -> None:
         """A fast frame made a snapshot."""
-        self._rate.add(t_ns, 1)
+        self._rates.add(t_ns, 1, 0, 0)
 
     def _add_bytes(self, t_ns: int, count: int) -> None:
         self.bytes += count
-        self._bytes_rate.add(t_ns, count)
+        self._rates.add(t_ns, 0, count, 0)
 
     def is_live(self, now_ns: int) -> bool:
         """A good frame was sent within the last second."""
@@ -127,7 +131,8 @@ class LinkMonitor:
         state = self._open_state
         if state == "silent" and self._delivers(now_ns):
             state = "live" if self.is_live(now_ns) else "late"
-        bytes_per_s = self._bytes_rate.per_s(now_ns)
+        self._rates.forget(now_ns)
+        bytes_per_s = self._rates.per_s(self._rates.bytes)
         return LinkStatus(
             state=state,
             url=self.url,
@@ -137,9 +142,9 @@ class LinkMonitor:
             crc_errors=self.crc_errors,
             resyncs=self.resyncs,
             bytes=self.bytes,
-            rate_hz=self._rate.per_s(now_ns),
+            rate_hz=self._rates.per_s(self._rates.frames),
             bytes_per_s=bytes_per_s,
-            line_load=self._load(bytes_per_s, now_ns),
+            line_load=self._load(bytes_per_s),
             reconnects=self.reconnects,
             error=self._error,
             errors=None if self._fault is None else self._fault.errors,
@@ -148,10 +153,10 @@ class LinkMonitor:
             bus_state=None if self._fault is None else self._fault.bus_state,
         )
 
-    def _load(self, bytes_per_s: float, now_ns: int) -> float | None:
+    def _load(self, bytes_per_s: float) -> float | None:
         if self._line_bytes_per_s:
             return bytes_per_s / self._line_bytes_per_s
-        return self._bits_rate.per_s(now_ns) / self.bit_rate if self.url and self.bit_rate else None
+        return self._rates.per_s(self._rates.bits) / self.bit_rate if self.url and self.bit_rate else None
 
 
 def rs232_monitor(url: str | None) -> LinkMonitor:

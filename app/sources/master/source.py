@@ -16,7 +16,7 @@ from app.sources.master.events import boot_cause, describe
 from app.sources.master.shadow import ShadowImage
 from app.sources.master.status import state_of
 from app.sources.master.uptime_clock import UptimeClock
-from app.sources.source import Received
+from app.sources.source import NOTHING_RECEIVED, Received
 from app.telemetry import BusState, Charger, Event, Identity, Links, Master, Severity, Source
 from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import Measurement
@@ -86,7 +86,7 @@ class MasterSource:
     def _on_change(self, change: LinkChange) -> Received:
         is_news = {"rs232": self._rs232, "can": self._can}[change.link].on_change(change)
         if change.state == "connecting" or not is_news:
-            return Received()
+            return NOTHING_RECEIVED
         severity: Severity = "watch"
         message = link_lost(change.link, change.error)
         if change.state == "open":
@@ -112,17 +112,17 @@ class MasterSource:
             self._can_errors = fault.t_mono_ns, errors
         new, waited_ns = errors - counted, fault.t_mono_ns - counted_ns
         if waited_ns < CAN_ERRORS_NS:
-            return Received()
+            return NOTHING_RECEIVED
         self._can_errors = fault.t_mono_ns, errors
         if new < CAN_ERRORS_LEAST or waited_ns > 2 * CAN_ERRORS_NS:
-            return Received()
+            return NOTHING_RECEIVED
         message = Message("can-error-frames", n=new, time=Quantity(waited_ns / 1e9, "s", 0))
         return Received(events=(Event(fault.t_wall_ns, "watch", message.code, message),))
 
     def _on_serial(self, item: SerialItem) -> Received:
         if isinstance(item.frame, BadFrame):
             self._rs232.on_frame(item.t_mono_ns, item.frame)
-            return Received()
+            return NOTHING_RECEIVED
         message: Data | EventMessage | Reply | None = None
         try:
             message = decode_message(item.frame)
@@ -169,7 +169,7 @@ class MasterSource:
         self._shadow.write(data.windows, measured_ns)
         self._agreement.on_rs232(self._shadow, measured_ns)
         if not any(w.offset <= VOLTAGE_OFFSET < w.offset + len(w.data) for w in data.windows):
-            return Received()
+            return NOTHING_RECEIVED
         self._rs232.on_snapshot(item.t_mono_ns)
         before_ms = self._uptime_ms
         dt_s = self._dt_s(uptime_ms)
@@ -198,16 +198,16 @@ class MasterSource:
     def _on_can(self, item: CanItem) -> Received:
         self._can.on_can_frame(item.t_mono_ns, len(item.data), is_extended=bool(item.can_id & CAN_ID_EXTENDED))
         if item.sent:
-            return Received()
+            return NOTHING_RECEIVED
         windows = self._can_tables.windows(item.can_id, item.data)
         if not windows:
-            return Received()
+            return NOTHING_RECEIVED
         if self._rs232.is_live(item.t_mono_ns):  # it carries the same memory, sampled together
             self._agreement.on_can(windows, item.t_mono_ns)
-            return Received()
+            return NOTHING_RECEIVED
         self._shadow.write_whole_elements(windows, item.t_mono_ns)
         if item.t_mono_ns - self._last_can_snapshot_ns < CAN_SNAPSHOT_NS:
-            return Received()
+            return NOTHING_RECEIVED
         self._last_can_snapshot_ns = item.t_mono_ns
         return Received(self._measurement(item.t_mono_ns, item.t_wall_ns))
 

@@ -11,6 +11,7 @@ CANDUMP_LINE = re.compile(
     r"(?:#(?P<flags>#[0-9A-Fa-f])?(?P<data>R\d?|(?:[0-9A-Fa-f]{2}\.?){0,64})(?:_[0-9A-Fa-f])?(?:\s+[RT])?"
     r"|\s+\[\s*(?P<length>\d+)\]\s*(?P<bytes>(?:[0-9A-Fa-f]{2}\s*){0,64}|remote request.*)(?:'.*)?)\s*$"
 )
+_PLAIN = re.compile(r"\((\d{1,10}\.\d+)\) \S+ ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8})\n")  # nearly all of them
 _SHORT_ID = 3  # digits of an 11-bit id
 MOST_S = 9e9  # in the year 2255; ns since 1970 are kept in 64 bits
 
@@ -25,6 +26,9 @@ def candump_frame(line: str) -> tuple[float, int, bytes] | None:
     Raises:
         NotCandump: the line is none of candump's.
     """
+    plain = _PLAIN.fullmatch(line)
+    if plain is not None and (seconds := float(plain[1])) < MOST_S:
+        return seconds, int(plain[2], 16), bytes.fromhex(plain[3])
     found = CANDUMP_LINE.match(line)
     if found is None:
         raise NotCandump(f"not (TIME) BUS ID#BYTES: {line.strip()[:60]}")

@@ -47,6 +47,27 @@ def test_an_import_tells_how_far_it_is_from_the_first_line_to_the_last_frame(tmp
     assert told[-1] == 1.0
 
 
+def test_an_import_that_does_not_look_ahead_writes_the_same_session(tmp_path: Path) -> None:
+    peer = cell_number()
+    battery = load_battery(str(write_profile(peer, tmp_path)))
+    log = write_log(peer, tmp_path / "peer.log", DURATION_S)
+    written = []
+    for looks_ahead in (True, False):
+        factory = PipelineFactory("fused", None, battery)
+        made = import_file(
+            log,
+            ImportProfile(),
+            tmp_path / "sessions",
+            lambda _, of=factory, ahead=looks_ahead: of.pipeline("replay", "imported", "imported", looks_ahead=ahead),
+            battery=battery,
+        )
+        with closing(sqlite3.connect(made.info.path)) as session:
+            tables = ("can_frames", "events", "chunks", "tracks", "columns")
+            written.append([session.execute(f"SELECT * FROM {table}").fetchall() for table in tables])
+    assert written[0] == written[1]
+    assert written[0][2], "the cells were estimated"
+
+
 def imported(peer: Peer, folder: Path, ending: str = "log", duration_s: float = DURATION_S) -> Imported:
     battery = load_battery(str(write_profile(peer, folder)))
     log = write_log(peer, folder / f"peer.{ending}", duration_s)

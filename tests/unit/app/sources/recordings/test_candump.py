@@ -29,6 +29,26 @@ def test_remote_and_error_frames_are_left_out(line):
     assert candump_frame(line) is None
 
 
+@given(
+    st.decimals(0, 9_999_999_999, places=6),
+    st.integers(0, 0xFFF),
+    st.binary(max_size=9),
+)
+def test_a_plain_line_is_read_as_every_other_way_to_write_it(at_s, can_id, data):
+    plain = f"({at_s}) can0 {can_id:03X}#{data.hex().upper()}"
+    others = (plain, plain.lower(), f" {plain} R\n", plain.replace("#", "##0") + "\n")
+    found = [_frame_or_none(line) for line in (plain + "\n", *others)]
+    expected = (float(at_s), can_id, data) if at_s < 9_000_000_000 else None
+    assert found == [expected] * len(found)
+
+
+def _frame_or_none(line):
+    try:
+        return candump_frame(line)
+    except NotCandump:
+        return None
+
+
 @given(st.text())
 def test_any_text_is_a_frame_or_an_error_of_ours(line):
     with contextlib.suppress(NotCandump):
