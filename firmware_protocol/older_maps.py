@@ -51,6 +51,15 @@ def present_image(image: bytes | bytearray | memoryview) -> bytes:
     return bytes(out)
 
 
+def first_image(image: bytes | bytearray | memoryview) -> bytes:
+    """Return what `present_image` made the image of; anything else comes back as it is."""
+    out = bytearray(image)
+    if len(image) == CONFIG_SIZE and not is_first_image(image):
+        _TS.pack_into(out, _PERIOD.unpack(image))
+        out[_PERIOD.offset : _PERIOD.end] = bytes(_PERIOD.end - _PERIOD.offset)
+    return bytes(out) if present_image(out) == image else bytes(image)
+
+
 def present_charge(dod: int) -> int:
     """Return a count of 1 mA s as the nearest one of 1 uAh; half a count is rounded up."""
     return (dod * 5 + 9) // 18

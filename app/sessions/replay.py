@@ -86,9 +86,10 @@ def item_of(received: RecordedFrame | RecordedCanFrame) -> Item:
 
 def prepare(pipeline: Pipeline, file: SessionFile) -> None:
     """Put a fresh pipeline into the state in which the links had just opened."""
-    started_ns, wall_ns = file.info.started_mono_ns, file.info.started_wall_ns
+    info = file.info
+    started_ns, wall_ns = info.started_mono_ns, info.started_wall_ns
     for link in ("rs232", "can"):
-        pipeline.feed(LinkChange(started_ns, wall_ns, link, "open"))
+        pipeline.feed(LinkChange(started_ns, wall_ns, link, "open", map_hash=info.map_hash))
     for bus in {witness.bus for witness in file.loaded_battery.witnesses} - {0}:
         pipeline.feed(LinkChange(started_ns, wall_ns, "can", "open", bus=bus))
 

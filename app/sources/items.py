@@ -42,6 +42,7 @@ class LinkChange:
     state: Literal["connecting", "open", "lost"]
     error: Text | None = None
     bus: int = 0  # of CAN
+    map_hash: str | None = None  # of a recording: which memory map it is of
 
 
 @dataclass(frozen=True, slots=True)

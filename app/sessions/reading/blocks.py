@@ -15,7 +15,7 @@ from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, Track
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.streams import CountArray, stream_ranges, unpack_streams
 from app.sources.loaded_battery import LoadedBattery
-from firmware_protocol.older_maps import fields_of
+from firmware_protocol.older_maps import FIRST_MAP, fields_of, first_image
 
 _ALWAYS_US = 1 << 50
 ElementArray = NDArray[np.intp]
@@ -191,6 +191,8 @@ class BlockReader:
         rows = self._stored.rows("SELECT t_mono_ns, image FROM configs ORDER BY id") if names else []
         if not rows:
             return []
+        if self._map_hash == FIRST_MAP:  # a program of the present map recorded images of its own
+            rows = [(t_mono_ns, first_image(image)) for t_mono_ns, image in rows]
         sampled, fields = self.fields(), fields_of(self._map_hash)
         last_frame = self._stored.rows("SELECT t_mono_ns FROM frames ORDER BY id DESC LIMIT 1")
         end_ns = max(row[0] for row in (rows[-1], *last_frame))

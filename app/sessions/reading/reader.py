@@ -169,7 +169,7 @@ class SessionFile:
         return [replace(config, image=present_image(config.image)) for config in recorded]
 
     def configs_as_recorded(self) -> list[RecordedConfig]:
-        """Every configuration in force, in order, in the memory map of the session."""
+        """Every configuration in force, in order, as it stands in the file: in the session's memory map or our own."""
         rows = self._stored.rows("SELECT t_mono_ns, t_wall_ns, why, image FROM configs ORDER BY id")
         return [RecordedConfig(*row) for row in rows]
 

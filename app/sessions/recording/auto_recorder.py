@@ -6,8 +6,9 @@ from pathlib import Path
 
 from app import __version__
 from app.clock import Clock
-from app.errors import AppError
+from app.errors import AppError, NotNow
 from app.live.pipeline import Output
+from app.sessions.errors import RecordingFailed
 from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.recording.disk import DiskLimits
 from app.sessions.recording.recorder import Recorder
@@ -79,6 +80,7 @@ class AutoRecorder:
         self._last_clock_ns = 0
         self._retry_ns = 0
         self._config: bytes | None = None
+        self._map_hash: str | None = None  # of the master's memory map, as it told it
         self._status: tuple[float, RecorderStatus] | None = None
         self._reported: Message | str | None = None
         self.start_failure: Message | None = None  # why nothing is recorded although the master speaks
@@ -196,6 +198,7 @@ class AutoRecorder:
         snapshot = output.snapshot
         if snapshot is None:
             return
+        self._note_map(snapshot.master.map_hash)
         with self._lock:  # a session that begins between the two would miss its configuration
             if snapshot.config is not None and self._config != snapshot.config:
                 why = "in force at the start" if self._config is None else "changed"
@@ -211,6 +214,20 @@ class AutoRecorder:
     def on_event(self, event: Event) -> None:
         """Record an event."""
         self._recorder.event(self._clock.monotonic_ns(), event)
+
+    def _note_map(self, map_hash: str | None) -> None:
+        """Keep the master's memory map in the session; one of another map than before begins a session of its own."""
+        if map_hash in (None, self._map_hash):
+            return
+        try:
+            if self._map_hash is not None:
+                self.split()
+        except NotNow:
+            pass  # nothing is recorded
+        except RecordingFailed:
+            return  # it is tried again
+        self._map_hash = map_hash
+        self._recorder.memory_map(map_hash)
 
     def _master_spoke(self, t_mono_ns: int) -> None:
         first = self._last_good_ns is None

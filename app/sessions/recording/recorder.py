@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
 from app.sessions.recording.commit_delay import CommitDelay, oldest_frame_ns
 from app.sessions.recording.disk import DiskLimits, loss_event, low_warning, up_to_now
 from app.sessions.recording.disk import free_bytes as free_bytes_of
-from app.sessions.recording.session_writer import Row, SessionWriter, event_row
+from app.sessions.recording.session_writer import MEMORY_MAP, Row, SessionWriter, event_row
 from app.sessions.recording.waiting_rows import START, STOP, WaitingRows
 from app.sessions.storage.files import new_file, size_on_disk
 from app.sources.loaded_battery import LoadedBattery, team_battery
@@ -75,6 +76,7 @@ class Recorder:
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
+        self._map_hash: str | None = None  # of the master's memory map, once it told it
         self._file_losses: dict[str, Message] = {}  # sessions whose file was taken away, by id
         self._error: Message | None = None
         self._free: int | None = None
@@ -153,6 +155,14 @@ class Recorder:
             self._config = image
             self._put("configs", (t_mono_ns, t_wall_ns, why, image))
 
+    def memory_map(self, map_hash: str) -> None:
+        """Note which memory map the master has (hex): the session that is recorded is read by it, and those after."""
+        with self._lock:
+            self._map_hash, session = map_hash, self._session
+            if session is not None and session.map_hash != map_hash:
+                self._session = replace(session, map_hash=map_hash)
+                self._waiting.append((MEMORY_MAP, (self._clock.monotonic_ns(), map_hash)))
+
     def clock(self, t_mono_ns: int, t_wall_ns: int, uptime_ms: int | None) -> None:
         """Record what three clocks showed at one instant. Steps of the wall clock are noted without this."""
         with self._lock:
@@ -225,15 +235,9 @@ class Recorder:
         if self._session is not None and beside is None:
             self._append_stop(started_mono_ns, started_wall_ns)
         self._session = SessionInfo(
-            id=path.stem,
-            path=path,
-            name=name or path.stem,
-            started_wall_ns=started_wall_ns,
-            started_mono_ns=started_mono_ns,
-            voltwall=self._version,
-            map_hash=MAP_HASH.hex(),
-            metadata=dict(metadata),
-        )
+            path.stem, path, name or path.stem, started_wall_ns, started_mono_ns,
+            voltwall=self._version, map_hash=self._map_hash or MAP_HASH.hex(), metadata=dict(metadata),
+        )  # fmt: skip
         self._waiting.lost = 0
         self._config = None
         self._file_losses.pop(path.stem, None)
@@ -386,8 +390,7 @@ class Recorder:
         with self._lock:
             session = self._session
         if limit is not None and session is not None and not self._waiting.batch and size_on_disk(session.path) > limit:
-            following = self.split()
-            logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
+            logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, self.split().id)
 
     def _finish(self, n: int, reported: int = 0) -> None:
         self._committed_s = time.monotonic()

@@ -25,6 +25,7 @@ from app.telemetry import Event
 
 IDS_PER_CHUNK = 1 << 20
 CHUNK_NS = 60_000_000_000
+MEMORY_MAP = "memory_map"  # in place of a table: the master told it, (t_mono_ns, hash); it stands in `meta`
 Row = tuple[Any, ...]
 TableRow = tuple[str, Row]  # table and values
 
@@ -145,11 +146,19 @@ class SessionWriter:
             rows[table].append(row)
         if rows["estimates"]:
             rows["estimates"] = _encoded(rows["estimates"])
+        told = rows.pop(MEMORY_MAP, [])
+        rows["meta"] += [("map_hash", map_hash) for _, map_hash in told]
+        digests = self._digests.copy()
+        for table, of_table in rows.items():
+            digests.take(table, of_table)
+        if told and self._chunks:  # where digests stand in the file, they are of all that it says of itself
+            rows["meta"].append((KEY, digests.text()))
         with _Transaction(self._connection):
             for table, of_table in rows.items():
                 self._connection.executemany(_INSERT[table], of_table)
-        for table, of_table in rows.items():
-            self._digests.take(table, of_table)
+        self._digests = digests
+        if told:
+            self._builder.map_hash = told[-1][1]
         self._builder.add(
             [(row[0], row[4]) for row in rows["frames"] if row[3]],
             [(row[0], row[2], row[3]) for row in rows["can_frames"]],

@@ -133,7 +133,7 @@ class ChunkBuilder:
         self._last_uptime_ms = last_uptime_ms
         self._last_frame_ns = last_frame_ns
         self._decodes_can = decodes_can
-        self._map_hash = map_hash
+        self.map_hash = map_hash
         self._can_tables = TableReader(default_image())
         self._restart()
 
@@ -186,7 +186,7 @@ class ChunkBuilder:
             return
         windows = self._can_tables.windows(can_id, data)
         layout = tuple((w.offset, len(w.data)) for w in windows)
-        if _segments(layout, self._map_hash):
+        if _segments(layout, self.map_hash):
             self._append(layout, b"".join([w.data for w in windows]), t_mono_ns, -(t_mono_ns // 1000))
 
     def add_frame(self, t_mono_ns: int, raw: bytes) -> None:
@@ -230,7 +230,7 @@ class ChunkBuilder:
         for layout, group in self._groups.items():
             indices = np.array(group.indices)
             image = np.frombuffer(b"".join(group.bodies), np.uint8).reshape(len(indices), -1)
-            for key, start in _segments(layout, self._map_hash):
+            for key, start in _segments(layout, self.map_hash):
                 size = np.dtype(key.dtype).itemsize * key.elements
                 values = np.ascontiguousarray(image[:, start : start + size]).view(key.dtype)
                 parts[key].append((indices, values))

@@ -53,6 +53,7 @@ class MasterSource:
         self.due_ns: int | None = None  # every item is measured at once
         self.battery: Battery = team_battery().battery
         self.identity: Identity | None = None
+        self._recorded_map: str | None = None  # of a recording, until it holds what the master says
         self._is_asked: Callable[[Reply], bool] = lambda _: True
         self._malformed = 0  # frames with an impossible body
         self._odd_told_ns: dict[str, int] = {}
@@ -84,6 +85,7 @@ class MasterSource:
         return self._measurement(t_mono_ns, t_wall_ns, is_fresh=False)
 
     def _on_change(self, change: LinkChange) -> Received:
+        self._recorded_map = change.map_hash or self._recorded_map
         is_news = {"rs232": self._rs232, "can": self._can}[change.link].on_change(change)
         if change.state == "connecting" or not is_news:
             return NOTHING_RECEIVED
@@ -271,13 +273,14 @@ class MasterSource:
         flags = decoder.flags()
         state, why = state_of(flags, charger.state, self._last_trip)
         identity = self.identity
+        map_hash = self._recorded_map if identity is None else identity.map_hash
         return Master(
             state=state,
             why=why,
             fit=None if flags is None else flags.fit,
             flags=flags,
             soc=decoder.number("soc"),
-            charge_drawn_ah=decoder.number("dod", fields_of(None if identity is None else identity.map_hash)),
+            charge_drawn_ah=decoder.number("dod", fields_of(map_hash)),
             n_slaves=decoder.integer("n_slaves"),
             can_tx_enabled=decoder.integer("status.can_tx_msg_en"),
             can_rx_enabled=decoder.integer("status.can_rx_msg_en"),

@@ -14,6 +14,7 @@ from firmware_protocol.memory_map import CONFIG, FIELDS, MAP_HASH
 from firmware_protocol.older_maps import (
     FIRST_MAP,
     fields_of,
+    first_image,
     is_first_image,
     is_known,
     present_charge,
@@ -24,7 +25,7 @@ RECORDED = Path(__file__).parents[2] / "recorded" / "first_map"  # by the progra
 DEFAULT = config_image.default_image()
 
 
-def first_image(ts_ms):
+def made_then(ts_ms):
     return ts_ms.to_bytes(2, "little") + DEFAULT[2:226] + bytes(2) + DEFAULT[228:]
 
 
@@ -50,7 +51,7 @@ def test_what_nobody_knows_is_read_by_the_present_map(unknown):
 
 @given(st.integers(20, 10_000))
 def test_the_period_goes_to_its_own_field_and_ts_gets_its_default(ts_ms):
-    image = present_image(first_image(ts_ms))
+    image = present_image(made_then(ts_ms))
     assert image == config_image.with_value(DEFAULT, "telemetry_period", ts_ms)
     assert config_image.check(image) == []
 
@@ -60,13 +61,13 @@ def test_a_present_image_stays(ts, period_ms):
     image = config_image.with_value(config_image.with_value(DEFAULT, "ts", ts), "telemetry_period", period_ms)
     assert not is_first_image(image)
     assert present_image(bytearray(image)) == image
-    assert present_image(present_image(first_image(period_ms))) == present_image(first_image(period_ms))
+    assert present_image(present_image(made_then(period_ms))) == present_image(made_then(period_ms))
 
 
 def test_what_was_out_of_range_then_is_refused_now_by_the_field_that_it_is():
-    [error] = config_image.check(present_image(first_image(19)))
+    [error] = config_image.check(present_image(made_then(19)))
     assert error.field == "telemetry_period"
-    assert config_image.check(first_image(100))[0].field == "telemetry_period"  # unconverted it is no image of now
+    assert config_image.check(made_then(100))[0].field == "telemetry_period"  # unconverted it is no image of now
 
 
 @pytest.mark.parametrize("size", [0, 226, 419, 421])
@@ -113,3 +114,14 @@ def test_the_recorded_images_are_of_the_first_map():
     images = [bytes.fromhex(image) for image in json.loads((RECORDED / "values.json").read_text())["configs"]]
     assert [config_image.unit_value(present_image(image), "telemetry_period") for image in images] == [100, 250]
     assert {CONFIG["ts"].unpack(present_image(image))[0] for image in images} == {100}
+
+
+def test_a_configuration_goes_to_the_first_map_and_back():
+    image = config_image.with_value(DEFAULT, "telemetry_period", 250)
+    assert present_image(first_image(image)) == image
+    assert first_image(first_image(image)) == first_image(image)
+
+
+@pytest.mark.parametrize("image", [b"", bytes(5), config_image.with_value(DEFAULT, "ts", 7)])
+def test_what_no_first_map_can_tell_stays(image):
+    assert first_image(image) == image
