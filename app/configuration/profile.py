@@ -51,12 +51,12 @@ class Profile:
     saved_by: str
     saved_at: str  # ISO 8601, UTC
     image: bytes
-    memory_map: str = MAP_HASH.hex()  # of the file; the image is of the present one
+    converted_from: str | None = None  # the memory map that its values were of; the image is of the present one
 
     @property
     def origin(self) -> str:
         """What a record of a write says of it: name, version, and the map that it was converted from."""
-        converted = "" if self.memory_map == MAP_HASH.hex() else f", converted from map {self.memory_map}"
+        converted = "" if self.converted_from is None else f", converted from map {self.converted_from}"
         return f"{self.name}@{self.version}{converted}"
 
 
@@ -71,7 +71,7 @@ def profile_text(profile: Profile) -> str:
         "saved_by": profile.saved_by,
         "saved_at": profile.saved_at,
         "memory_map": MAP_HASH.hex(),
-    }
+    } | ({} if profile.converted_from is None else {"converted_from": profile.converted_from})
     values = {
         field.name: {"value": unit_value(profile.image, field.name), "unit": field.unit, "comment": field.meaning}
         for field in PLAIN
@@ -159,7 +159,10 @@ def profile_of(document: object) -> Profile:
     for key, value in texts.items():
         if not isinstance(value, str):
             raise ConfigError(key, _shown(value), Message("a-text"))
-    return Profile(version=version, image=image, memory_map=memory_map, **texts)
+    converted_from = document.get("converted_from") if memory_map == MAP_HASH.hex() else memory_map
+    if converted_from is not None and (not isinstance(converted_from, str) or not is_known(converted_from)):
+        raise ConfigError("converted_from", _shown(converted_from), Message("other-memory-map", map_hash=FIRST_MAP))
+    return Profile(version=version, image=image, converted_from=converted_from, **texts)
 
 
 def _image(document: dict[str, Any]) -> bytes:

@@ -57,8 +57,8 @@ class Profiles:
         except OSError as error:
             raise ConfigError("profile", name, Message("cannot-be-read", error=error.strerror or str(error))) from error
 
-    def save(self, name: str, image: bytes, *, comment: str, who: str) -> Profile:
-        """Keep an image as the next version of a name.
+    def save(self, name: str, image: bytes, *, comment: str, who: str, converted_from: str | None = None) -> Profile:
+        """Keep an image as the next version of a name; `converted_from` is the memory map that it was of.
 
         Raises:
             ConfigError: the name cannot be a file's, or the disk refused.
@@ -66,7 +66,7 @@ class Profiles:
         with self._lock:
             version = 1 + max([0, *self.versions(name), self._current(name)])
             now = datetime.fromtimestamp(self._clock.wall_s(), UTC).isoformat(timespec="seconds")
-            profile = Profile(_checked(name), version, comment.strip()[:500], who, now, image)
+            profile = Profile(_checked(name), version, comment.strip()[:500], who, now, image, converted_from)
             text = profile_text(profile)
             try:
                 self._versions.mkdir(parents=True, exist_ok=True)

@@ -4,11 +4,14 @@ What the service does with either master below these pages: `tests/integration/t
 """
 
 import re
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
 from tests.e2e.test_parameters import confirm, field
+
+FIRST_MAP = Path(__file__).parents[1] / "recorded" / "first_map"
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +103,19 @@ def test_a_profile_is_kept_and_taken_as_the_draft(service, open_page):
     expect(page.get_by_test_id("compare")).to_contain_text("4.1500 V → 4.1000 V")
     page.get_by_test_id("discard").click()
     expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
+
+
+def test_a_profile_of_an_older_map_is_marked_as_converted(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters")
+    page.get_by_test_id("tab-profiles").click()
+    page.get_by_test_id("profile-file").set_input_files(FIRST_MAP / "profile.json")
+    kept = page.get_by_test_id("profile-profile")
+    expect(kept).to_contain_text("converted from an older map")
+    expect(kept).to_contain_text("3b6bf984ad19a456")
+    page.get_by_test_id("profile-name").fill("of-now")
+    page.get_by_test_id("profile-save").click()
+    expect(page.get_by_test_id("profile-of-now")).to_contain_text("version 1")
+    expect(page.get_by_test_id("profile-of-now")).not_to_contain_text("converted")
 
 
 def test_while_the_car_drives_the_page_says_why_not(make_service, open_page):

@@ -65,6 +65,7 @@ def _profile_json(profile: Profile) -> dict[str, Any]:
         "saved_by": profile.saved_by,
         "saved_at": profile.saved_at,
         "hash": image_hash(profile.image),
+        "converted_from": profile.converted_from,
     }
 
 
@@ -107,10 +108,11 @@ def save_profile(
     """Keep a configuration as the next version of a name. Nothing is written to the master."""
     if body.profile is not None:
         given = profile_of(body.profile)
-        image, comment = given.image, given.comment
+        image, comment, converted_from = given.image, given.comment, given.converted_from
     else:
-        image, comment = config_sources.image(body.source), ""
-    saved = profiles.save(name, image, comment=comment if body.comment is None else body.comment, who=user.name)
+        image, comment, converted_from = config_sources.image(body.source), "", None
+    comment = comment if body.comment is None else body.comment
+    saved = profiles.save(name, image, comment=comment, who=user.name, converted_from=converted_from)
     events.note("info", "profile-saved", Message("profile-saved", profile=name, version=saved.version), user.name)
     return _profile_json(saved) | {"findings": [finding_json(found) for found in rules.review(image)]}
 

@@ -143,6 +143,7 @@ class SavedProfileOut(BaseModel):
     saved_by: str
     saved_at: str
     hash: str
+    converted_from: str | None = Field(description="hash of the memory map that its values were of; null: the present")
 
 
 class ProfileOut(SavedProfileOut):

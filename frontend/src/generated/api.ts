@@ -556,6 +556,7 @@ export interface CheckedProfile {
   saved_by: string;
   saved_at: string;
   hash: string;
+  converted_from: string | null;
   findings: Finding[];
 }
 
@@ -1589,6 +1590,7 @@ export interface Profile {
   saved_by: string;
   saved_at: string;
   hash: string;
+  converted_from: string | null;
   versions: number[];
 }
 

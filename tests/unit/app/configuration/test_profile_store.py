@@ -175,7 +175,24 @@ def test_a_profile_of_the_first_map_is_converted_and_says_so():
     assert check(profile.image) == []
     assert profile.origin == "old-map@1, converted from map 3b6bf984ad19a456"
     again = parse_profile(profile_text(profile))
-    assert (again.image, again.origin) == (profile.image, "old-map@1")
+    assert (again.image, again.origin) == (profile.image, profile.origin)
+
+
+def test_what_was_converted_stays_marked_until_the_name_is_saved_anew(profiles):
+    old = parse_profile(FIRST.read_bytes())
+    profiles.save("wet", old.image, comment="", who="ada", converted_from=old.converted_from)
+    assert profiles.load("wet").converted_from == "3b6bf984ad19a456"
+    profiles.save("wet", old.image, comment="", who="ada")
+    assert profiles.load("wet").converted_from is None
+    assert profiles.load("wet", 1).converted_from == "3b6bf984ad19a456"
+
+
+@pytest.mark.parametrize("said", [5, "0123", ["3b6bf984ad19a456"]])
+def test_a_map_that_nobody_knows_is_no_source_of_a_conversion(said):
+    document = json.loads(text_of(DEFAULT, converted_from=said))
+    with pytest.raises(ConfigError) as refused:
+        profile_of(document)
+    assert refused.value.field == "converted_from"
 
 
 @pytest.mark.parametrize(
