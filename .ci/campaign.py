@@ -53,6 +53,7 @@ TESTS = (
     "tests/integration/test_stop_at_once.py",
     "tests/e2e/test_layout.py",
     "tests/integration/test_soak.py",
+    "tests/integration/test_hurried_day.py",
     "tests/packaging/test_wheel.py",
     "tests/packaging/test_site.py",
     "tests/unit/app/sources/dbc/test_hostile_bus.py",
