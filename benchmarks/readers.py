@@ -4,6 +4,9 @@
 little. Latency: from the arrival of a frame at the service (`time` of the snapshot) to the last byte of the message at
 the reader, on one clock. Processor and memory are those of the service's process; "a message" is what readers add to
 the time without any. With `--before` the service of another checkout is measured in turns with this one.
+
+`--leave WAVES` asks what readers leave behind: all come and leave so many times, beside a second service that has none;
+what that one grows by (history, caches, predictions) is taken off.
 """
 
 import argparse
@@ -215,6 +218,30 @@ def measure(root: Path, n: int, rate: float, seconds: float, compressed: bool) -
         }
 
 
+def leave(n: int, rate: float, seconds: float, compressed: bool, waves: int) -> Iterator[dict[str, float]]:
+    """Let all readers come and leave `waves` times; yield what is left behind, beside a service without readers."""
+    with served(ROOT) as (process, url), served(ROOT) as (other, other_url):
+        time.sleep(WARM_S)
+        for each in (url, other_url):
+            _hold(each, 20, rate, 1.0, compressed)
+        before = np.array([resident_mb(each.pid) or np.nan for each in (process, other)])
+        for wave in range(1, waves + 1):
+            client = _start(url, n, rate, seconds, compressed)
+            _line(client, "done")
+            full = np.array([resident_mb(each.pid) or np.nan for each in (process, other)]) - before
+            client.communicate(timeout=60)
+            time.sleep(LEFT_S)
+            after = np.array([resident_mb(each.pid) or np.nan for each in (process, other)]) - before
+            yield {
+                "wave": wave,
+                "readers": n,
+                "MB with": full[0],
+                "MB after": after[0],
+                "MB without readers": after[1],
+                "MB left behind": after[0] - after[1],
+            }
+
+
 def _share(pid: int, seconds: float) -> float:
     before, began = cpu_s(pid) or 0.0, time.monotonic()
     time.sleep(seconds)
@@ -248,11 +275,19 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--compressed", action="store_true", help="readers that offer permessage-deflate")
+    parser.add_argument("--leave", type=int, default=0, metavar="WAVES", help="what they leave behind, in memory")
     parser.add_argument("--before", type=Path, help="another checkout, measured in turns with this one")
     parser.add_argument("--url", help=argparse.SUPPRESS)  # the readers' own process
     args = parser.parse_args()
     if args.url:
         print(json.dumps(read(args.url, int(args.readers), args.rate, args.seconds, args.compressed)))
+        return
+    if args.leave:
+        for n in args.readers.split(","):
+            for figures in leave(int(n), args.rate, args.seconds, args.compressed, args.leave):
+                if figures["wave"] == 1:
+                    print("| " + " | ".join(figures) + " |\n|" + " ---: |" * len(figures))
+                print("| " + " | ".join(f"{value:.3g}" for value in figures.values()) + " |", flush=True)
         return
     versions = {"now": ROOT} if args.before is None else {"before": args.before, "now": ROOT}
     for i, n in enumerate(args.readers.split(",")):
