@@ -9,13 +9,16 @@ from importlib import import_module
 from typing import Any
 
 from app.commands.bench.numerics import CHIP_US, chain_rates, filter_pass_us
-from app.commands.bench.service import at_line_limit, simulated
+from app.commands.bench.service import Passed, at_line_limit, simulated
 from app.commands.console.number import between as between
+from app.commands.console.progress import Progress
 from app.commands.console.terminal import print_table
 from app.errors import ConfigError
 from app.live.pipeline_factory import PipelineFactory
 
 Row = tuple[str, str, str]  # what, figure, method
+_FILTERS = ("fused", "coulomb", "ekf", "ukf", "cdkf")
+_FIRST_SNAPSHOT_S = 5.0  # of a service, until it is measured
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     if args.estimation or args.predictions:
         rows = _from_checkout("estimation" if args.estimation else "predictions")
     else:
-        rows = [*_numerics(args.cell), *_service(args.seconds)]
+        rows = _of_machine(args.cell, args.seconds)
     if args.json:
         print(json.dumps([dict(zip(("what", "figure", "method"), row, strict=True)) for row in rows], indent=2))
         return 0
@@ -37,21 +40,40 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _numerics(cell: str) -> list[Row]:
+def _of_machine(cell: str, seconds: float) -> list[Row]:
+    """Numbers first, then the service; how far it is counts in seconds that each part takes on a quiet machine."""
+    at_line = [_FIRST_SNAPSHOT_S + seconds] if os.name == "posix" else []
+    parts_s = [*(1.0 for _ in (*_FILTERS, "chain")), _FIRST_SNAPSHOT_S + seconds, *at_line]
+    progress, done_s = Progress("bench"), 0.0
+
+    def passed(more_s: float) -> None:
+        nonlocal done_s
+        done_s += more_s
+        progress(round(1000 * done_s), round(1000 * sum(parts_s)))
+
+    rows = [*_numerics(cell, passed), *_service(seconds, passed)]
+    progress.end()
+    return rows
+
+
+def _numerics(cell: str, passed: Passed) -> list[Row]:
     rows: list[Row] = []
-    for name in ("fused", "coulomb", "ekf", "ukf", "cdkf"):
+    for name in _FILTERS:
         pass_us = filter_pass_us(name, cell)
         method = f"median of 3000 steps; the chip needs {CHIP_US:g} us ({CHIP_US / pass_us:.0f} times longer)"
         rows.append((f"filter, one pass of 96 cells, {name}", f"{pass_us:.1f} us", method))
+        passed(1.0)
     decoded, whole = chain_rates("fused", cell)
+    passed(1.0)
     line = "the line carries 28"
     rows.append(("decoder: bytes to checked frames", f"{decoded:,.0f} /s", f"median of 2000; {line}"))
     rows.append(("decoder, shadow, filter, alarms", f"{whole:,.0f} /s", f"the same frames to snapshots; {line}"))
     return rows
 
 
-def _service(seconds: float) -> list[Row]:
-    live = simulated(seconds)
+def _service(seconds: float, passed: Passed) -> list[Row]:
+    live = simulated(seconds, passed)
+    passed(_FIRST_SNAPSHOT_S)
     rows: list[Row] = [
         (
             "start-up to 96 live cells",
@@ -64,7 +86,8 @@ def _service(seconds: float) -> list[Row]:
     ]
     if os.name != "posix":
         return rows
-    line = at_line_limit(seconds)
+    line = at_line_limit(seconds, passed)
+    passed(_FIRST_SNAPSHOT_S)
     per_s = line.sent / line.seconds
     rows += [
         ("frames at the line's limit", f"{per_s:.1f} /s", f"{line.sent} frames back to back through a pseudo-terminal"),

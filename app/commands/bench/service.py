@@ -8,7 +8,7 @@ import tempfile
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,6 +28,7 @@ from app.sessions.worker.child_process import command_of
 from firmware_protocol.framing import LINE_BYTES_PER_S
 
 START_S = 30.0
+Passed = Callable[[float], None]  # told how many seconds of the measurement are over
 FIRST_S = 3.0  # of a session: every table and series has begun
 
 
@@ -118,8 +119,10 @@ class LineResult:
     resident_mb: float | None
 
 
-def at_line_limit(seconds: float) -> LineResult:
+def at_line_limit(seconds: float, passed: Passed) -> LineResult:
     """Send telemetry frames back to back at 115200 8E1's rate through a pseudo-terminal.
+
+    `passed` is told how long each of them took.
 
     Latency: from the write of a frame's last byte to the arrival of the snapshot with its uptime at the client.
     """
@@ -148,6 +151,7 @@ def at_line_limit(seconds: float) -> LineResult:
             os.write(master, frame)
             sent_ns[uptime_ms] = time.monotonic_ns()
             step += 1
+            passed(len(frame) / LINE_BYTES_PER_S)
         took = time.monotonic() - started
         time.sleep(0.5)
         cpu_after = cpu_s(service.process.pid)
@@ -194,8 +198,11 @@ class SimulatedResult:
     lost: int
 
 
-def simulated(seconds: float) -> SimulatedResult:
-    """Start-up to the first snapshot with 96 cells, then CPU, memory and file growth with one client connected."""
+def simulated(seconds: float, passed: Passed) -> SimulatedResult:
+    """Start-up to the first snapshot with 96 cells, then CPU, memory and file growth with one client connected.
+
+    `passed` is told of every second or less of the `seconds`.
+    """
     started = time.monotonic()
     with served() as service:
         while not _is_live(service) and time.monotonic() - started < START_S:
@@ -205,7 +212,9 @@ def simulated(seconds: float) -> SimulatedResult:
         time.sleep(2.0)
         pid = service.process.pid
         cpu_before, begun = cpu_s(pid), time.monotonic()
-        time.sleep(seconds)
+        while (left_s := begun + seconds - time.monotonic()) > 0:
+            time.sleep(min(left_s, 1.0))
+            passed(min(left_s, 1.0))
         took = time.monotonic() - begun
         cpu_after, memory = cpu_s(pid), resident_mb(pid)
         link = service.snapshot()["links"]["rs232"]

@@ -14,6 +14,7 @@ ID_BITS = 0x1FFFFFFF
 CHANNEL = "can0"
 SIMULATED_CHANNEL = "simulated0"  # the one place that a candump log has for it
 SIMULATED_MARK = "simulated car"
+TOLD_EVERY = 1000  # frames
 Writer = can.CanutilsLogWriter | can.ASCWriter | can.BLFWriter
 
 
@@ -82,10 +83,13 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
     Raises:
         ConfigError: there is none.
     """
-    session, is_empty = table.session, True
+    session = table.session
+    n_frames = session.count_can_frames(table.t_from_s, table.t_to_s)
+    if not n_frames:
+        raise ConfigError("session", session.info.id, Message("with-can-frames"))
     if table.is_simulated:
         _mark_simulated(writer)
-    for frame in session.can_frames(table.t_from_s, table.t_to_s):
+    for number, frame in enumerate(session.can_frames(table.t_from_s, table.t_to_s), 1):
         message = can.Message(
             timestamp=session.unix_s(frame.t_mono_ns),
             arbitration_id=frame.can_id & ID_BITS,
@@ -94,6 +98,6 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
             channel=_channel(channel, frame.can_id),
         )
         writer.on_message_received(message)
-        is_empty = False
-    if is_empty:
-        raise ConfigError("session", session.info.id, Message("with-can-frames"))
+        if number % TOLD_EVERY == 0:
+            table.on_progress(min(number, n_frames), n_frames)
+    table.on_progress(n_frames, n_frames)

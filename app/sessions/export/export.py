@@ -52,7 +52,7 @@ def export(
     """Write signals of a range, both ends in unix time and included, as a file.
 
     It appears whole or not at all: an export that is cut off leaves what was there before. `on_progress` is told how
-    much of how much is read, but for MoTeC's formats and those of CAN frames.
+    much of how much is read.
 
     Raises:
         ConfigError: there is no such format, nothing for it, or no such names in it.

@@ -43,7 +43,7 @@ _READ_TOGETHER = 64  # signals held in memory at a time
 
 def write_ld(table: SignalTable, path: Path) -> None:
     """Write the file."""
-    times, rate_hz = _extent(table)
+    times, rate_hz = _extent(table, is_told=True)
     signals = _channels(table)
     name_of = dict(zip(table.signals, table.names, strict=True))
     n_samples = 0 if times is None else int((times[1] - times[0]) * rate_hz) + 1
@@ -54,8 +54,9 @@ def write_ld(table: SignalTable, path: Path) -> None:
         for i, signal in enumerate(signals):
             file.write(_channel(i, len(signals), name_of[signal], signal.unit, data_at, n_samples, rate_hz))
         grid_s = start_s + np.arange(n_samples) / rate_hz
-        for values in _resampled(table, grid_s):
+        for i, values in enumerate(_resampled(table, grid_s), 1):
             file.write(values.astype("<f4").tobytes())
+            table.on_progress(len(signals) + i, 2 * len(signals))
 
 
 def _channels(table: SignalTable) -> list[Signal]:
@@ -63,11 +64,17 @@ def _channels(table: SignalTable) -> list[Signal]:
     return [signal for signal in table.signals if signal is not AGE]
 
 
-def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
-    """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up."""
+def _extent(table: SignalTable, *, is_told: bool = False) -> tuple[tuple[float, float] | None, int]:
+    """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up.
+
+    With `is_told` it is the first half of an export: all signals are read, and read again afterwards.
+    """
     first, last, rate_hz = [], [], 1
     track: Track | None = None
-    for _, samples in _samples(table):
+    n_signals = len(_channels(table))
+    for i, (_, samples) in enumerate(_samples(table), 1):
+        if is_told:
+            table.on_progress(i, 2 * n_signals)
         if samples is None or samples.track is track:
             continue
         track = samples.track

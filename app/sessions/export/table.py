@@ -70,13 +70,13 @@ class SignalTable:
     ) -> None:
         """Choose signals and range, both ends included; `lap_times_s` are where laps meet, for formats with laps.
 
-        `names` are what `export_name` knows; `on_progress` is told how many microseconds of how many are read.
+        `names` are what `export_name` knows; `on_progress` is told how much of how much is read.
 
         Raises:
             UnknownSignal: a name means nothing.
         """
         self.session = session
-        self._on_progress = on_progress
+        self.on_progress = on_progress
         if signals:
             self.signals = [session.signals.find(name) for name in dict.fromkeys(signals)]
         else:
@@ -129,7 +129,7 @@ class SignalTable:
                 last_time_us = int(rows.time_us[-1])
                 yield rows
             first_us = end_us
-            self._on_progress(first_us - begin_us, last_us + 1 - begin_us)
+            self.on_progress(first_us - begin_us, last_us + 1 - begin_us)
 
     def is_filled(self, time_s: FloatArray) -> FloatArray:
         """Return (n,) 1 where a time lies in a gap that was filled, else 0."""

@@ -161,6 +161,10 @@ class SessionFile:
         for row in self._stored.iterate("can_frames", "t_mono_ns, t_wall_ns, can_id, data", first_ns, last_ns):
             yield RecordedCanFrame(*row)
 
+    def count_can_frames(self, t_from_s: float | None = None, t_to_s: float | None = None) -> int:
+        """Return how many CAN frames are in a range, both ends included."""
+        return self._stored.count("can_frames", *self._range_ns(t_from_s, t_to_s))
+
     def configs(self) -> list[RecordedConfig]:
         """Every configuration in force, in order, in the present memory map."""
         recorded = self.configs_as_recorded()

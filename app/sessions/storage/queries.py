@@ -92,6 +92,12 @@ class StoredSession:
                 return
             first = rows[-1][0] + 1
 
+    def count(self, table: str, first_ns: int | None, last_ns: int | None) -> int:
+        """Return how many rows `iterate` yields; their ids have no gaps."""
+        first = 1 if first_ns is None else self._first_id_at(table, first_ns)
+        end = self.last_id(table) + 1 if last_ns is None else self._first_id_at(table, last_ns + 1)
+        return max(end - first, 0)
+
     def rows_between(self, table: str, columns: str, first_ns: int, end_ns: int) -> tuple[int, list[tuple[Any, ...]]]:
         """Return the id of the first row at or after `first_ns`, and all rows from it that are before `end_ns`."""
         with self.consistent():

@@ -64,6 +64,36 @@ def test_can_logs_are_read_by_python_can(session: SessionFile, tmp_path: Path, n
     assert [m.timestamp for m in messages] == pytest.approx([session.unix_s(f.t_mono_ns) for f in expected], abs=2e-3)
 
 
+@pytest.mark.parametrize(("from_s", "to_s"), [(None, None), (1.0, 2.0)])
+@pytest.mark.parametrize("name", ["candump", "asc", "blf"])
+def test_a_can_log_tells_how_far_it_is(
+    recorder: Recorder, tmp_path: Path, monkeypatch, name: str, from_s: float | None, to_s: float | None
+) -> None:
+    monkeypatch.setattr("app.sessions.export.can_log.TOLD_EVERY", 1)
+    info = recorder.start("friday")
+    for i in range(50):
+        recorder.can_frame(info.started_mono_ns + i * 10**8, info.started_wall_ns + i * 10**8, 0x100, bytes([i]))
+    recorder.stop()
+    recorder.flush()
+    told: list[tuple[int, int]] = []
+    begin_s = info.started_wall_ns / 1e9
+    t_from_s, t_to_s = (None if at_s is None else begin_s + at_s for at_s in (from_s, to_s))
+    with SessionFile(info.path) as session:
+        path = tmp_path / f"a{FORMATS[name].suffix}"
+        export(
+            session,
+            path,
+            name,
+            t_from_s=t_from_s,
+            t_to_s=t_to_s,
+            on_progress=lambda done, of: told.append((done, of)),
+        )
+    assert len(told) > 5
+    assert told == sorted(told)
+    assert len({of for _, of in told}) == 1
+    assert told[-1][0] == told[-1][1]
+
+
 @pytest.mark.parametrize("name", ["candump", "asc", "blf"])
 def test_a_range_without_can_frames_is_said_and_leaves_no_file(session: SessionFile, tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="CAN frames"):

@@ -203,7 +203,7 @@ def test_what_waited_on_its_way_is_old_and_a_range_knows_it_too(recorder: Record
             assert ages_s[0] == pytest.approx(0.0 if t_from_s is None else 2.5, abs=0.02)
 
 
-@pytest.mark.parametrize("name", ["csv", "parquet", "mf4", "mcap"])
+@pytest.mark.parametrize("name", ["csv", "parquet", "mf4", "mcap", "ld", "motec"])
 def test_an_export_tells_how_far_it_is(name: str, session: SessionFile, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("app.sessions.export.table.PIECE_S", 20.0)
     monkeypatch.setattr("app.sessions.export.parquet_file.ROW_GROUP_S", 20.0)
