@@ -11,6 +11,7 @@ from functools import partial
 from app.api.access.accounts import Accounts
 from app.clock import Clock
 from app.commands.console.signed_log import show
+from app.commands.console.terminal import print_table
 from app.configuration.history import ConfigHistory
 from app.configuration.write_log import WriteLog
 from app.errors import ConfigError
@@ -69,10 +70,9 @@ def run(args: argparse.Namespace) -> int:
             ]
             print(json.dumps({"accounts": people, "tokens": tokens}, indent=2))
         case _:
-            for account in accounts.all():
-                print(f"{account.role:9} {account.name}")
-            for each in accounts.tokens():
-                print(f"token     {each.id} {each.name}: {each.role} until {_day(each.ends_s)}, by {each.made_by}")
+            rows = [(each.name, each.role, "", "", "") for each in accounts.all()]
+            rows += [(each.name, each.role, each.id, _day(each.ends_s), each.made_by) for each in accounts.tokens()]
+            print_table(("name", "role", "token", "until", "made by"), rows)
     return 0
 
 

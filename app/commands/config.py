@@ -3,16 +3,19 @@
 import argparse
 import json
 import sys
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from app.commands.console.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
+from app.commands.console.terminal import print_table
 from app.configuration.profile import is_profile
 from app.errors import ConfigError
 
 DIFFERS = 1
+_HISTORY = ("#", "time", "who", "what", "result", "change", "reason")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -168,14 +171,18 @@ def _history(service: ConfigService, *, as_json: bool) -> int:
     if as_json:
         print(json.dumps(records, indent=2))
         return 0
-    for record in records:
-        when = datetime.fromtimestamp(record["time"], UTC).isoformat(timespec="seconds")
-        because = f" ({record['reason']})" if record["reason"] else ""
-        forged = "" if record["genuine"] else "  SIGNATURE NOT RIGHT"
-        words = f"{record['action']} of {record['source']}{because}: {record['result']}"
-        print(f"{record['number']:>4}  {when}  {record['who']}  {words}{forged}")
-        _print_changes(record["difference"], indent="      ")
+    print_table(_HISTORY, [row for record in records for row in _of_record(record)], "><<<<<<")
     return 0
+
+
+def _of_record(record: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """A row a change; what is the same for all of a record stands in the first."""
+    when = datetime.fromtimestamp(record["time"], UTC).isoformat(timespec="seconds")
+    result = record["result"] if record["genuine"] else f"SIGNATURE NOT RIGHT, {record['result']}"
+    what = f"{record['action']} of {record['source']}"
+    first, *others = _changes(record["difference"]) or [""]
+    yield str(record["number"]), when, record["who"], what, result, first, record["reason"] or ""
+    yield from ((*[""] * 5, change, "") for change in others)
 
 
 def _profiles(service: ConfigService, args: argparse.Namespace) -> int:
@@ -184,8 +191,8 @@ def _profiles(service: ConfigService, args: argparse.Namespace) -> int:
         if args.json:
             print(json.dumps(found, indent=2))
             return 0
-        for profile in found:
-            print(f"{profile['name']}@{profile['version']}  {profile['hash']}  {profile['comment']}".rstrip())
+        rows = [(f"{each['name']}@{each['version']}", each["hash"], each["comment"] or "") for each in found]
+        print_table(("profile", "hash", "comment"), rows)
         return 0
     if args.name is None:
         raise ConfigError("name", "missing", f"profiles {args.what} NAME")
@@ -229,7 +236,14 @@ def _print_answer(answer: Any) -> None:
         print(f"not now: {answer['hindrance']}", file=sys.stderr)
 
 
-def _print_changes(changes: list[dict[str, Any]], indent: str = "") -> None:
+def _print_changes(changes: list[dict[str, Any]]) -> None:
+    for change in _changes(changes):
+        print(change)
+
+
+def _changes(changes: list[dict[str, Any]]) -> list[str]:
+    found = []
     for change in changes:
         element = "" if change["element"] is None else f"[{change['element']}]"
-        print(f"{indent}{change['field']}{element}: {change['from']} -> {change['to']} {change['unit']}".rstrip())
+        found.append(f"{change['field']}{element}: {change['from']} -> {change['to']} {change['unit']}".rstrip())
+    return found

@@ -28,7 +28,8 @@ def test_a_command_beside_the_service_lets_a_person_and_a_program_in(guarded, vo
         assert robot.get("/me").json()["name"] == "robot (token)"
         robot.post("/identify")
         assert any(each["who"] == "robot (token)" for each in robot.get("/events").json()["events"])
-        token_id = re.search(r"token +(\w+) robot", accounts(voltwall, guarded, "list").stdout)[1]
+        row = next(row for row in accounts(voltwall, guarded, "list").stdout.splitlines() if row.startswith("robot"))
+        token_id = row.split()[2]
         assert accounts(voltwall, guarded, "revoke", token_id).returncode == 0
         assert robot.get("/events").status_code == 401
     with guarded.client(auth=("erik", ENGINEER)) as erik:

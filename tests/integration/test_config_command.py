@@ -51,7 +51,10 @@ def test_read_compare_write_store_and_roll_back(config, tmp_path):
     assert [r["action"] for r in history] == ["rollback", "write", "store", "write"]
     assert history[1]["reason"] == "ten second pulses"
     assert all(r["genuine"] and r["result"] == "done" for r in history)
-    assert "i_disc_max: 210.0 -> 200.0 A" in config("history").stdout
+    heads, rolled_back, written = config("history").stdout.splitlines()[:3]
+    assert heads.split() == ["#", "time", "who", "what", "result", "change", "reason"]
+    assert "i_disc_max: 210.0 -> 200.0 A" in rolled_back
+    assert written.endswith("i_disc_max: 200.0 -> 210.0 A  ten second pulses")
     assert config("rollback", "1").returncode == 0
     assert config("diff", str(image)).returncode == 0
     assert config("load").returncode == 0
@@ -65,7 +68,9 @@ def test_profiles_go_out_to_git_and_come_back(config, tmp_path):
     file.write_text(file.read_text().replace('"t_cell_max": {"value": 45', '"t_cell_max": {"value": 55'))
     assert config("profiles", "put", str(file), "--as", "wet").stdout.startswith("wet@1 ")
     assert config("profiles", "save", "wet").stdout.startswith("wet@2 ")
-    assert [line.split()[0] for line in config("profiles").stdout.splitlines()] == ["dry@1", "wet@2"]
+    rows = [line.split() for line in config("profiles").stdout.splitlines()]
+    assert [row[0] for row in rows] == ["profile", "dry@1", "wet@2"]
+    assert " ".join(rows[1][2:]) == "as in the rules"
 
     compared = config("compare", "profile:dry", "profile:wet@1")
     assert (compared.returncode, compared.stdout.strip()) == (1, "t_cell_max: 45 -> 55 degC")
