@@ -45,7 +45,14 @@ def test_the_login_page_is_for_everybody(guarded, open_page, violations, size):
     page.keyboard.type("ola")
     page.keyboard.press("Tab")
     page.keyboard.type("engineer-pass-1")
-    page.keyboard.press("Enter")
+    password, show = page.get_by_role("textbox", name="Password"), page.get_by_test_id("show-password")
+    expect(password).to_have_attribute("type", "password")
+    show.click()
+    expect(password).to_have_attribute("type", "text")
+    expect(password).to_have_value("engineer-pass-1")
+    show.click()
+    expect(password).to_have_attribute("type", "password")
+    password.press("Enter")
     expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")
 
 
@@ -72,6 +79,13 @@ def test_the_first_chief_is_made_on_the_page_and_adds_a_person(guarded, open_pag
         people.get_by_role("textbox", name="Password").fill(password)
         people.get_by_role("button", name=button).click()
 
+    password, strength = people.get_by_role("textbox", name="Password"), people.get_by_test_id("password-strength")
+    worth = {"short": "too short", "1234567890123": "easily guessed", "wet cats on every roof": "strong"}
+    for typed, told in worth.items():
+        password.fill(typed)
+        expect(strength).to_contain_text(told)
+        expect(password).to_have_accessible_description(strength.inner_text())
+    expect(people.get_by_role("meter", name="Strength of the password")).to_be_visible()
     add("cora", "chief-pass-1", "Make the first chief")
     expect(people.get_by_role("button", name="Make the first chief")).to_have_count(0)
     page.get_by_role("button", name="Log out", exact=True).last.click()
