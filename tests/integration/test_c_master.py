@@ -1,7 +1,10 @@
 """The C reference as a master: what it answers, what a power cut leaves, and the real service on it."""
 
+import os
+import signal
 import socket
 import subprocess
+import time
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -263,6 +266,19 @@ def test_a_repeated_store_gets_one_reply_when_it_is_done(line):
     assert [(reply.request_sequence, reply.result) for reply in seen] == [(9, Result.DONE)] * 2
     master.ask(IdentRequest())
     assert [event.value for event in master.events if event.code == EventCode.CONFIG_STORED] == [1]
+
+
+def test_a_computer_that_is_busy_elsewhere_makes_no_pass_of_the_master_longer(line):
+    """So that what it measures and tells by its own clock does not hang on the computer's load."""
+    master = line()
+    master.send(b"x")
+    uptimes = [master.frame().uptime_ms]
+    os.kill(master.process.pid, signal.SIGSTOP)
+    time.sleep(0.7)  # as long as the rest of the computer takes it away
+    os.kill(master.process.pid, signal.SIGCONT)
+    while uptimes[-1] - uptimes[0] < 1500:
+        uptimes.append(master.frame().uptime_ms)
+    assert max(b - a for a, b in pairwise(uptimes)) <= 110  # the telemetry's period and a pass of the loop
 
 
 def test_the_stream_brings_the_whole_struct(line):

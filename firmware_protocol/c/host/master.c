@@ -20,6 +20,7 @@
 #include "pty.h"
 
 #define MEASURE_MS 20u
+#define STEP_US 1000u /* a PC that is busy elsewhere does not make a pass longer: what was missed is made up in steps */
 #define POWER_LOST 9
 #define COMMANDED 3u
 
@@ -44,7 +45,7 @@ static const char usage[] =
     "  [--worn]            the EEPROM keeps what it holds\n"
     "  [--no-eeprom]       the EEPROM does not answer\n"
     "  [--faults]          faults come as lines on standard input: `v CELL COUNTS`, `t CELL DEGC`, `i COUNTS`,\n"
-    "                      `slave PACK`, `clear`; standard error tells `fault US` and `open US` by the monotonic clock\n"
+    "                      `slave PACK`, `clear`; standard error tells `fault US` and `open US` by the master's clock\n"
     "  [--driving]         the driver asks for the relays to close: configuration and charging are refused\n"
     "  [--other-map]       another memory map's hash in IDENT\n";
 
@@ -135,15 +136,15 @@ static size_t transmit(int fd, uint32_t now_ms)
     return n;
 }
 
-/* What is true, for who judges the measuring of it. */
-static void tell(const char *what)
+/* What is true, for who judges the measuring of it, by the clock that frames tell. */
+static void tell(const char *what, uint64_t now_us)
 {
-    fprintf(stderr, "%s %llu\n", what, (unsigned long long)clock_us());
+    fprintf(stderr, "%s %llu\n", what, (unsigned long long)now_us);
     (void)fflush(stderr);
 }
 
 /* Take the lines on standard input that are there. */
-static void take_faults(void)
+static void take_faults(uint64_t now_us)
 {
     static char said[64];
     static size_t n;
@@ -157,22 +158,25 @@ static void take_faults(void)
         said[n] = '\0';
         n = 0u;
         if (faults_parse(&pc.battery.faults, said)) {
-            tell("fault");
+            tell("fault", now_us);
         }
     }
 }
 
 static int run(const options_t *options, const pty_t *pty, int fd)
 {
-    uint64_t start_us = clock_us(), busy_until_us = 0u;
+    uint64_t start_us = clock_us(), now_us = 0u, busy_until_us = 0u;
     uint32_t measured_ms = 0u;
     struct pollfd waiting = { .fd = fd, .events = POLLIN };
     boot(options, 0u);
     while (!is_stopping) {
-        uint64_t now_us = clock_us() - start_us;
-        uint32_t now_ms = (uint32_t)(now_us / 1000u);
+        uint64_t passed_us = clock_us() - start_us;
+        bool is_late = passed_us > now_us + STEP_US;
+        uint32_t now_ms;
+        now_us = is_late ? now_us + STEP_US : passed_us;
+        now_ms = (uint32_t)(now_us / 1000u);
         pc.eeprom.now_ms = now_ms;
-        if (poll(&waiting, 1u, vw_store_is_busy(&line.answer.store) ? 0 : 1) > 0 && !receive(fd, now_ms)) {
+        if (poll(&waiting, 1u, is_late || vw_store_is_busy(&line.answer.store) ? 0 : 1) > 0 && !receive(fd, now_ms)) {
             break;
         }
         vw_link_run(&line, now_ms);
@@ -180,12 +184,12 @@ static int run(const options_t *options, const pty_t *pty, int fd)
             return POWER_LOST;
         }
         if (options->takes_faults) {
-            take_faults();
+            take_faults(now_us);
         }
         if (now_ms - measured_ms >= MEASURE_MS) {
             measured_ms = now_ms;
             if (battery_measure(&pc.battery, now_ms)) {
-                tell("open");
+                tell("open", now_us);
             }
         }
         if (now_us >= busy_until_us) {
@@ -194,7 +198,7 @@ static int run(const options_t *options, const pty_t *pty, int fd)
         }
         if (pc.is_restarting) {
             start_us = clock_us();
-            busy_until_us = 0u;
+            now_us = busy_until_us = 0u;
             measured_ms = 0u;
             boot(options, COMMANDED);
         }
