@@ -6,6 +6,8 @@ nothing in the service says `READS_ONLY = True`, and shares one with all others 
 
 import gc
 import os
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +19,7 @@ import app  # noqa: F401  before numpy: it keeps each process to one thread
 from hatch_build import build_engine
 from tests.bytecode import write_bytecode
 from tests.c_programs import CMaster, build_program
-from tests.campaign import examples, tell_figure
+from tests.campaign import SIZE, examples, tell_figure
 from tests.service_process import Service, until
 
 # On a loaded machine the time of one example says nothing.
@@ -39,14 +41,29 @@ LONGEST = (  # half a minute and more
 )
 LONGEST_BEGIN_BY = 0.5  # of the run: not at its end, and not together, where one would compute and the others wait
 WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share
+MEMORY = Path("/dev/shm")
+MEMORY_BYTES = 3_000_000_000  # free, for the files of a whole run
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Bring the estimator's C engine and the bytecode up to date with their sources."""
     gc.disable()  # until everything is collected: nothing of that is garbage
+    if SIZE != "full":
+        keep_files_in_memory()
     if not hasattr(config, "workerinput"):  # pytest-xdist's
         build_engine(ROOT)
         write_bytecode(config)
+
+
+def keep_files_in_memory() -> None:
+    """Let temporary folders be in memory: thousands of commits would each wait for the disk, one after the other.
+
+    What a disk does when it is full, fails or loses its power is tested with disks made for that, and the full
+    campaign runs on the real one. Where there is little memory, the folders stay where they are.
+    """
+    if "TMPDIR" not in os.environ and os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > MEMORY_BYTES:
+        os.environ["TMPDIR"] = str(MEMORY)
+        tempfile.tempdir = None  # asked for before: look again
 
 
 @pytest.fixture(scope="session")
@@ -88,7 +105,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_collection_finish() -> None:
     """Look for garbage seldom, and not among what thousands of collected tests hold: a tenth of the processor time."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(10_000, 50, 50)
     gc.enable()
