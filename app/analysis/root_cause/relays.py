@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from app.analysis.root_cause.recording import Recording, Suspicion
+from app.telemetry import FloatArray
 from app.words import Message, Quantity
 
 LOADED_A: Final = 5.0  # nobody switches high voltage off at more
@@ -40,15 +41,22 @@ def _zero(recording: Recording, load: np.ndarray) -> float:
     return float(np.median(still)) if still.size >= 5 else 0.0
 
 
+def _measured(amps: FloatArray) -> FloatArray:
+    return amps[np.isfinite(amps)]
+
+
 def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator[Suspicion]:
     for row in np.flatnonzero((load[:-1] == 1.0) & (load[1:] == 0.0)) + 1:
         at_s = float(recording.time_s[row])
         before, after = recording.near(at_s - BEFORE_S, at_s - 0.01), recording.near(at_s, at_s + 1.5)
-        still_a = float(np.nanmedian(recording.steady_a[recording.near(at_s + 0.3, at_s + 1.5)]))
-        amps = np.abs(recording.steady_a[before] - still_a)
+        still = _measured(recording.steady_a[recording.near(at_s + 0.3, at_s + 1.5)])
+        loaded = _measured(recording.steady_a[before])
+        if not still.size or not loaded.size:
+            continue
+        most_a = float(np.abs(loaded - np.median(still)).max())
         was_reset = any(e.code == "boot" and abs(e.at_s - at_s) < 8.0 for e in recording.events)
-        if amps.size and np.nanmax(amps) > LOADED_A and (fit[after] == 1.0).all() and not was_reset:
-            evidence = (Message("seen-opened-under-load", current=Quantity(float(np.nanmax(amps)), "A", 0)),)
+        if most_a > LOADED_A and (fit[after] == 1.0).all() and not was_reset:
+            evidence = (Message("seen-opened-under-load", current=Quantity(most_a, "A", 0)),)
             yield Suspicion("shutdown-opened", at_s - 1.0, 40.0, evidence)
 
 
@@ -94,10 +102,12 @@ def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Suspicio
         opened_before = (load[: before.start] == 1.0).any()
         if before.stop - before.start < 40 or (load[before] != 0.0).any() or not opened_before:
             continue
-        still_a = float(np.nanmean(recording.steady_a[recording.near(at_s - REOPENED_S, at_s - INRUSH_S - 0.5)]))
+        still = _measured(recording.steady_a[recording.near(at_s - REOPENED_S, at_s - INRUSH_S - 0.5)])
+        if not still.size:
+            continue
         rows = recording.near(at_s - INRUSH_S, at_s - 0.01)
         dt_s = np.diff(recording.time_s[rows], append=at_s)
-        inrush = float(((recording.steady_a[rows] - still_a) * dt_s).sum())
+        inrush = float(((recording.steady_a[rows] - still.mean()) * dt_s).sum())
         if inrush < INRUSH_COULOMB:
             evidence = (Message("seen-no-inrush", charge=Quantity(1000 * max(inrush, 0.0), "mC", 0)),)
             yield Suspicion("link-not-discharged", at_s - 5.0, 25.0, evidence)
