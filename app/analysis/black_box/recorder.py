@@ -29,6 +29,8 @@ from app.words import named_as_here
 
 log = logging.getLogger(__name__)
 KEPT_S = BEFORE_S + LONGEST_S + AFTER_S + 2.0
+BUSY_DISK = "not-written-within"  # what the cause is looked for in is not on the disk yet, after some seconds
+TRIES = 12  # about a minute
 SLACK_S = 0.2  # the sample after the last second counts too
 MAX_SAMPLES = 2000  # 50 Hz for so long, and some
 
@@ -82,6 +84,7 @@ class BlackBoxRecorder:
         self._limits: ProtectionLimits | None = None  # those that the first trigger was judged by
         self._session: str | None = None
         self._config: tuple[bytes, str | None] | None = None
+        self._is_closing = False
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="blackbox")
 
     def take(self, events: Iterable[Event], snapshot: Snapshot | None, t_mono_ns: int) -> None:
@@ -108,6 +111,7 @@ class BlackBoxRecorder:
 
     def close(self) -> None:
         """Write what there is of an incident under way, and close the store."""
+        self._is_closing = True
         if self._triggers:
             self._finish()
         self._writer.shutdown(wait=True)
@@ -152,12 +156,16 @@ class BlackBoxRecorder:
     def _with_cause(self, box: BlackBox, session_id: str | None, trip: Trigger) -> BlackBox:
         if session_id is None:
             return box
-        try:
-            return with_cause(box, self._explain(session_id, trip))
-        except AppError as error:
-            log.warning("the cause of a trip was not looked for: %s", error)
-        except Exception:  # whatever is wrong with the search, the box is kept
-            log.exception("the search for the cause of a trip failed")
+        for left in reversed(range(TRIES)):
+            try:
+                return with_cause(box, self._explain(session_id, trip))
+            except AppError as error:
+                if left and not self._is_closing and error.message.code == BUSY_DISK:
+                    continue
+                log.warning("the cause of a trip was not looked for: %s", error)
+            except Exception:  # whatever is wrong with the search, the box is kept
+                log.exception("the search for the cause of a trip failed")
+            break
         return box
 
 

@@ -1,19 +1,22 @@
 """Black boxes live and out of the file are one and the same."""
 
+import queue
 from dataclasses import asdict, replace
 
 import pytest
 
 from app.analysis.black_box.from_session import black_boxes, explained, keep_black_boxes, stored_box
-from app.analysis.black_box.recorder import BlackBoxRecorder
+from app.analysis.black_box.recorder import TRIES, BlackBoxRecorder
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
+from app.sessions.errors import RecordingFailed
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sources.master.source import MasterSource
+from app.words import Message, Quantity
 from firmware_protocol.memory_map import V_MISSING
 from tests.fake_clock import FunctionClock
 
@@ -124,6 +127,43 @@ def test_a_box_is_kept_when_the_search_for_its_cause_fails(car, monkeypatch):
     car.run(8)
     car.boxes.close()
     assert [(box.code, box.cause) for box in car.made] == [("cell-voltage-low", None)]
+
+
+def refusing(code, searches):
+    """A search that meets a recording of which the end is not on the disk."""
+
+    def search(session_id, trip):
+        searches.append(trip.code)
+        raise RecordingFailed(Message(code, time=Quantity(5.0, "s")))
+
+    return search
+
+
+def test_the_cause_is_looked_for_again_where_the_disk_was_busy(car, monkeypatch):
+    made, searches, search = queue.SimpleQueue(), [], car.explain
+    busy = refusing("not-written-within", searches)
+    monkeypatch.setattr(car.boxes, "_explain", lambda *of: (busy if len(searches) < 3 else search)(*of))
+    monkeypatch.setattr(car.boxes, "_on_made", made.put)
+    car.run(15)
+    car.set_cell(2.3)
+    car.run(8)
+    box = made.get(timeout=30)
+    assert len(searches) == 3
+    assert box.cause is not None
+    car.boxes.close()
+
+
+@pytest.mark.parametrize(("code", "tries"), [("not-written-within", TRIES), ("disk-silent", 1)])
+def test_a_disk_that_stays_away_costs_the_cause_and_not_the_box(car, monkeypatch, code, tries):
+    made, searches = queue.SimpleQueue(), []
+    monkeypatch.setattr(car.boxes, "_explain", refusing(code, searches))
+    monkeypatch.setattr(car.boxes, "_on_made", made.put)
+    car.run(15)
+    car.set_cell(2.3)
+    car.run(8)
+    box = made.get(timeout=30)
+    assert (box.code, box.cause, len(searches)) == ("cell-voltage-low", None, tries)
+    car.boxes.close()
 
 
 def test_what_ends_before_its_seconds_are_over_is_kept_and_completed_later(car, tmp_path):
