@@ -21,6 +21,7 @@ DRIFT_S: Final = 40.0  # slower than this is SOC and heat and is taken away from
 MEMORY_S: Final = 60.0  # of the regression: about one lap of a Formula Student track
 RESTART_S: Final = 2.0  # after a hole this long the signals start anew
 SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then and has to be forgotten
+AVERAGE_S: Final = DRIFT_S  # after that the drift is the mean of all samples: one alone would leave its noise in all
 BLOCK: Final = 64  # samples taken at once; RESTART_S each, they last 13 PAIR_S: exp of that is a number
 EXCITED_A: Final = 3.0  # a current nearer to its slow mean than this is noise and moves no resistance
 STANDING_A: Final = 2.0  # below it the car stands ...
@@ -55,6 +56,7 @@ class ResistanceTracker:
         self._gains: tuple[float, float, float, float] = (-1.0, 0.0, 0.0, 0.0)
         self._has_unknown = False
         self._has_settled = False
+        self._averaged_s = 0.0  # of samples in the drift, until they are AVERAGE_S
 
     @property
     def learned_s(self) -> float:
@@ -96,23 +98,26 @@ class ResistanceTracker:
             self._pair_a, self._since_s, self._has_settled = current_a, 0.0, False
             return
         _, pair, drift, fade = self._gains_for(dt_s)
+        if self._has_settled and self._averaged_s < AVERAGE_S:
+            self._averaged_s += dt_s
+            drift = dt_s / self._averaged_s
         self._pair_a += pair * (current_a - self._pair_a)
         self._since_s += dt_s
         if not self._has_settled:
             if self._since_s >= SETTLE_S:
-                self._settle(current_a, v)
+                self._settle(current_a, v, dt_s)
             return
         self._drift_a += drift * (current_a - self._drift_a)
         self._drift_pair_a += drift * (self._pair_a - self._drift_pair_a)
+        x, p = self._moved = current_a - self._drift_a, self._pair_a - self._drift_pair_a
         is_missing = np.isnan(v)
         has_missing = bool(is_missing.any())
         if has_missing or self._has_unknown:
-            v = self._filled(v, is_missing)
+            v = self._filled(v, is_missing, 1.0 - drift)
         y = self._y
         np.subtract(self._drift_v, v, out=y)
         self._drift_v -= drift * y
         y *= 1.0 - drift
-        x, p = self._moved = current_a - self._drift_a, self._pair_a - self._drift_pair_a
         self._last_v = v
         if abs(x) >= EXCITED_A and self._still_s <= STANDING_S:
             self._accumulate(x, p, fade, is_missing if has_missing else None)
@@ -138,7 +143,7 @@ class ResistanceTracker:
         while k < len(dt_s):
             block = is_plain[k : k + BLOCK]
             n = len(block) if block.all() else int(block.argmin())
-            if n > 1 and self._has_settled and not self._has_unknown:
+            if n > 1 and self._has_settled and self._averaged_s >= AVERAGE_S and not self._has_unknown:
                 self._take_plain(dt_s[k : k + n], current_a[k : k + n], voltages_v[k : k + n])
                 k += n
             else:
@@ -193,16 +198,25 @@ class ResistanceTracker:
             )
         return self._gains
 
-    def _settle(self, current_a: float, voltages_v: FloatArray) -> None:
+    def _settle(self, current_a: float, voltages_v: FloatArray, dt_s: float) -> None:
+        self._averaged_s = dt_s
         self._drift_v[:] = voltages_v
         self._drift_a, self._drift_pair_a = current_a, self._pair_a
         self._has_unknown = bool(np.isnan(voltages_v).any())
         self._has_settled = True
 
-    def _filled(self, voltages_v: FloatArray, is_missing: BoolArray) -> FloatArray:
-        """Return the voltages with missing ones at their own drift, so that they move nothing."""
+    def _filled(self, voltages_v: FloatArray, is_missing: BoolArray, left: float) -> FloatArray:
+        """Return the voltages with missing ones at their own drift, so that they move nothing.
+
+        The drift of a cell that comes first now begins where it would be with the resistances of the typical cell, of
+        whose drop the share `left` counts.
+        """
         fresh = np.isnan(self._drift_v) & ~is_missing
-        self._drift_v[fresh] = voltages_v[fresh]
+        if fresh.any():
+            resistances = self._solved()[0]
+            known = resistances[:, np.isfinite(resistances[0])]
+            typical = np.median(known, axis=1) if known.size else np.zeros(2)
+            self._drift_v[fresh] = voltages_v[fresh] + typical @ self._moved / left
         self._has_unknown = bool(np.isnan(self._drift_v).any())
         return np.where(is_missing, self._drift_v, voltages_v)
 
