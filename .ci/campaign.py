@@ -51,7 +51,7 @@ TESTS = (
     "tests/integration/test_simulator_c_codec.py",
     "tests/integration/test_connection_flood.py",
     "tests/integration/test_stop_at_once.py",
-    "tests/e2e/test_layout.py",
+    "tests/e2e/test_still.py",
     "tests/integration/test_soak.py",
     "tests/integration/test_hurried_day.py",
     "tests/packaging/test_wheel.py",

@@ -5,6 +5,8 @@ import socket
 
 from playwright.sync_api import expect
 
+from tests.e2e.stillness import moved, watch
+
 READS_ONLY = True
 
 
@@ -61,11 +63,13 @@ def test_old_values_are_shown_as_old_and_then_not_at_all(make_service, open_page
     service = make_service("--seed", "2")
     page = open_page(f"{service.base_url}/#/overview")
     expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")
+    watch(page)
     with service.client() as client:
         client.post("/commands/stream-stop", json={}).raise_for_status()
     expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "stale")
     expect(page.get_by_test_id("age-voltage")).to_contain_text("stale")
     expect(page.get_by_test_id("car-silent")).to_be_visible()
+    assert moved(page) == []  # the message lies over the end of the page
     expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "blank")
     expect(page.get_by_test_id("voltage")).to_have_text(re.compile("^–"))
     expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(96)
