@@ -33,6 +33,7 @@ TESTS = (
     "tests/numeric/test_energy_target_race.py",
     "tests/integration/test_openapi.py",
     "tests/integration/test_generated_client.py",
+    "tests/integration/test_typescript_client.py",
     "tests/property/test_fuzz.py",
     "tests/property/test_filters_definite.py",
     "tests/numeric/test_filters_calibration.py",
