@@ -23,7 +23,8 @@ def test_a_dead_rs232_link_is_told_while_can_goes_on(make_service, open_page):
         client.post("/simulator/unplug", json={"for_s": 15}).raise_for_status()
     expect(page.get_by_test_id("link-rs232")).not_to_have_attribute("data-state", "live")
     expect(page.get_by_test_id("link-can")).to_have_attribute("data-state", "live")
-    alarm = page.get_by_test_id("alarm").filter(has_text="RS232")
+    # not every alarm of RS232: on a busy computer what arrives is late, and that is told, too
+    alarm = page.get_by_test_id("alarm").filter(has_text="RS232 lost")
     expect(alarm).to_be_visible()
     expect(page.get_by_test_id("cell-30")).to_have_attribute("data-missing", "")  # CAN carries no single cells
     expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live", timeout=30_000)
