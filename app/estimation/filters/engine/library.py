@@ -62,8 +62,16 @@ CELL_ROWS: Final = {
     "slow_square_v2": 1,
 }  # of `vw_cells`, and how many rows each has
 CLIMATE_ROWS: Final = 11  # of `vw_climate`, which the engine keeps for itself
+COLUMNS_MAX: Final = 8
+SEGMENT: Final = np.dtype(
+    [("column", np.int32, LANES), *[(name, np.float64, (COLUMNS_MAX, LANES)) for name in ("low", "rise")]]
+)  # `vw_segment`
+SEGMENTS: Final = 4
 CELLS: Final = np.dtype(
-    [(name, np.float64, (rows, LANES)) for name, rows in (CELL_ROWS | {"climate": CLIMATE_ROWS}).items()]
+    [
+        *[(name, np.float64, (rows, LANES)) for name, rows in (CELL_ROWS | {"climate": CLIMATE_ROWS}).items()],
+        ("segments", SEGMENT, SEGMENTS),
+    ]
 )
 
 _real, _int32, _pointer = ctypes.c_double, ctypes.c_int32, ctypes.c_void_p

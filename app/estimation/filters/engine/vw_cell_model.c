@@ -44,66 +44,56 @@ void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *
     }
 }
 
-/* Linear in SOC at both temperatures, then linear between them. The numbers at a point of the table are neighbours in
- * memory, so `width` of them are computed at a time, cell after cell, and turned into rows of cells in the end. */
-static inline void interpolate(const vw_cell_model *model, const vw_real *table, const int width,
-                               const vw_temperature_place *restrict at, const vw_soc_place *restrict soc,
-                               vw_lanes *restrict values)
+/* Linear in temperature at both points; only cells that have left their segment are looked up. */
+VW_INLINE void renew(const vw_cell_model *model, const vw_real *table, const int width, const int n_columns,
+                     const vw_temperature_place *restrict at, const vw_soc_place *restrict soc,
+                  vw_segment *restrict segment)
 {
-    const int32_t n_soc = model->n_soc, warmer = model->n_temperatures > 1 ? n_soc * width : 0;
-    int32_t place[VW_LANES];
-    vw_real found[VW_LANES * VW_COLUMNS_MAX];
-    VW_EACH_CELL(c) place[c] = ((int32_t)at->row[c] * n_soc + soc->column[c]) * width;
-    VW_EACH_CELL(c)
-    {
-        const vw_real *cool = table + place[c], *warm = cool + warmer;
-        const vw_real f = soc->weight[c], g = at->row_weight[c];
-        for (int q = 0; q < width; q++) {
-            const vw_real at_cool = cool[q] + f * (cool[width + q] - cool[q]);
-            const vw_real at_warm = warm[q] + f * (warm[width + q] - warm[q]);
-            found[c * width + q] = at_cool + g * (at_warm - at_cool);
+    const int32_t warmer = model->n_temperatures > 1 ? model->n_soc * width : 0;
+    int n_left = 0;
+    VW_EACH_CELL(c) n_left += segment->column[c] != soc->column[c];
+    if (n_left == 0) return;
+    for (int c = 0; c < VW_LANES; c++) {
+        if (segment->column[c] == soc->column[c]) continue;
+        const vw_real *cool = table + ((int32_t)at->row[c] * model->n_soc + soc->column[c]) * width, *warm = cool + warmer;
+        const vw_real g = at->row_weight[c];
+        for (int q = 0; q < n_columns; q++) {
+            const vw_real cool_rise = cool[width + q] - cool[q], warm_rise = warm[width + q] - warm[q];
+            segment->low[q][c] = cool[q] + g * (warm[q] - cool[q]);
+            segment->rise[q][c] = cool_rise + g * (warm_rise - cool_rise);
         }
+        segment->column[c] = soc->column[c];
     }
-    for (int q = 0; q < width; q++)
-        VW_EACH_CELL(c) values[q][c] = found[c * width + q];
 }
 
-void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values)
+void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                vw_segment *segment)
 {
-    /* with a width that the compiler knows the numbers of a point are one vector */
-    if (VW_LANES > 1 && model->width == 4) interpolate(model, model->table, 4, at, soc, values);
-    else if (VW_LANES > 1 && model->width == 8) interpolate(model, model->table, 8, at, soc, values);
-    else interpolate(model, model->table, model->width, at, soc, values);
+    if (VW_LANES > 1 && model->width == 4) renew(model, model->table, 4, 4, at, soc, segment);
+    else renew(model, model->table, model->width, vw_columns(model), at, soc, segment);
 }
 
-void vw_circuit_slope(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
-                      vw_lanes *slopes)
+void vw_values(const vw_cell_model *model, const vw_segment *restrict segment, const vw_soc_place *restrict soc,
+               vw_lanes *restrict values)
 {
-    const int width = model->width, n_soc = model->n_soc, n_columns = vw_columns(model);
-    const vw_real per_step = 1 / model->soc_step;
-    VW_EACH_CELL(c)
-    {
-        const int j = soc->column[c];
-        const vw_real *here = model->table + ((int32_t)at->row[c] * n_soc + j) * width;
-        const vw_real *above = model->n_temperatures > 1 ? here + n_soc * width : here;
-        const vw_real f = soc->weight[c], g = at->row_weight[c];
-        slopes[VW_OCV][c] = model->ocv_slope_v[j] + f * (model->ocv_slope_v[j + 1] - model->ocv_slope_v[j]);
-        for (int q = VW_R0; q < n_columns; q++) {
-            const vw_real cool = here[width + q] - here[q], warm = above[width + q] - above[q];
-            slopes[q][c] = (cool + g * (warm - cool)) * per_step;
-        }
-    }
+    const int n_columns = vw_columns(model);
+    for (int q = 0; q < n_columns; q++)
+        VW_EACH_CELL(c) values[q][c] = vw_between(segment, soc, q, c);
+}
+
+void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_segment *segment)
+{
+    renew(model, model->table + VW_OCV, model->width, 1, at, soc, segment);
 }
 
 void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
                        vw_lanes *tau_s)
 {
-    if (model->has_tau_table) {
-        interpolate(model, model->tau_s, model->n_rc, at, soc, tau_s);
-        return;
-    }
+    vw_segment segment;
+    VW_EACH_CELL(c) segment.column[c] = VW_NOWHERE;
+    if (model->has_tau_table) renew(model, model->tau_s, model->n_rc, model->n_rc, at, soc, &segment);
     for (int k = 0; k < model->n_rc; k++)
-        VW_EACH_CELL(c) tau_s[k][c] = model->tau_s[k];
+        VW_EACH_CELL(c) tau_s[k][c] = model->has_tau_table ? vw_between(&segment, soc, k, c) : model->tau_s[k];
 }
 
 /* OCV at point j of the table, linear between the temperatures. */
@@ -115,29 +105,25 @@ static vw_real ocv_at(const vw_cell_model *model, const vw_temperature_place *at
     return here[VW_OCV] + at->row_weight[c] * (above[VW_OCV] - here[VW_OCV]);
 }
 
-void vw_ocv(const vw_cell_model *model, const vw_temperature_place *restrict at, const vw_soc_place *restrict soc,
-            vw_lanes ocv_v)
+/* Linear between the points of a table over SOC alone. */
+static void over_soc(const vw_real *table, const vw_soc_place *restrict soc, vw_lanes values)
 {
-    const int32_t n_soc = model->n_soc, width = model->width;
-    const vw_real *cool = model->table + VW_OCV, *cool_next = cool + width;
-    const vw_real *warm = cool + (model->n_temperatures > 1 ? n_soc * width : 0), *warm_next = warm + width;
-    VW_EACH_CELL(c)
-    {
-        const int32_t k = ((int32_t)at->row[c] * n_soc + soc->column[c]) * width;
-        const vw_real at_cool = cool[k] + soc->weight[c] * (cool_next[k] - cool[k]);
-        const vw_real at_warm = warm[k] + soc->weight[c] * (warm_next[k] - warm[k]);
-        ocv_v[c] = at_cool + at->row_weight[c] * (at_warm - at_cool);
-    }
-}
-
-void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *restrict soc, vw_lanes slope_v)
-{
-    const vw_real *here = model->reading_slope_v, *next = here + 1;
+    const vw_real *next = table + 1;
     VW_EACH_CELL(c)
     {
         const int j = soc->column[c];
-        slope_v[c] = here[j] + soc->weight[c] * (next[j] - here[j]);
+        values[c] = table[j] + soc->weight[c] * (next[j] - table[j]);
     }
+}
+
+void vw_ocv_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v)
+{
+    over_soc(model->ocv_slope_v, soc, slope_v);
+}
+
+void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v)
+{
+    over_soc(model->reading_slope_v, soc, slope_v);
 }
 
 vw_real vw_ocv_of(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc)

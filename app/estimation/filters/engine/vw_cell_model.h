@@ -68,6 +68,21 @@ typedef struct {
     vw_lanes weight;
 } vw_soc_place;
 
+/* What a table says of the cells of a block between two of its points, at their temperatures: low + weight rise. A cell
+ * crosses a point seldom; between two, its numbers stand here in rows and nothing is looked up. */
+typedef struct {
+    int32_t column[VW_LANES]; /* the point below; VW_NOWHERE before the first look-up and after one of temperature */
+    vw_lanes low[VW_COLUMNS_MAX];  /* the numbers of that point ... */
+    vw_lanes rise[VW_COLUMNS_MAX]; /* ... and what those of the next one are more */
+} vw_segment;
+
+#define VW_NOWHERE (-1)
+
+static inline vw_real vw_between(const vw_segment *segment, const vw_soc_place *soc, int column, int c)
+{
+    return segment->low[column][c] + soc->weight[c] * segment->rise[column][c];
+}
+
 /* RC pairs of the model: its branches but the lasting error. */
 static inline int vw_pairs(const vw_cell_model *model) { return model->n_rc - 1; }
 
@@ -80,19 +95,20 @@ void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *
 /* The doubt at each temperature: `doubt` has VW_DOUBTS rows. */
 void vw_doubt(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *doubt);
 
-/* OCV, R0, R_k and e of each cell: `values` has VW_COLUMNS_MAX rows, of which vw_columns are set. */
-void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values);
+/* Bring the segments of a block up to the places of its cells: OCV, R0, R_k and e, or the OCV alone. */
+void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                vw_segment *segment);
+void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_segment *segment);
 
-/* Derivatives of the same with SOC; that of the OCV comes from its own table, which may be smoothed. */
-void vw_circuit_slope(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
-                      vw_lanes *slopes);
+/* What a segment says of each cell, as rows: `values` has VW_COLUMNS_MAX of them, of which vw_columns are set. */
+void vw_values(const vw_cell_model *model, const vw_segment *segment, const vw_soc_place *soc, vw_lanes *values);
+
+/* dOCV/dSOC [V] of each cell; its own table, which may be smoothed. */
+void vw_ocv_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);
 
 /* Time constants of each cell [s]: `tau_s` has n_rc rows. */
 void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
                        vw_lanes *tau_s);
-
-/* OCV [V] of each cell. */
-void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes ocv_v);
 
 /* Volts per SOC at which a voltage reads the SOC of each cell. */
 void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);

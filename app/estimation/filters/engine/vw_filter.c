@@ -65,7 +65,12 @@ void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sam
         n_changed += degc[c] != x->climate.degc[c];
         x->temperature_degc[c] = degc[c];
     }
-    if (n_changed > 0) feel(filter, degc, &x->climate);
+    if (n_changed == 0) return;
+    feel(filter, degc, &x->climate);
+#if VW_KEEPS_SEGMENTS
+    for (int k = 0; k < VW_SEGMENTS; k++)
+        VW_EACH_CELL(c) x->segments[k].column[c] = VW_NOWHERE;
+#endif
 }
 
 /* The charge count alone: the voltage is predicted for the self-check only. */
@@ -117,27 +122,31 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
 }
 
 /* Put the first n_rows of what a step says of a block into `estimates`. */
-static void answer(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work, int first, int n_rows,
+static void answer(const vw_filter *filter, vw_cells *restrict x, vw_work *restrict work, int first, int n_rows,
                    vw_real *estimates)
 {
     const int n = count_of(filter, first), n_cells = filter->n_cells;
-    vw_lanes rows[VW_ESTIMATES];
+    vw_real part[VW_ESTIMATES * VW_LANES]; /* of a block that is not whole */
+    vw_real *restrict rows = n == VW_LANES && n_rows == VW_ESTIMATES ? estimates + first : part;
+    const int width = rows == part ? VW_LANES : n_cells;
     if (n_rows > VW_OCV_V) {
         const int is_counted = filter->kind == VW_COUNT || filter->kind == VW_SIGMA_FUSED;
         if (is_counted) vw_place_soc(&filter->model, work->soc, &work->at); /* else it is that of the filter's SOC */
-        vw_ocv(&filter->model, &x->climate.place, &work->at, rows[VW_OCV_V]);
+        vw_segment fresh, *segment = vw_segment_of(x, VW_AT_ANSWER, &fresh);
+        vw_ocv(&filter->model, &x->climate.place, &work->at, segment);
+        VW_EACH_CELL(c) rows[VW_OCV_V * width + c] = vw_between(segment, &work->at, VW_OCV, c);
     }
     VW_EACH_CELL(c)
     {
-        rows[VW_SOC][c] = vw_clip(work->soc[c], 0, 1);
-        rows[VW_SOC_SIGMA][c] = vw_sqrt(work->soc_v2[c]);
-        rows[VW_VOLTAGE_V][c] = work->h[c];
-        rows[VW_INNOVATION_V][c] = work->innovation_v[c];
-        rows[VW_INNOVATION_SIGMA][c] = work->innovation_sigma_v[c];
-        rows[VW_MODEL_VALID][c] = work->valid[c];
-        rows[VW_ACCEPTED][c] = work->used[c];
+        rows[VW_SOC * width + c] = vw_clip(work->soc[c], 0, 1);
+        rows[VW_SOC_SIGMA * width + c] = vw_sqrt(work->soc_v2[c]);
+        rows[VW_VOLTAGE_V * width + c] = work->h[c];
+        rows[VW_INNOVATION_V * width + c] = work->innovation_v[c];
+        rows[VW_INNOVATION_SIGMA * width + c] = work->innovation_sigma_v[c];
+        rows[VW_MODEL_VALID * width + c] = work->valid[c];
+        rows[VW_ACCEPTED * width + c] = work->used[c];
     }
-    for (int row = 0; row < n_rows; row++) copy(estimates + row * n_cells + first, rows[row], n);
+    for (int row = 0; rows == part && row < n_rows; row++) copy(estimates + row * n_cells + first, rows + row * width, n);
 }
 
 static void step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, int n_rows, vw_real *estimates)

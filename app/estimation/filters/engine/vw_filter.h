@@ -114,6 +114,16 @@ typedef struct {
     vw_lanes cold2;              /* square by which slow overpotentials grow in the cold */
 } vw_climate;
 
+/* Places at which the tables are looked up at each step. */
+enum {
+    VW_AT_MEAN,   /* the filter's SOC */
+    VW_AT_RIGHT,  /* its sigma points, one way ... */
+    VW_AT_LEFT,   /* ... and the other */
+    VW_AT_ANSWER, /* the SOC that is reported; OCV alone */
+    VW_SEGMENTS
+};
+#define VW_KEEPS_SEGMENTS (VW_LANES > 1) /* from one step to the next; a microcontroller has no memory to spare */
+
 /* State of a block of cells: one row for each quantity. */
 typedef struct {
     vw_lanes soc;                  /* mean of the filter's state: SOC, 0..1 */
@@ -148,6 +158,9 @@ typedef struct {
     vw_lanes slow_mean_v;          /* mean of the scaled innovation over bias_s [V] */
     vw_lanes slow_square_v2;       /* mean of the square of that over check_s [V^2] */
     vw_climate climate;            /* follows from temperature_degc */
+#if VW_KEEPS_SEGMENTS
+    vw_segment segments[VW_SEGMENTS]; /* follow from climate and SOC */
+#endif
 } vw_cells;
 
 /* Row of the covariance of states u and w <= u; state 0 is the SOC, state 1 + k the current of branch k. */

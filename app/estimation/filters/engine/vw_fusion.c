@@ -170,22 +170,24 @@ static void wander(const vw_tuning *t, const vw_motion *motion, vw_cells *restri
 static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
-    vw_lanes gain_v2;
+    vw_lanes gain_v2, lasting_v2;
     believe_gain(t, x, gain_v2);
     wander(t, motion, x);
+    VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(motion, x, filter->model.slow_pair, c);
     VW_EACH_CELL(c)
     {
         const vw_real slope = x->gain_slope[0][c], z = x->soc[c] + slope * x->fused_gain[c];
         const vw_real filter_v2 =
             vw_min(work->soc_v2[c] + vw_square(slope) * gain_v2[c] + x->wander_v2[c], VW_SOC_VARIANCE_MAX);
-        const vw_real lasting_v2 = vw_lasting_v2(motion, x, filter->model.slow_pair, c) / work->slope_v2[c];
-        const vw_real plateau_v2 = vw_square(lasting_v2) / (lasting_v2 + vw_square(t->plateau_soc));
+        const vw_real lasts_v2 = lasting_v2[c] / work->slope_v2[c];
+        const vw_real plateau_v2 = vw_square(lasts_v2) / (lasts_v2 + vw_square(t->plateau_soc));
         const vw_real errs_v2 = vw_min(filter_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
         const vw_real drift_v2 =
             gain_v2[c] * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
         /* beginning with the case that no start is right; moments count from the filter's SOC */
         vw_real sum = t->start_unknown, moved = 0, square = 0, v2 = t->start_unknown * filter_v2;
-        for (int k = 0; k < VW_STARTS; k++) {
+        VW_UNROLL for (int k = 0; k < VW_STARTS; k++)
+        {
             const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
             const vw_real d = z - (x->start_soc[k][c] - x->drawn[c] * (1 + x->fused_gain[c]));
             const vw_real total_v2 = vw_min(errs_v2 + count_v2, vw_square(t->doubt_soc));

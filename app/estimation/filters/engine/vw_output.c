@@ -42,14 +42,19 @@ static void open_loop(const vw_filter *filter, const vw_motion *motion, const vw
         VW_EACH_CELL(c) work->H[1 + k][c] = -x->resistance[c] * here[VW_R1 + k][c];
 }
 
-void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work)
+void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_cell_model *model = &filter->model;
     vw_soc_place at;
     vw_lanes here[VW_COLUMNS_MAX], slope[VW_COLUMNS_MAX], drop_v;
+    vw_segment fresh, *segment = vw_segment_of(x, VW_AT_MEAN, &fresh);
+    const vw_real per_step = 1 / model->soc_step;
     vw_place_soc(model, x->soc, &at);
-    vw_circuit(model, &x->climate.place, &at, here);
-    vw_circuit_slope(model, &x->climate.place, &at, slope);
+    vw_circuit(model, &x->climate.place, &at, segment);
+    vw_values(model, segment, &at, here);
+    vw_ocv_slope(model, &at, slope[VW_OCV]);
+    for (int q = VW_R0; q < vw_columns(model); q++)
+        VW_EACH_CELL(c) slope[q][c] = segment->rise[q][c] * per_step;
     open_loop(filter, motion, x, here, work);
     /* dh/dz = dOCV/dz - rho (dR0/dz i + de/dz asinh(i / i_ref) + sum dR_k/dz i_k),  dh/di_k = -rho R_k */
     drop_of(model, motion, x, slope, drop_v);
@@ -61,39 +66,49 @@ void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const v
     }
 }
 
-/* Tables at the points along the first column. */
+#define N_POINTS (VW_AT_LEFT + 1) /* along the first column: at its centre, c s and -c s */
+
+/* A point, and the tables there. */
 typedef struct {
-    vw_lanes per_sd, here[VW_COLUMNS_MAX], right[VW_COLUMNS_MAX], left[VW_COLUMNS_MAX]; /* c / s; at -c s, 0, c s */
-} vw_points;
+    vw_soc_place soc;
+    const vw_segment *segment;
+} vw_point;
+
+static inline vw_real at(const vw_point *point, int column, int c)
+{
+    return vw_between(point->segment, &point->soc, column, c);
+}
 
 VW_INLINE void over_points(const int n_pairs, const int has_overpotential, const vw_filter *filter,
-                           const vw_motion *motion, const vw_cells *restrict x, const vw_points *restrict at,
-                           vw_work *restrict work)
+                           const vw_motion *motion, const vw_cells *restrict x, const vw_point *restrict points,
+                           const vw_lanes per_sd, vw_work *restrict work)
 {
     const vw_real half_per_c2 = (vw_real)0.5 / vw_square(filter->rule.spread);
+    const vw_point *mean = &points[VW_AT_MEAN], *to_right = &points[VW_AT_RIGHT], *to_left = &points[VW_AT_LEFT];
     VW_EACH_CELL(c)
     {
-        const vw_real rho = x->resistance[c], r0 = at->here[VW_R0][c], ocv = at->here[VW_OCV][c];
+        const vw_real rho = x->resistance[c], r0 = at(mean, VW_R0, c), ocv = at(mean, VW_OCV, c);
         vw_real drop = r0 * motion->current_a;
-        vw_real right = (at->right[VW_R0][c] - r0) * motion->current_a, left = (at->left[VW_R0][c] - r0) * motion->current_a;
+        vw_real right = (at(to_right, VW_R0, c) - r0) * motion->current_a;
+        vw_real left = (at(to_left, VW_R0, c) - r0) * motion->current_a;
         VW_UNROLL for (int k = 0; k < n_pairs; k++)
         {
-            const vw_real r = at->here[VW_R1 + k][c], i_k = x->branch_a[k][c];
-            const vw_real shift = x->cov[VW_COV(1 + k, 0)][c] * at->per_sd[c];
+            const vw_real r = at(mean, VW_R1 + k, c), i_k = x->branch_a[k][c];
+            const vw_real shift = x->cov[VW_COV(1 + k, 0)][c] * per_sd[c];
             drop += r * i_k;
-            right += (at->right[VW_R1 + k][c] - r) * (i_k + shift);
-            left += (at->left[VW_R1 + k][c] - r) * (i_k - shift);
+            right += (at(to_right, VW_R1 + k, c) - r) * (i_k + shift);
+            left += (at(to_left, VW_R1 + k, c) - r) * (i_k - shift);
             work->H[1 + k][c] = -rho * r;
         }
         if (has_overpotential) {
-            const vw_real e = at->here[VW_R1 + n_pairs][c];
+            const vw_real e = at(mean, VW_R1 + n_pairs, c);
             drop += e * motion->over;
-            right += (at->right[VW_R1 + n_pairs][c] - e) * motion->over;
-            left += (at->left[VW_R1 + n_pairs][c] - e) * motion->over;
+            right += (at(to_right, VW_R1 + n_pairs, c) - e) * motion->over;
+            left += (at(to_left, VW_R1 + n_pairs, c) - e) * motion->over;
         }
-        const vw_real right_ocv = at->right[VW_OCV][c] - ocv, left_ocv = at->left[VW_OCV][c] - ocv;
+        const vw_real right_ocv = at(to_right, VW_OCV, c) - ocv, left_ocv = at(to_left, VW_OCV, c) - ocv;
         const vw_real right_h = right_ocv - rho * right, left_h = left_ocv - rho * left;
-        const vw_real q = right_h + left_h, half = half_per_c2 * at->per_sd[c]; /* 1 / (2 c s) */
+        const vw_real q = right_h + left_h, half = half_per_c2 * per_sd[c]; /* 1 / (2 c s) */
         work->H[1 + n_pairs][c] = -rho;
         work->ocv_slope_v[c] = (right_ocv - left_ocv) * half;
         work->H[0][c] = (right_h - left_h) * half;
@@ -105,36 +120,38 @@ VW_INLINE void over_points(const int n_pairs, const int has_overpotential, const
 
 /* With numbers that the compiler knows all of a cell stays in registers, as in the update. */
 VW_INLINE void over_points_of(const int n_pairs, const vw_filter *filter, const vw_motion *motion,
-                              const vw_cells *restrict x, const vw_points *restrict at, vw_work *restrict work)
+                              const vw_cells *restrict x, const vw_point *restrict points, const vw_lanes per_sd,
+                              vw_work *restrict work)
 {
-    if (filter->model.has_overpotential) over_points(n_pairs, 1, filter, motion, x, at, work);
-    else over_points(n_pairs, 0, filter, motion, x, at, work);
+    if (filter->model.has_overpotential) over_points(n_pairs, 1, filter, motion, x, points, per_sd, work);
+    else over_points(n_pairs, 0, filter, motion, x, points, per_sd, work);
 }
 
-void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work)
+void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_cell_model *model = &filter->model;
-    vw_soc_place at;
-    vw_points points;
-    vw_lanes right, left;
+    vw_point points[N_POINTS];
+    vw_segment fresh[N_POINTS];
+    vw_lanes per_sd, soc[N_POINTS];
     VW_EACH_CELL(c)
     {
-        points.per_sd[c] = filter->rule.spread / vw_sqrt(x->cov[0][c]);
-        const vw_real reach = x->cov[0][c] * points.per_sd[c];
-        right[c] = x->soc[c] + reach;
-        left[c] = x->soc[c] - reach;
+        per_sd[c] = filter->rule.spread / vw_sqrt(x->cov[0][c]);
+        const vw_real reach = x->cov[0][c] * per_sd[c];
+        soc[VW_AT_MEAN][c] = x->soc[c];
+        soc[VW_AT_RIGHT][c] = x->soc[c] + reach;
+        soc[VW_AT_LEFT][c] = x->soc[c] - reach;
     }
-    vw_place_soc(model, x->soc, &at);
-    vw_circuit(model, &x->climate.place, &at, points.here);
-    vw_place_soc(model, right, &at);
-    vw_circuit(model, &x->climate.place, &at, points.right);
-    vw_place_soc(model, left, &at);
-    vw_circuit(model, &x->climate.place, &at, points.left);
+    for (int k = 0; k < N_POINTS; k++) {
+        vw_segment *segment = vw_segment_of(x, k, &fresh[k]);
+        vw_place_soc(model, soc[k], &points[k].soc);
+        vw_circuit(model, &x->climate.place, &points[k].soc, segment);
+        points[k].segment = segment;
+    }
     switch (VW_LANES > 1 ? vw_pairs(model) : -1) {
-    case 0: over_points_of(0, filter, motion, x, &points, work); break;
-    case 1: over_points_of(1, filter, motion, x, &points, work); break;
-    case 2: over_points_of(2, filter, motion, x, &points, work); break;
-    case 3: over_points_of(3, filter, motion, x, &points, work); break;
-    default: over_points_of(VW_LANES > 1 ? VW_RC_MAX - 1 : vw_pairs(model), filter, motion, x, &points, work);
+    case 0: over_points_of(0, filter, motion, x, points, per_sd, work); break;
+    case 1: over_points_of(1, filter, motion, x, points, per_sd, work); break;
+    case 2: over_points_of(2, filter, motion, x, points, per_sd, work); break;
+    case 3: over_points_of(3, filter, motion, x, points, per_sd, work); break;
+    default: over_points_of(VW_LANES > 1 ? VW_RC_MAX - 1 : vw_pairs(model), filter, motion, x, points, per_sd, work);
     }
 }

@@ -51,14 +51,27 @@ void vw_hold_current(vw_filter *filter, vw_real current_a);
 vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a);
 void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work);
 void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x);
-void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
-void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
+void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
+void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 void vw_watch_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
 void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
 void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work);
 void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
+
+/* The segment of a block for a place at which the tables are looked up: that of the step before, or a new one. */
+static inline vw_segment *vw_segment_of(vw_cells *x, int place, vw_segment *fresh)
+{
+#if VW_KEEPS_SEGMENTS
+    (void)fresh;
+    return &x->segments[place];
+#else
+    (void)x, (void)place;
+    VW_EACH_CELL(c) fresh->column[c] = VW_NOWHERE;
+    return fresh;
+#endif
+}
 
 static inline vw_real vw_square(vw_real x) { return x * x; }
 

@@ -30,8 +30,11 @@ static vw_real start_voltage_v2(const vw_filter *filter, const vw_motion *motion
 static void look_up(const vw_filter *filter, const vw_cells *restrict x, vw_lanes *here)
 {
     vw_soc_place at;
+    vw_segment segment;
+    VW_EACH_CELL(c) segment.column[c] = VW_NOWHERE;
     vw_place_soc(&filter->model, x->soc, &at);
-    vw_circuit(&filter->model, &x->climate.place, &at, here);
+    vw_circuit(&filter->model, &x->climate.place, &at, &segment);
+    vw_values(&filter->model, &segment, &at, here);
 }
 
 /* RC currents: a fast pair has followed half of the current, a slow one what flowed before, in a drive far less.

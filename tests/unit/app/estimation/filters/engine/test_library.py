@@ -20,7 +20,7 @@ from app.estimation.filters.tuning import Tuning
 
 def header(name: str) -> str:
     text = (library.FOLDER / name).read_text(encoding="utf-8")
-    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    return re.sub(r"/\*.*?\*/|^#(if|endif).*?$", "", text, flags=re.DOTALL | re.MULTILINE)
 
 
 def fields_of(struct: str, name: str) -> list[str]:
@@ -44,9 +44,11 @@ def test_structs_have_the_fields_of_their_headers_in_order(struct, name, ours):
 
 
 def test_state_rows_have_the_same_names_in_c_in_numpy_and_in_the_reference():
-    *rows, climate = fields_of("vw_cells", "vw_filter.h")
+    *rows, climate, segments = fields_of("vw_cells", "vw_filter.h")
     assert rows == list(library.CELL_ROWS) == [each.name for each in fields(State)]
-    assert climate == "climate"  # what the engine keeps of the temperatures to look them up but once
+    # what the engine keeps of temperatures and tables to look them up but once
+    assert (climate, segments) == ("climate", "segments")
+    assert list(library.SEGMENT.names) == fields_of("vw_segment", "vw_cell_model.h")
 
 
 def test_every_number_of_the_tuning_reaches_the_engine():
