@@ -36,8 +36,8 @@ def filter_pass_us(filter_name: str, cell_name: str) -> float:
     """Median time of one `step` over 96 cells [us], current and voltages changing."""
     rng = np.random.default_rng(1)
     estimator = make_estimator(filter_name, load_cell(cell_name), N_CELLS)
-    voltages_v = rng.uniform(3.5, 3.9, (64, N_CELLS))
-    currents_a = rng.uniform(-20, 100, 64)
+    voltages_v = list(rng.uniform(3.5, 3.9, (64, N_CELLS)))
+    currents_a = rng.uniform(-20, 100, 64).tolist()
     temperatures_degc = np.full(N_CELLS, 30.0)
     estimator.start(voltages_v[0], temperatures_degc, 0.0)
     return _median_us(lambda i: estimator.step(0.1, currents_a[i % 64], voltages_v[i % 64], temperatures_degc), PASSES)

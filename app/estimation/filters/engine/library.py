@@ -170,7 +170,7 @@ def _open(path: Path) -> ctypes.PyDLL:
     sizes = library.vw_library_size_of_filter(), library.vw_library_size_of_cells()
     if sizes != (ctypes.sizeof(FilterStruct), CELLS.itemsize):
         raise EstimatorError(f"{path.name} has another memory layout: {sizes}")
-    library.vw_library_step.argtypes, library.vw_library_step.restype = [_pointer], None
+    library.vw_library_step.restype = None
     return library
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from dataclasses import astuple
 from typing import Any, Final
 
@@ -28,6 +29,7 @@ from app.estimation.filters.setup import FilterSetup
 from app.estimation.filters.tables import DOUBT_DEGC, CellTables
 
 VECTOR_BYTES: Final = 64  # of the widest that a processor has
+ANSWERS: Final = 32  # of steps, in memory that is asked for at once: an array of its own for each takes longer
 WIDTHS: Final = (4, 8)  # columns of the packed table that the engine is quick with
 
 assert MAX_RC_PAIRS + 1 == RC_MAX
@@ -44,7 +46,7 @@ class NativeEngine:
         self._table = _packed(setup.cell)
         self._blocks = _zeros(-(-n_cells // LANES), CELLS)
         self._voltage_v, self._temperature_degc = _zeros((2, n_cells))
-        self._numbers = _zeros((N_OUT, n_cells))
+        self._answers: Iterator[FloatArray] = iter(())
         rule = (setup.rule.spread, setup.rule.weight, setup.rule.curvature) if setup.rule else (0.0, 0.0, 0.0)
         self._filter = FilterStruct(
             n_cells,
@@ -63,10 +65,10 @@ class NativeEngine:
             ctypes.addressof(self._filter),
             self._blocks.ctypes.data,
             SampleStruct(0.0, 0.0, self._voltage_v.ctypes.data, self._temperature_degc.ctypes.data),
-            self._numbers.ctypes.data,
+            None,
         )
         self._sample = self._call.sample
-        self._call_at = ctypes.addressof(self._call)
+        self._call_at = ctypes.byref(self._call)
         # of the sample, as a view: half the time of setting two fields
         scalars = slice(CallStruct.sample.offset, CallStruct.sample.offset + 2 * ctypes.sizeof(ctypes.c_double))
         self._dt_and_current = memoryview(self._call).cast("B")[scalars].cast("d")
@@ -92,8 +94,11 @@ class NativeEngine:
         numbers[1] = current_a
         self._voltage_v[...] = voltage_v
         self._temperature_degc[...] = temperature_degc
-        self._step(self._call_at)
-        return self._numbers.copy()
+        for answer in self._answers:
+            self._step(self._call_at)
+            return answer
+        self._make_room()
+        return self.step(dt_s, current_a, voltage_v, temperature_degc)
 
     def record(
         self,
@@ -136,6 +141,15 @@ class NativeEngine:
         for block, first in enumerate(range(0, self.n_cells, LANES)):
             of_block = values[:, first : first + LANES]
             field[block, : of_block.shape[0], : of_block.shape[1]] = of_block
+
+    def _make_room(self) -> None:
+        """Make arrays for the next answers, which the library fills one after the other."""
+        size = ANSWERS * N_OUT * self.n_cells
+        memory = np.empty(size + VECTOR_BYTES // 8)
+        address = memory.ctypes.data
+        skipped = -address % VECTOR_BYTES // 8
+        self._call.estimates = address + 8 * skipped
+        self._answers = iter(memory[skipped : skipped + size].reshape(ANSWERS, N_OUT, self.n_cells))
 
     def _take(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> None:
         self._sample.dt_s, self._sample.current_a = dt_s, current_a

@@ -12,17 +12,18 @@ int32_t vw_library_size_of_filter(void) { return (int32_t)sizeof(vw_filter); }
 
 int32_t vw_library_size_of_cells(void) { return (int32_t)sizeof(vw_cells); }
 
-/* One step, as it is asked for from Python, where each argument of a call takes time. */
+/* One step, as it is asked for from Python, where each argument of a call and each array takes time. */
 typedef struct {
     vw_filter *filter;
     vw_cells *cells;
     vw_sample sample;
-    vw_real *estimates;
+    vw_real *estimates; /* of the next step; those of the step after it follow */
 } vw_library_call;
 
-void vw_library_step(const vw_library_call *call)
+void vw_library_step(vw_library_call *call)
 {
     vw_filter_step(call->filter, call->cells, &call->sample, call->estimates);
+    call->estimates += VW_ESTIMATES * call->filter->n_cells;
 }
 
 /* Which variant of the library is the fastest that this processor runs: 1 with AVX2, 2 with AVX-512, 0 any. */

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.engine import native
 from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimators import FILTERS, filter_setup, make_estimator
 from app.estimation.filters.reference.engine import ReferenceEngine
@@ -95,3 +96,31 @@ def test_estimates_of_one_step_are_not_changed_by_the_next():
     kept = first.numbers.copy()
     estimator.step(10.0, 90.0, [3.5, 3.6], [25.0, 25.0])
     np.testing.assert_array_equal(first.numbers, kept)
+
+
+def test_an_answer_stays_what_it_was_however_many_follow():
+    estimator = make_estimator("fused", load_cell(), 40, engine=NativeEngine)
+    volts, degc = np.linspace(3.4, 4.0, 40), np.full(40, 25.0)
+    estimator.start(volts, degc, 0.0, soc=0.5)
+    kept = [estimator.step(0.1, 20.0, volts, degc) for _ in range(2 * native.ANSWERS + 3)]
+    copies = [each.numbers.copy() for each in kept]
+    for _ in range(2 * native.ANSWERS):
+        estimator.step(0.1, -20.0, volts, degc).numbers[:] = np.nan
+    for each, copy in zip(kept, copies, strict=True):
+        np.testing.assert_array_equal(each.numbers, copy)
+
+
+@pytest.mark.parametrize("n_cells", [1, 31, 32, 33, 96])
+def test_a_step_and_a_record_of_changing_temperatures_are_the_reference(n_cells):
+    """Numbers that are kept between two looks into the tables do not outlive the temperature they were read at."""
+    rng = np.random.default_rng(n_cells)
+    estimators = [
+        make_estimator("fused", load_cell(), n_cells, engine=each) for each in (NativeEngine, ReferenceEngine)
+    ]
+    for each in estimators:
+        each.start(np.full(n_cells, 3.7), np.full(n_cells, 25.0), 0.0)
+    for step in range(60):
+        degc = np.where(rng.random(n_cells) < 0.2, 25.0 + rng.integers(-20, 20, n_cells), 25.0)
+        sample = (5.0, 60.0 * np.sin(step / 5), 3.7 + rng.normal(0.0, 0.02, n_cells), degc)
+        ours, theirs = (each.step(*sample).numbers for each in estimators)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
