@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from app.analysis.root_cause.recording import Recording, Suspicion
-from app.telemetry import FloatArray
+from app.estimation.arrays import FloatArray
 from app.words import Message, Quantity
 
 LOADED_A: Final = 5.0  # nobody switches high voltage off at more
