@@ -59,9 +59,12 @@ def keep_files_in_memory() -> None:
     """Let temporary folders be in memory: thousands of commits would each wait for the disk, one after the other.
 
     What a disk does when it is full, fails or loses its power is tested with disks made for that, and the full
-    campaign runs on the real one. Where there is little memory, the folders stay where they are.
+    campaign runs on the real one. Where there is little memory, or where no program may be run from it, as in most
+    containers, the folders stay where they are.
     """
-    if "TMPDIR" not in os.environ and os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > MEMORY_BYTES:
+    if "TMPDIR" in os.environ or not os.access(MEMORY, os.W_OK) or os.statvfs(MEMORY).f_flag & os.ST_NOEXEC:
+        return
+    if shutil.disk_usage(MEMORY).free > MEMORY_BYTES:
         os.environ["TMPDIR"] = str(MEMORY)
         tempfile.tempdir = None  # asked for before: look again
 
