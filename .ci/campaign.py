@@ -63,6 +63,7 @@ TESTS = (
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",
 )
 ALONE = ("tests/integration/test_recorder_starved.py",)  # its share of a core is what nothing else takes
+PROCESSES = {"short": 3, "full": 2}  # at once: many wait for a car, a service or a page
 FULL_ONLY = (
     "tests/e2e/test_pages.py",  # the short campaign would repeat `make test`
     "tests/e2e/test_debrief.py",
@@ -90,7 +91,7 @@ def run_tests(size: str, what: str, *chosen: str, promise: str | None = None) ->
         figures, cases = Path(folder) / "figures", Path(folder) / "cases.xml"
         figures.touch()
         environment = os.environ | {"VOLTWALL_CAMPAIGN": size, "VOLTWALL_FIGURES": str(figures)}
-        command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "load", "--maxprocesses", "2"]
+        command = [sys.executable, "-m", "pytest", "-q", "-n", str(PROCESSES[size]), "--dist", "worksteal"]
         command += ["-o", "junit_family=xunit1", f"--junitxml={cases}", *chosen]
         done = subprocess.run(command, cwd=ROOT, env=environment, check=False, capture_output=True, text=True)
         told = sorted(line.split("\t", 1) for line in figures.read_text(encoding="utf-8").splitlines())

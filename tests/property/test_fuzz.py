@@ -18,7 +18,7 @@ from tests.campaign import campaign, of_size, tell_figure
 from tests.fuzz.targets import FOLDER, TARGETS, kept, target
 
 PROJECT = Path(__file__).parents[2]
-SEARCH_S = of_size(0, 3, 600)
+SEARCH_S = of_size(0, 2, 600)
 PATIENCE_S = 120  # to start, on a machine that does other things too
 C_TARGETS = ("link", "messages", "config", "can")
 
