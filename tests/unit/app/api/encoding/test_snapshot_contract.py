@@ -7,8 +7,6 @@ import json
 import math
 from pathlib import Path
 
-import pytest
-
 from app.api.encoding.snapshot import snapshot_json
 from app.live.pipeline_factory import PipelineFactory
 from app.sources.items import CanFault, CanItem, LinkChange
@@ -81,7 +79,7 @@ def differences(recorded, now, path=""):
         for i, (before, after) in enumerate(zip(recorded, now, strict=True)):
             yield from differences(before, after, f"{path}[{i}]")
     elif isinstance(recorded, float) and isinstance(now, int | float):
-        if now != pytest.approx(recorded, rel=1e-9, abs=2e-6):
+        if not math.isclose(now, recorded, rel_tol=1e-9, abs_tol=2e-6):
             yield f"{path}: {recorded} is now {now}"
     elif recorded != now:
         yield f"{path}: {recorded!r} is now {now!r}"
