@@ -1,5 +1,6 @@
 """Black boxes live and out of the file are one and the same."""
 
+import math
 import queue
 from dataclasses import asdict, replace
 
@@ -71,7 +72,9 @@ def same(one, other):
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
     if isinstance(one, list):
         return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
-    return one == (pytest.approx(other, abs=1e-4) if isinstance(other, float) else other)
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-4)
+    return one == other
 
 
 @pytest.fixture

@@ -58,7 +58,7 @@ def test_the_engine_equals_the_reference(name, model):
         estimator.start(np.full(N, 3.8), np.full(N, 20.0), 0.0, soc=np.linspace(0.2, 0.9, N))
         estimator.use_capacity(np.linspace(0.8, 1.1, N) * BASE.capacity_ah)
         estimator.use_resistance(np.linspace(0.9, 1.4, N))
-    for sample in samples(4, 90):
+    for sample in samples(4, 64):
         step_both(native, reference, sample)
 
 
