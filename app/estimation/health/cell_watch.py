@@ -39,6 +39,7 @@ AT_ONCE: Final = 0.4  # share of the cells that must be told in one sample to be
 THERMISTOR_K: Final = 1.0  # resolution of a temperature
 CHANNEL_V: Final = 1e-3
 EMPTY_SOC: Final = 0.12
+UNSURE: Final = 0.25  # of a size: a size with a larger sigma does not replace one that was surer
 GONE: Final = 0.5  # of what was found: evidence that it is less ends a finding, want of evidence does not
 HOLD: Final = 0.6  # of a threshold: what was found ends below it
 
@@ -154,7 +155,10 @@ class CellWatch:
 
     def judge(self) -> tuple[CellFinding, ...]:
         """Return what is wrong now, the surest first: also what was found before and nothing has contradicted."""
+        was_loose = self._joint_watch.loose
         self.joints = self._joint_watch.judge()
+        has_changed = self._joint_watch.loose != was_loose
+        self._charge_watch.forget(has_changed, leak=True)  # a drop that changed was taken for charge
         self._keep(("joint-grown", "resistance-grown"), self._resisting(self.joints))
         if self._has_looked:
             self._has_looked = False
@@ -186,6 +190,7 @@ class CellWatch:
         is_cell = np.zeros(len(growth), dtype=np.bool_)
         is_cell[self._beyond("resistance-grown", growth, np.full(len(growth), limit))] = True
         is_cell &= (np.nan_to_num(growth) * usual > CELL_SHARE * excess_ohm) & (excess_ohm > GROWTH_MIN * usual)
+        is_cell &= ~(watch.loose & watch.was_sound)  # no cell ages within a session
         found = []
         is_empty = self._charge_watch.soc < EMPTY_SOC  # an empty cell resists more, and a fuller one does not
         for cell in np.flatnonzero(watch.loose | is_cell).tolist():
@@ -197,6 +202,10 @@ class CellWatch:
             sigma = float(
                 np.linalg.norm((report.sigma_ohm[cell], watch.change_ohm[cell], of_cell, SIGMA_MIN_FRAC * size))
             )
+            known = self._findings.get((code, cell))
+            if known is not None and sigma > max(known.sigma, UNSURE * size):
+                found.append(known)
+                continue
             seen_s = self._time_s - watch.age_s
             value, evidence_s = float(report.resistance_ohm[cell]), watch.evidence_s
             neighbours, confidence = self._segments.neighbours(cell), confidence_of(size, sigma, ALARM_OHM)

@@ -226,12 +226,18 @@ class ChargeWatch:
         self._begin()
         return is_made
 
-    def forget(self, cells: BoolArray) -> None:
-        """Begin anew with the charge of some cells, (n_cells,): what they showed was not theirs."""
-        self._mean[X][:, cells] = 0.0
-        for state in range(STATES):
-            self._cov[X, state][:, cells] = self._cov[state, X][:, cells] = 0.0
-        self._cov[X, X][:, cells] = START_SIGMA**2
+    def forget(self, cells: BoolArray, *, leak: bool = False) -> None:
+        """Begin anew with the charge, and the leak, of some cells, (n_cells,): what they showed was not theirs."""
+        self._begin_with(X, cells, START_SIGMA)
+        if leak:
+            self._begin_with(LEAK, cells, LEAK_PRIOR_A)
+        self._outputs[:, cells] = np.nan  # of the look that goes on
+
+    def _begin_with(self, state: int, cells: BoolArray, sigma: float | FloatArray) -> None:
+        self._mean[state][:, cells] = 0.0
+        for other in range(STATES):
+            self._cov[state, other][:, cells] = self._cov[other, state][:, cells] = 0.0
+        self._cov[state, state][:, cells] = np.square(sigma)
 
     def drift(self) -> ChargeDrift:
         """Return what is known now."""

@@ -32,6 +32,7 @@ QUICK_MEMORY_S: Final = 6.0  # of a second regression, which shows that a joint 
 CHANGED_SIGMAS: Final = 5.0  # apart: the slow one remembers another joint
 JUMP_OHM: Final = 1e-3  # by which a joint parts within one step of the current
 JUMP_SIGMAS: Final = 4.0
+PARTED_OHM: Final = 4.5e-4  # more than the first judgement of a sound joint is wrong by
 NEW_S: Final = 1.0  # of driving since the last judgement: less is no new evidence
 
 
@@ -77,6 +78,8 @@ class JointWatch:
         self._jump_sigma_ohm, self._jumped_at_s = np.zeros(n_cells), 0.0
         self._baseline_ohm = baseline.copy()
         self._learnt = np.where(np.isnan(self._baseline_ohm), 0, BASELINE_JUDGEMENTS)
+        self._sound_judgements = np.zeros(n_cells, dtype=np.int64)  # of this session
+        self._is_of_this_session = np.zeros(n_cells, dtype=np.bool_)  # what has grown
         self._is_loose = np.isfinite(before.excess_ohm)
         self._in_a_row = np.zeros(n_cells, dtype=np.int64)  # judgements that contradict `_is_loose`
         self._report = JointReport(nan, nan, nan, before.excess_ohm.copy(), before.sigma_ohm.copy(), self._is_loose)
@@ -100,6 +103,11 @@ class JointWatch:
     def loose(self) -> BoolArray:
         """(n_cells,) joints judged loose CONFIRMATIONS times in a row, and not sound as often since."""
         return self._is_loose.copy()
+
+    @property
+    def was_sound(self) -> BoolArray:
+        """(n_cells,) joints that were sound for a while in this session: what grows after that is no aged cell."""
+        return self._is_of_this_session
 
     @property
     def age_s(self) -> float:
@@ -151,19 +159,27 @@ class JointWatch:
         self._judgements += 1
         self._forget_what_changed()
         has_past = self._learnt >= PAST_JUDGEMENTS
-        report = judge_joints(
+        report = self._compare(has_past)
+        has_parted = (self._sound_judgements > 0) & (report.ohmic_excess_ohm - self._baseline_ohm > PARTED_OHM)
+        if np.any(has_parted & ~has_past):  # a short past tells a large growth better than the pattern does
+            has_past |= has_parted
+            report = self._compare(has_past)
+        self._is_of_this_session = has_parted | (self._sound_judgements >= PAST_JUDGEMENTS)
+        is_loose = report.is_loose & (has_past | (report.joint_excess_ohm > FIRST_ALARM_OHM))
+        self._confirm(is_loose, np.asarray(report.joint_excess_ohm + report.sigma_ohm < ALARM_OHM))
+        self._is_loose |= jumped & is_loose
+        self._learn(report, is_loose, has_past)
+        self._report = _with_earlier(self._report, replace(report, is_loose=is_loose))
+        return self._report
+
+    def _compare(self, has_past: BoolArray) -> JointReport:
+        return judge_joints(
             self._tracker.resistance_ohm(),
             self._tracker.sigma_ohm(),
             self._segments,
             alarm_ohm=ALARM_OHM,
             baseline_ohm=np.where(has_past, self._baseline_ohm, np.nan),
         )
-        is_loose = report.is_loose & (has_past | (report.joint_excess_ohm > FIRST_ALARM_OHM))
-        self._confirm(is_loose, np.isfinite(report.joint_excess_ohm))
-        self._is_loose |= jumped & is_loose
-        self._learn(report, is_loose, has_past)
-        self._report = _with_earlier(self._report, replace(report, is_loose=is_loose))
-        return self._report
 
     def _forget_what_changed(self) -> None:
         """Take the quick regression's word for cells that no longer resist as the slow one remembers."""
@@ -197,17 +213,22 @@ class JointWatch:
                 tracker.set_ohmic(ratio * usual_ohm, jumped)
         return jumped
 
-    def _confirm(self, is_loose: BoolArray, is_known: BoolArray) -> None:
-        contradicts = is_known & (is_loose != self._is_loose)
-        self._in_a_row = np.where(contradicts, self._in_a_row + 1, np.where(is_known, 0, self._in_a_row))
+    def _confirm(self, is_loose: BoolArray, is_sound: BoolArray) -> None:
+        """Turn what CONFIRMATIONS judgements in a row contradict; one that is neither loose nor sound says nothing."""
+        contradicts = np.where(self._is_loose, is_sound & ~is_loose, is_loose)
+        agrees = np.where(self._is_loose, is_loose, is_sound & ~is_loose)
+        self._in_a_row = np.where(contradicts, self._in_a_row + 1, np.where(agrees, 0, self._in_a_row))
         turns = self._in_a_row >= CONFIRMATIONS
         self._is_loose = self._is_loose ^ turns
         self._in_a_row[turns] = 0
 
     def _learn(self, report: JointReport, is_loose: BoolArray, has_past: BoolArray) -> None:
         excess_ohm = report.ohmic_excess_ohm
-        steady = ~has_past | (np.abs(report.joint_excess_ohm) < LEARN_OHM)
+        # a large excess that is not sure yet, of joint or cell, is no past: it would hide the joint from then on
+        is_like = (report.joint_excess_ohm < FIRST_ALARM_OHM) & (excess_ohm < PARTED_OHM)
+        steady = np.where(has_past, np.abs(report.joint_excess_ohm) < LEARN_OHM, is_like)
         sound = np.isfinite(excess_ohm) & ~is_loose & ~self._is_loose & steady
+        self._sound_judgements += sound
         self._learnt = np.where(sound, np.minimum(self._learnt + 1, BASELINE_JUDGEMENTS), self._learnt)
         known = np.nan_to_num(self._baseline_ohm)
         moved = known + (np.nan_to_num(excess_ohm) - known) / np.maximum(self._learnt, 1)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from app.estimation.cell_model.cell_file import load_cell
@@ -71,6 +71,19 @@ def test_a_grown_joint_is_a_finding_with_its_size_and_evidence(cell):
     assert found[63].since_s >= before_s
     assert found[63].current_a > 30.0
     assert found[63].confidence > 0.95
+
+
+@settings(max_examples=of_size(1, 6, 40), deadline=None)
+@given(st.floats(30.0, 90.0), st.floats(3e-3, 14e-3))
+@example(36.0, 5e-3)  # a few judgements are known of its past
+def test_a_joint_that_parts_at_any_time_is_neither_a_leak_nor_the_cell(sound_s, more_ohm):
+    car = Car(new_watch(load_cell()))
+    car.drive(sound_s)
+    car.resistance_ohm[63] += more_ohm
+    for _ in range(6):
+        car.drive(15)
+        assert {(each.code, each.cell) for each in car.watch.findings} <= {("joint-grown", 63)}
+    assert joints(car.watch)[63].size == pytest.approx(more_ohm, rel=0.1)
 
 
 def test_a_finding_stands_still_while_the_car_does(cell):
