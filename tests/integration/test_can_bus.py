@@ -1,9 +1,12 @@
 """CAN over REST on the simulated bus: tables by name, DBC in and out, monitor, trace files, frames sent."""
 
+import time
+
 import can
 import pytest
 
 from firmware_protocol.config_image import default_image
+from tests.service_process import WAIT_S, until
 
 
 @pytest.fixture(scope="module")
@@ -71,11 +74,10 @@ def test_the_dbc_goes_out_and_comes_back(client):
 
 
 def bus_until(client, condition):
-    for _ in range(400):
-        bus = client.get("/can/bus").json()
-        if condition(bus):
-            return bus
-    raise AssertionError(bus)
+    deadline = time.monotonic() + WAIT_S
+    while not condition(bus := client.get("/can/bus").json()):
+        assert time.monotonic() < deadline, bus
+    return bus
 
 
 def test_the_monitor_measures_names_and_decodes(client):
@@ -126,13 +128,13 @@ def test_what_the_master_sends_is_not_sent_by_hand(client):
 def test_a_recorded_session_is_sent_again(client):
     client.post("/can/transmit", json={"frames": [{"id": 0x3F0 + i, "data": f"{i:02x}"} for i in range(3)]})
     session = client.get("/sessions").json()["sessions"][0]["id"]
-    for _ in range(200):
+
+    def is_sent():
         answer = client.post("/can/transmit/replay", json={"session": session, "speed": 100})
-        if answer.status_code == 200 and answer.json()["total"] >= 3:
-            break
-        client.delete("/can/transmit")  # not yet on the disk
-    assert answer.json()["total"] >= 3
-    client.delete("/can/transmit")
+        client.delete("/can/transmit")
+        return answer.status_code == 200 and answer.json()["total"] >= 3
+
+    until(is_sent)  # what was sent is on the disk soon
     assert client.post("/can/transmit/replay", json={"session": "none"}).status_code == 404
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from app.sessions.export.table import SignalTable
@@ -49,7 +49,8 @@ def batches(samples: list[tuple[int | None, int, bool, bool]]) -> Iterator[list[
     uptimes: list[int] = []
     for restarted_ms, *_ in samples:
         before = uptimes[-1] + STEP_MS if uptimes else 1_000
-        uptimes.append(before if restarted_ms is None else restarted_ms)
+        uptime_ms = before if restarted_ms is None else restarted_ms
+        uptimes.append(uptime_ms + (uptime_ms in uptimes[-1:]))  # two frames of one uptime are of one sample
     batch: list[TableRow] = []
     estimated = 0
     for k in range(len(samples) + 5):
@@ -81,6 +82,7 @@ def write(path: Path, samples: list[tuple[int | None, int, bool, bool]], is_clos
 
 
 @settings(max_examples=examples(100))
+@example(samples=[(0, 0, False, False), (0, 0, False, False)], is_closed=False, piece_s=240.0)
 @given(samples=SAMPLES, is_closed=st.booleans(), piece_s=st.sampled_from((7.0, 240.0)))
 def test_a_row_holds_a_sample_and_its_estimate(samples, is_closed: bool, piece_s: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
