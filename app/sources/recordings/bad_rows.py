@@ -8,7 +8,15 @@ from app.words import Message, Text
 SHOWN = 10
 WARNED_SHARE, REFUSED_SHARE = 0.05, 0.5
 EARLY = 1000  # so many bad ones without one good one are enough
-_TEXT = 60  # characters
+SHOWN_TEXT = 60  # characters
+
+
+class UnreadableLine(ValueError):
+    """A line that is none of its format: `why` is what to tell of it."""
+
+    def __init__(self, why: Message) -> None:
+        self.why = why
+        super().__init__(why.code)
 
 
 @dataclass(slots=True)
@@ -23,7 +31,7 @@ class BadRows:
         """Count a row that cannot be read."""
         self.count += 1
         if len(self.first) < SHOWN:
-            self.first.append((line, reason.strip()[:_TEXT] if isinstance(reason, str) else reason))
+            self.first.append((line, reason.strip()[:SHOWN_TEXT] if isinstance(reason, str) else reason))
 
     def check(self, source: str, good: int) -> None:
         """Refuse a file of which more than half cannot be read.

@@ -16,7 +16,7 @@ import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray, latest_at
-from app.sources.recordings.bad_rows import EARLY, BadRows
+from app.sources.recordings.bad_rows import EARLY, BadRows, UnreadableLine
 from app.sources.recordings.candump import MOST_S, candump_frame
 from app.sources.recordings.kind import CAN_LOGS, kind_of
 from app.sources.recordings.line_logs import crtd_frame, savvycan_frame
@@ -94,9 +94,9 @@ def _lines(path: Path, frame_of: Callable[[str], Frame | None], bad: BadRows, on
         for number, line in enumerate(lines, 1):
             try:
                 frame = frame_of(line) if line.strip() else None
-            except ValueError as error:
+            except UnreadableLine as error:
                 if line.endswith("\n"):
-                    bad.add(number, str(error))
+                    bad.add(number, error.why)
                 continue
             if frame is not None:
                 yield frame

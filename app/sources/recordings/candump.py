@@ -3,6 +3,8 @@
 import re
 from datetime import UTC, datetime
 
+from app.sources.recordings.bad_rows import SHOWN_TEXT, UnreadableLine
+from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 ERROR_FRAME, REMOTE = 0x20000000, "R"
@@ -16,22 +18,18 @@ _SHORT_ID = 3  # digits of an 11-bit id
 MOST_S = 9e9  # in the year 2255; ns since 1970 are kept in 64 bits
 
 
-class NotCandump(ValueError):
-    """A line that is none of candump's."""
-
-
 def candump_frame(line: str) -> tuple[float, int, bytes] | None:
     """Return time [s], id with bit 31 for 29-bit ones, and data of a line; None for remote and error frames.
 
     Raises:
-        NotCandump: the line is none of candump's.
+        UnreadableLine: the line is none of candump's.
     """
     plain = _PLAIN.fullmatch(line)
     if plain is not None and (seconds := float(plain[1])) < MOST_S:
         return seconds, int(plain[2], 16), bytes.fromhex(plain[3])
     found = CANDUMP_LINE.match(line)
     if found is None:
-        raise NotCandump(f"not (TIME) BUS ID#BYTES: {line.strip()[:60]}")
+        raise UnreadableLine(Message("line-unlike", shape="(TIME) BUS ID#BYTES", text=line.strip()[:SHOWN_TEXT]))
     can_id, text = int(found["id"], 16), found["bytes"] if found["data"] is None else found["data"]
     if text.startswith((REMOTE, "remote")) or (len(found["id"]) > _SHORT_ID and can_id & ERROR_FRAME):
         return None
@@ -47,8 +45,8 @@ def _seconds(text: str) -> float:
     else:
         if abs(seconds) < MOST_S:
             return seconds
-        raise NotCandump(f"no time: {text[:30]}")
+        raise UnreadableLine(Message("line-no-time", text=text[:SHOWN_TEXT]))
     try:
         return datetime.fromisoformat(text.strip()).replace(tzinfo=UTC).timestamp()
     except ValueError as error:
-        raise NotCandump(f"no time: {text[:30]}") from error
+        raise UnreadableLine(Message("line-no-time", text=text[:SHOWN_TEXT])) from error

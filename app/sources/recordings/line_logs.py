@@ -2,6 +2,8 @@
 
 import re
 
+from app.sources.recordings.bad_rows import SHOWN_TEXT, UnreadableLine
+from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 Frame = tuple[float, int, bytes]
@@ -10,6 +12,7 @@ CRTD_LINE = re.compile(
     r"(?P<time>\d+(?:\.\d+)?)\s+\d*(?:(?P<way>[RT])(?P<bits>11|29)\s+(?P<id>[0-9A-Fa-f]{1,8})"
     r"(?P<data>(?:\s+[0-9A-Fa-f]{2}){0,64})|C[A-Z]{2}\b.*|[TR]?[EX]\w*\b.*)\s*$"
 )
+_SAVVYCAN = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,.."
 _SHORT_ID = 0x7FF
 _ID_BITS = 0x1FFFFFFF
 
@@ -18,18 +21,23 @@ def savvycan_frame(line: str) -> Frame | None:
     """Return the frame of a line of SavvyCAN's own CSV: `Time Stamp,ID,Extended,Dir,Bus,LEN,D1,...`, time in us.
 
     Raises:
-        ValueError: it is no such line; says what was expected.
+        UnreadableLine: it is no such line; says what was expected.
     """
     if SAVVYCAN_HEADER.match(line):
         return None
     fields = [field.strip() for field in line.strip().split(",")]
     first_byte = 6 if len(fields) > 5 and fields[3][:1].lower() in "rt" else 5  # files of before 2017 have no Dir
     if len(fields) < first_byte:
-        raise ValueError("not Time Stamp,ID,Extended,Dir,Bus,LEN,D1,..")
-    time_us, can_id, length = float(fields[0]), int(fields[1], 16), int(fields[first_byte - 1])
-    data = bytes(int(byte, 16) for byte in fields[first_byte : first_byte + length])
-    if len(data) != length or can_id > _ID_BITS:
-        raise ValueError(f"id {fields[1]}, {len(data)} bytes of {length}")
+        raise UnreadableLine(Message("line-unlike", shape=_SAVVYCAN, text=line.strip()[:SHOWN_TEXT]))
+    try:
+        time_us, can_id, length = float(fields[0]), int(fields[1], 16), int(fields[first_byte - 1])
+        data = bytes(int(byte, 16) for byte in fields[first_byte : first_byte + length])
+    except ValueError as error:
+        raise UnreadableLine(Message("line-unlike", shape=_SAVVYCAN, text=line.strip()[:SHOWN_TEXT])) from error
+    if len(data) != length:
+        raise UnreadableLine(Message("line-cut", id=fields[1][:SHOWN_TEXT], bytes=len(data), length=length))
+    if can_id > _ID_BITS:
+        raise UnreadableLine(Message("line-id", id=fields[1][:SHOWN_TEXT], bits=29))
     is_extended = fields[2].lower() in ("true", "1") or can_id > _SHORT_ID
     return time_us * 1e-6, can_id | (CAN_ID_EXTENDED if is_extended else 0), data
 
@@ -38,17 +46,17 @@ def crtd_frame(line: str) -> Frame | None:
     """Return the frame of a line of a CRTD log: `1705316400.05 3R11 131 00 00`; None for remarks and events.
 
     Raises:
-        ValueError: it is no such line; says what was expected.
+        UnreadableLine: it is no such line; says what was expected.
     """
     if line.lstrip().startswith("#"):
         return None
     found = CRTD_LINE.match(line.strip())
     if found is None:
-        raise ValueError(f"not TIME R11|R29 ID BYTES: {line.strip()}")
+        raise UnreadableLine(Message("line-unlike", shape="TIME R11|R29 ID BYTES", text=line.strip()[:SHOWN_TEXT]))
     if found["way"] is None:
         return None
     extended = CAN_ID_EXTENDED if found["bits"] == "29" else 0
     can_id = int(found["id"], 16)
     if can_id > (_ID_BITS if extended else _SHORT_ID):
-        raise ValueError(f"id {found['id']} has more than {found['bits']} bits")
+        raise UnreadableLine(Message("line-id", id=found["id"], bits=int(found["bits"])))
     return float(found["time"]), can_id | extended, bytes.fromhex(found["data"])

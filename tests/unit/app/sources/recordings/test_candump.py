@@ -4,7 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.sources.recordings.candump import NotCandump, candump_frame
+from app.sources.recordings.bad_rows import UnreadableLine
+from app.sources.recordings.candump import candump_frame
+from app.words import Message
 from tests.campaign import examples
 
 
@@ -45,13 +47,13 @@ def test_a_plain_line_is_read_as_every_other_way_to_write_it(at_s, can_id, data)
 def _frame_or_none(line):
     try:
         return candump_frame(line)
-    except NotCandump:
+    except UnreadableLine:
         return None
 
 
 @given(st.text())
 def test_any_text_is_a_frame_or_an_error_of_ours(line):
-    with contextlib.suppress(NotCandump):
+    with contextlib.suppress(UnreadableLine):
         candump_frame(line)
 
 
@@ -69,14 +71,14 @@ def test_any_text_is_a_frame_or_an_error_of_ours(line):
     ],
 )
 def test_half_a_byte_more_bytes_than_a_frame_has_and_a_time_that_is_none_are_refused(line):
-    with pytest.raises(NotCandump):
+    with pytest.raises(UnreadableLine):
         candump_frame(line)
 
 
 def test_a_refusal_shows_the_line_but_not_all_of_a_long_one():
-    with pytest.raises(NotCandump) as refused:
+    with pytest.raises(UnreadableLine) as refused:
         candump_frame("x" * 5000)
-    assert str(refused.value).endswith(" " + "x" * 60)
+    assert refused.value.why == Message("line-unlike", shape="(TIME) BUS ID#BYTES", text="x" * 60)
 
 
 @settings(max_examples=examples(30))
