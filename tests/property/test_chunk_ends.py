@@ -20,6 +20,7 @@ from tests.campaign import examples
 
 START_NS = 5_000 * 10**9
 STEP_MS = 21_000  # three samples a chunk
+RESET_MS = 1_000  # by which the uptime goes back where the master has started anew
 VOLTAGES = (1896, 192)
 # Of each sample: whether the master has started anew before it and shows what; how many samples its estimate comes
 # behind; whether a commit ends after its frame and after its estimate.
@@ -49,8 +50,8 @@ def batches(samples: list[tuple[int | None, int, bool, bool]]) -> Iterator[list[
     uptimes: list[int] = []
     for restarted_ms, *_ in samples:
         before = uptimes[-1] + STEP_MS if uptimes else 1_000
-        uptime_ms = before if restarted_ms is None else restarted_ms
-        uptimes.append(uptime_ms + (uptime_ms in uptimes[-1:]))  # two frames of one uptime are of one sample
+        is_known = restarted_ms is not None and not (uptimes and -RESET_MS <= restarted_ms - uptimes[-1] <= 0)
+        uptimes.append(restarted_ms if is_known else before)  # a new start at the uptime of the old one is not seen
     batch: list[TableRow] = []
     estimated = 0
     for k in range(len(samples) + 5):
