@@ -79,7 +79,7 @@ class JointWatch:
         self._baseline_ohm = baseline.copy()
         self._learnt = np.where(np.isnan(self._baseline_ohm), 0, BASELINE_JUDGEMENTS)
         self._sound_judgements = np.zeros(n_cells, dtype=np.int64)  # of this session
-        self._is_of_this_session = np.zeros(n_cells, dtype=np.bool_)  # what has grown
+        self._was_sound = np.zeros(n_cells, dtype=np.bool_)
         self._is_loose = np.isfinite(before.excess_ohm)
         self._in_a_row = np.zeros(n_cells, dtype=np.int64)  # judgements that contradict `_is_loose`
         self._report = JointReport(nan, nan, nan, before.excess_ohm.copy(), before.sigma_ohm.copy(), self._is_loose)
@@ -107,7 +107,7 @@ class JointWatch:
     @property
     def was_sound(self) -> BoolArray:
         """(n_cells,) joints that were sound for a while in this session: what grows after that is no aged cell."""
-        return self._is_of_this_session
+        return self._was_sound
 
     @property
     def age_s(self) -> float:
@@ -164,7 +164,7 @@ class JointWatch:
         if np.any(has_parted & ~has_past):  # a short past tells a large growth better than the pattern does
             has_past |= has_parted
             report = self._compare(has_past)
-        self._is_of_this_session = has_parted | (self._sound_judgements >= PAST_JUDGEMENTS)
+        self._was_sound = has_parted | (self._sound_judgements >= PAST_JUDGEMENTS)
         is_loose = report.is_loose & (has_past | (report.joint_excess_ohm > FIRST_ALARM_OHM))
         self._confirm(is_loose, np.asarray(report.joint_excess_ohm + report.sigma_ohm < ALARM_OHM))
         self._is_loose |= jumped & is_loose
