@@ -1,10 +1,14 @@
 """HTTP on the wire: the server's own protocol, with limits on how many there are and how slow one is.
 
 A limit counts what the client is late, never what the service is: a body is not judged while nobody here takes it, an
-answer not while it shrinks, and a connection that says nothing is closed only after a last look at what it said.
+answer only for the time in which some of it waits for the client, and a connection that says nothing is closed only
+after a last look at what it said.
 """
 
+import array
 import asyncio
+import socket
+import sys
 from typing import Any
 
 import h11
@@ -13,11 +17,31 @@ from uvicorn.protocols.utils import get_remote_addr
 
 from app.api.web.connection_limits import make_room, may_upgrade, refuse
 
+if sys.platform == "linux":
+    import fcntl
+    import termios
+
 REQUEST_S = 20.0  # from the connection, or the answer before, to the last byte of a request's headers
 BODY_S = 10.0  # of a body, in which BODY_BYTES have to come
 BODY_BYTES = 5_000
-STALL_S = 30.0  # in which some of an answer has to be taken
+ANSWER_S = 30.0  # that an answer waits for its client, in which ANSWER_BYTES have to be taken
+ANSWER_BYTES = 15_000
 _REFUSAL = "HTTP/1.1 {}\r\nconnection: close\r\nretry-after: 5\r\ncontent-length: 0\r\n\r\n"
+
+
+def unsent_in_system(made: socket.socket | None) -> int | None:
+    """Return how much of what was written the other side has not acknowledged; None where the system does not tell.
+
+    Without it, only what the system has no room for is known to wait, and that goes in steps of megabytes.
+    """
+    if made is None or sys.platform != "linux":
+        return None
+    count = array.array("i", [0])
+    try:
+        fcntl.ioctl(made.fileno(), termios.TIOCOUTQ, count)
+    except OSError:  # closed
+        return None
+    return count[0]
 
 
 class HttpProtocol(H11Protocol):
@@ -29,7 +53,10 @@ class HttpProtocol(H11Protocol):
     _timer: asyncio.TimerHandle | None = None
     _stall: asyncio.TimerHandle | None = None
     _taken_bytes = 0
-    _left_bytes = 0  # of an answer, at the last look
+    _behind_since_s = 0.0  # the client; with a timer in `_stall`
+    _behind_s = 0.0  # in all, since the last look
+    _left_bytes = 0  # of an answer, when it fell behind
+    _got_bytes = 0  # of it, while the client was behind, since the last look
     _has_waited = False  # for this side to take its body, since the last look
     wire: asyncio.Transport | None = None  # below TLS: what the network has not taken waits there
 
@@ -41,6 +68,8 @@ class HttpProtocol(H11Protocol):
             transport.abort()
             return
         super().connection_made(transport)
+        has_tls = transport.get_extra_info("sslcontext") is not None
+        transport.set_write_buffer_limits(high=1 if has_tls else 0)  # told of all that waits, also of the end
         self._look()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -82,8 +111,8 @@ class HttpProtocol(H11Protocol):
         """The client is behind."""
         super().pause_writing()
         if self._stall is None:
-            self._left_bytes = self._unsent_bytes()
-            self._stall = self.loop.call_later(STALL_S, self._look_at_answer)
+            self._behind_since_s, self._left_bytes = self.loop.time(), self._unsent_bytes()
+            self._stall = self.loop.call_later(max(0.0, ANSWER_S - self._behind_s), self._look_at_answer)
 
     def resume_writing(self) -> None:
         """The client took what waited."""
@@ -91,6 +120,7 @@ class HttpProtocol(H11Protocol):
         if self._stall is not None:
             self._stall.cancel()
             self._stall = None
+            self._count_answer()
 
     def cut(self) -> None:
         """End it at once."""
@@ -138,16 +168,27 @@ class HttpProtocol(H11Protocol):
         return self.flow.read_paused or self.conn.they_are_waiting_for_100_continue
 
     def _look_at_answer(self) -> None:
-        left = self._unsent_bytes()
-        if left >= self._left_bytes:
+        self._count_answer()
+        if self._got_bytes < (ANSWER_BYTES if self._unsent_in_system() is not None else 1):
             self.cut()
             return
-        self._left_bytes = left
-        self._stall = self.loop.call_later(STALL_S, self._look_at_answer)
+        self._behind_s, self._got_bytes = 0.0, 0
+        self._stall = self.loop.call_later(ANSWER_S, self._look_at_answer)
+
+    def _count_answer(self) -> None:
+        """Add what was taken, and the time for it, since the client fell behind or since the last look."""
+        now_s, left = self.loop.time(), self._unsent_bytes()
+        self._behind_s += now_s - self._behind_since_s
+        self._got_bytes += self._left_bytes - left
+        self._behind_since_s, self._left_bytes = now_s, left
 
     def _unsent_bytes(self) -> int:
-        below = 0 if self.wire is None else self.wire.get_write_buffer_size()
-        return self.transport.get_write_buffer_size() + below
+        lowest = self.wire or self.transport
+        above = 0 if self.wire is None else self.transport.get_write_buffer_size()
+        return above + lowest.get_write_buffer_size() + (self._unsent_in_system() or 0)
+
+    def _unsent_in_system(self) -> int | None:
+        return unsent_in_system((self.wire or self.transport).get_extra_info("socket"))
 
     def _answer(self, status: str) -> None:
         self.transport.write(_REFUSAL.format(status).encode())

@@ -1,13 +1,16 @@
 """Whose delay a limit counts: the client's, never the service's own. On a loop whose clock the test turns."""
 
 import asyncio
+import contextlib
+import socket
+import sys
 from functools import partial
 
 import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from app.api.web.http_protocol import BODY_BYTES, BODY_S, REQUEST_S, STALL_S, HttpProtocol
+from app.api.web.http_protocol import ANSWER_BYTES, ANSWER_S, BODY_BYTES, BODY_S, REQUEST_S, HttpProtocol
 
 HIGH_WATER = 65_536  # uvicorn reads no further while more than that waits for the application
 EARLY_S = 0.5  # before a limit is reached
@@ -37,9 +40,13 @@ class Loop(asyncio.SelectorEventLoop):
 class Transport:
     def __init__(self):
         self.unsent, self.said, self.is_open, self.is_read, self.protocol = 0, b"", True, True, None
+        self.known = {"peername": ("10.0.0.2", 4711), "sockname": ("10.0.0.2", 4711)}
 
     def get_extra_info(self, name):
-        return ("10.0.0.2", 4711) if name in ("peername", "sockname") else None
+        return self.known.get(name)
+
+    def set_write_buffer_limits(self, high):
+        assert high == 0  # told of all that waits
 
     def get_protocol(self):
         return self.protocol
@@ -170,8 +177,20 @@ def test_what_came_while_the_loop_was_busy_is_read_before_a_connection_is_closed
     assert wire.transport.said.startswith(b"HTTP/1.1 204")
 
 
+@pytest.fixture
+def system(wire):
+    """The system's end of the connection, and the client's: on Linux it tells what waits in it."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        client = socket.create_connection(listener.getsockname())
+        made, _ = listener.accept()
+    made.setblocking(False)
+    with made, client:
+        wire.transport.known["socket"] = made
+        yield made, client
+
+
 @pytest.mark.parametrize("is_secured", [False, True], ids=["plain", "below TLS"])
-def test_an_answer_is_not_cut_off_while_some_of_it_is_taken(wire, is_secured):
+def test_an_answer_is_not_cut_off_while_enough_of_it_is_taken(wire, is_secured):
     network = wire.transport
     if is_secured:
         network = wire.protocol.wire = Transport()
@@ -179,8 +198,65 @@ def test_an_answer_is_not_cut_off_while_some_of_it_is_taken(wire, is_secured):
     network.unsent = 10_000_000
     wire.protocol.pause_writing()
     for _ in range(20):
-        wire.loop.turn(STALL_S - 1.0)
+        wire.loop.turn(ANSWER_S - 1.0)
         network.unsent -= 400_000
         assert wire.is_open
-    wire.loop.turn(2 * STALL_S)  # nothing is taken any more
+    wire.loop.turn(2 * ANSWER_S)  # nothing is taken any more
     assert not wire.is_open
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux what a client has not taken")
+def test_an_answer_that_is_taken_too_slowly_is_cut_off(wire, system):
+    wire.say(*GET)
+    wire.transport.unsent = 10_000_000
+    wire.protocol.pause_writing()
+    wire.loop.turn(ANSWER_S - EARLY_S)
+    wire.transport.unsent -= ANSWER_BYTES - 1
+    wire.loop.turn(2 * EARLY_S)
+    assert not wire.is_open
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux what a client has not taken")
+def test_an_answer_in_small_pieces_that_are_taken_too_slowly_is_cut_off(wire, system):
+    wire.say(*GET)
+    for _ in range(4):
+        wire.transport.unsent = ANSWER_BYTES // 4
+        wire.protocol.pause_writing()
+        wire.loop.turn(ANSWER_S / 3)
+        wire.transport.unsent = 0
+        wire.protocol.resume_writing()  # the whole piece is taken, and the next is made: that is no time of the client
+        wire.loop.turn(10 * ANSWER_S if wire.is_open else 0.0)
+    assert not wire.is_open
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux what a client has not taken")
+def test_an_answer_that_leaves_the_system_is_not_cut_off_although_the_system_takes_no_more_of_it(wire, system):
+    """The system takes more only when a third of its megabytes is free: at 1 kB/s for many minutes nothing."""
+    made, client = system
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            made.send(bytes(1 << 16))
+    wire.say(*GET)
+    wire.transport.unsent = 1_000_000
+    wire.protocol.pause_writing()
+    for _ in range(10):
+        waits = wire.protocol._unsent_bytes()
+        while waits - wire.protocol._unsent_bytes() < ANSWER_BYTES:
+            client.recv(1 << 16)
+        wire.loop.turn(ANSWER_S - EARLY_S)
+        assert wire.is_open
+    wire.loop.turn(2 * ANSWER_S)
+    assert not wire.is_open
+
+
+def test_the_last_bytes_before_a_connection_is_closed_have_no_more_time(wire):
+    wire.say(*GET)
+    wire.transport.unsent = 100
+    wire.protocol.pause_writing()
+    wire.application_takes()
+    closed_s = wire.loop.now_s
+    cut = []
+    wire.transport.close = lambda: None
+    wire.transport.abort = lambda: cut.append(wire.loop.now_s)
+    wire.loop.turn(2 * ANSWER_S)
+    assert cut[0] - closed_s <= ANSWER_S

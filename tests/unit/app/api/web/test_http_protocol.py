@@ -76,7 +76,7 @@ def served():
 
 @pytest.fixture
 def hurry(monkeypatch):
-    for name in ("REQUEST_S", "BODY_S", "STALL_S"):
+    for name in ("REQUEST_S", "BODY_S", "ANSWER_S"):
         monkeypatch.setattr(http_protocol, name, 0.2)
 
 
