@@ -1,5 +1,6 @@
 """Rows and frames of a file that cannot be read: counted, the first ones named; many of them are a refusal."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from app.errors import ImportFailed
@@ -9,6 +10,7 @@ SHOWN = 10
 WARNED_SHARE, REFUSED_SHARE = 0.05, 0.5
 EARLY = 1000  # so many bad ones without one good one are enough
 SHOWN_TEXT = 60  # characters
+NAMED = 12  # columns of a file that has others than those asked for
 
 
 class UnreadableLine(ValueError):
@@ -67,3 +69,10 @@ class BadRows:
         for each in [*named, "..."] if self.count > len(named) else named:
             told = Message("joined", first=told, then=each) if told else each
         return told
+
+
+def some_of(names: Sequence[str]) -> Message:
+    """Return the first names of many, and how many more there are."""
+    shown = tuple(repr(name) for name in names[:NAMED])
+    more = len(names) - NAMED
+    return Message("and-more", shown=shown, n=more) if more > 0 else Message("list", shown=shown)

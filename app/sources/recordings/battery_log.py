@@ -39,7 +39,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     Raises:
         ImportFailed: a column is missing, there are more cells than a battery may have, or no row can be used.
     """
-    profile.check_complete()
+    profile.check_complete(table.source, table.columns)
     notes = list(table.notes)
     current_a = in_our_unit(table.column("current", profile.current), "current", profile.current_unit)
     current_a, direction = signed(current_a, table.columns)

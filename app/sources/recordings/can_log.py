@@ -234,7 +234,7 @@ class LogSignals(NamedTuple):
         Raises:
             ImportFailed: too little is named, or a signal is in none of the frames.
         """
-        profile.check_complete()
+        profile.check_complete(self.source, sorted(self.found))
         times_s, current = _signal(self.source, "current", profile.current, self.found)
         columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
         indexed = {name.partition("[")[0] for name in (profile.voltages, profile.temperatures) if "[" in name}

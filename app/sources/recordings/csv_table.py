@@ -14,6 +14,7 @@ from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.sources.recordings.bad_rows import REFUSED_SHARE, BadRows
 from app.sources.recordings.charge_state import state_of, tells_state
+from app.sources.recordings.encoding import text_of
 from app.sources.recordings.quantities import is_unit
 from app.words import Message, render
 
@@ -44,16 +45,13 @@ def read_csv(source: str, raw: bytes, notes: list[Message]) -> tuple[list[str] |
 
     Args:
         source: name of the file, for the error.
-        raw: its bytes: UTF-8, UTF-16 with a mark, else Latin-1.
+        raw: its bytes, in any of the encodings of `text_of`.
         notes: gets what was done.
 
     Raises:
         TableUnreadable: it holds no table of numbers.
     """
-    try:
-        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
+    text = text_of(raw)
     if "\0" in text:
         raise TableUnreadable(source, Message("no-text"))
     lines = text.splitlines()
@@ -118,6 +116,8 @@ def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
             if _is_row_with_words(lines, k, delimiter):
                 return delimiter, k
     last = min(len(lines), PREAMBLE_LIMIT)
+    if last == 1 and any(delimiter in lines[0] for delimiter in DELIMITERS):
+        raise TableUnreadable(source, Message("only-names", line=repr(lines[0][:60])))
     raise TableUnreadable(source, Message("no-row-of-numbers", last=last, line=repr(lines[last - 1][:60])))
 
 

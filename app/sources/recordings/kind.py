@@ -7,6 +7,7 @@ import zlib
 from pathlib import Path
 
 from app.sources.recordings.candump import CANDUMP_LINE
+from app.sources.recordings.encoding import wide_encoding
 from app.sources.recordings.line_logs import CRTD_LINE, SAVVYCAN_HEADER
 
 CAN_LOGS = ("candump", "asc", "trc", "blf", "savvycan", "crtd", "mf4")
@@ -25,13 +26,14 @@ _MAGIC = (
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "xls"),
     (b"\0\1\0\0Standard", "res"),
     (b"\x40\0\0\0\0\0\0\0", "ld"),
+    (b"%PDF-", "unknown"),
 )
 _ASC = re.compile(r"^\s*(date\s+\w{3}\s|base\s+(hex|dec)\b|begin\s+triggerblock)", re.IGNORECASE | re.MULTILINE)
 _TRC = re.compile(r"^;\$FILEVERSION=|^;\s+(Message|Nr)\s|^\s*\d+\)\s+\d+\.\d+\s+(Rx|Tx|Warng|\d)", re.MULTILINE)
 
 
 def kind_of(path: Path) -> str:
-    """Return what a file is: one of `CAN_LOGS`, "table", "parquet", "xlsx", "ndax", "unknown" for a binary, ...
+    """Return what a file is: one of `CAN_LOGS`, "table", "parquet", "xlsx", "ndax", "zip", "unknown" for a binary, ...
 
     A file that cannot be opened is what its name says.
     """
@@ -49,7 +51,7 @@ def kind_of(path: Path) -> str:
         return found
     if raw.startswith(b"PK\3\4"):
         return _kind_of_zip(path)
-    if b"\0" in raw and raw[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+    if b"\0" in raw and not wide_encoding(raw):
         return by_name if by_name in ("blf", "mf4") else "unknown"
     return _kind_of_text(raw) or by_name
 
@@ -63,15 +65,22 @@ def is_can_log(path: Path) -> bool:
         return any(b"CAN_DataFrame" in piece for piece in iter(lambda: file.read(1 << 22), b""))
 
 
-def _kind_of_zip(path: Path) -> str:
+def names_in_zip(path: Path) -> list[str]:
+    """Return the files in a zip archive, none of one that cannot be read."""
     try:
         with zipfile.ZipFile(path) as packed:
-            names = packed.namelist()
+            return [each.filename for each in packed.infolist() if not each.is_dir()]
     except (OSError, zipfile.BadZipFile):
-        return "unknown"
+        return []
+
+
+def _kind_of_zip(path: Path) -> str:
+    names = names_in_zip(path)
     if any(name.startswith("xl/") for name in names):
         return "xlsx"
-    return "ndax" if any(name.endswith(".ndc") for name in names) else "unknown"
+    if any(name.endswith(".ndc") for name in names):
+        return "ndax"
+    return "zip" if names else "unknown"
 
 
 def _kind_of_text(raw: bytes) -> str | None:

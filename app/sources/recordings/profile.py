@@ -8,10 +8,12 @@ another signal of the same message tells is `CellVoltage[CellID]`.
 import json
 import re
 import tomllib
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from app.errors import ImportFailed
+from app.sources.recordings.bad_rows import some_of
 from app.sources.recordings.quantities import UNITS
 from app.sources.whole_file import replace_file
 from app.words import Message
@@ -61,15 +63,19 @@ class ImportProfile:
                 raise ImportFailed("profile", Message("beyond-range", field=name, value=value, limit=limit))
         parse_cells(self.cells)
 
-    def check_complete(self) -> None:
+    def check_complete(self, source: str, names: Iterable[str]) -> None:
         """Refuse a profile that names too little.
+
+        Args:
+            source: the file that it is for, for the error.
+            names: of the columns or signals that there are.
 
         Raises:
             ImportFailed: it says which quantity is missing.
         """
         for name in ("current", "voltages"):
             if not getattr(self, name):
-                raise ImportFailed("profile", Message("not-named", field=name))
+                raise ImportFailed(source, Message("not-named", field=name, names=some_of(list(names))))
 
 
 def parse_cells(text: str) -> list[tuple[int, int]]:

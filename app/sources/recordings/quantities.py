@@ -23,7 +23,8 @@ UNITS: dict[str, dict[str, Conversion]] = {
     "soc": {"percent": (0.01, 0), "fraction": (1, 0)},
 }
 _SPELLINGS = {  # other ways to write a unit, in lower case
-    "sec": "s", "seconds": "s", "hh:mm:ss": "s", "h:min:s.ms": "s", "hr": "h", "hours": "h", "amps": "A", "volts": "V",
+    "sec": "s", "seconds": "s", "hh:mm:ss": "s", "h:min:s.ms": "s", "h:min:s": "s", "h:m:s": "s",
+    "hr": "h", "hours": "h", "amps": "A", "volts": "V",
     "c": "degC", "°c": "degC", "℃": "degC", "oc": "degC", "f": "degF", "°f": "degF",
     "1": "fraction", "frac": "fraction", "%": "percent", "pct": "percent",
 }  # fmt: skip
@@ -32,12 +33,14 @@ _OTHER_UNITS = {
 }  # fmt: skip
 _NAMES = {  # whole names without their unit, in lower case and without spaces
     "time": "time testtime t elapsed elapsedtime timestamp seconds totaltime cumulativetime progtime runtime"
-    " programtime epochtime unixtime mstoday timeus zeit tid 时间 总时间 测试时间",
-    "current": "current i <i> cur cellcurrent icell ibatt ibat amps batterycurrent strom strøm 电流",
+    " programtime epochtime unixtime mstoday timeus zeit prüfzeit testzeit messzeit laufzeit gesamtzeit tid temps"
+    " tiempo 时间 总时间 测试时间 运行时间",
+    "current": "current i <i> cur cellcurrent icell ibatt ibat amps batterycurrent strom zellstrom strøm"
+    " courant corriente corrente 电流",
     "voltage": "voltage v u cellvoltage terminalvoltage vcell ucell vbatt vbat volts ewe ecell eweece potential"
-    " batteryvoltage spannung spenning 电压",
+    " batteryvoltage spannung zellspannung spenning tension tensión voltaje tensione 电压",
     "temperature": "temperature temp celltemperature celltemp tcell t1 temp1 auxtemperature1 surfacetemperature"
-    " surfacetemp batterytemperature batterytemp temperatur 温度",
+    " surfacetemp batterytemperature batterytemp temperatur zelltemperatur température temperatura 温度",
     "soc": "soc batterylevel stateofcharge",
 }
 _WITH_UNIT = {"test", "rec"}  # `Test (Sec)` is a time, `Test` is its number

@@ -12,8 +12,9 @@ import numpy as np
 
 from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
+from app.sources.recordings.bad_rows import some_of
 from app.sources.recordings.csv_table import TableUnreadable, read_csv
-from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of
+from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of, names_in_zip
 from app.sources.recordings.neware import read_neware
 from app.sources.recordings.signal_files import read_signals
 from app.sources.recordings.workbook import largest_sheet
@@ -58,7 +59,7 @@ class Table:
         if name.isdigit() and 1 <= int(name) <= len(self.columns):
             return list(self.columns.values())[int(name) - 1]
         raise ImportFailed(
-            self.source, Message("no-such-column", what=what, name=repr(name), names=_some(list(self.columns)))
+            self.source, Message("no-such-column", what=what, name=repr(name), names=some_of(list(self.columns)))
         )
 
     def matrix(self, what: str, pattern: str) -> FloatArray:
@@ -71,7 +72,7 @@ class Table:
         if not found:
             raise ImportFailed(
                 self.source,
-                Message("no-column-fits", what=what, pattern=repr(pattern), names=_some(list(self.columns))),
+                Message("no-column-fits", what=what, pattern=repr(pattern), names=some_of(list(self.columns))),
             )
         return np.column_stack([self.columns[name] for name in found])
 
@@ -97,6 +98,8 @@ def load_table(path: Path) -> Table:
     """
     source = path.name
     kind = kind_of(path)
+    if kind == "zip":
+        raise TableUnreadable(source, Message("is-zip", names=some_of(names_in_zip(path))))
     if kind in NO_TABLES:
         raise TableUnreadable(source, NO_TABLES[kind])
     if kind in OF_SIGNALS and not is_can_log(path):
@@ -176,8 +179,3 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
         except pa.ArrowException:
             columns.append(np.full(table.num_rows, np.nan))
     return list(table.column_names), columns
-
-
-def _some(names: list[str]) -> Message:
-    shown = tuple(repr(name) for name in names[:12])
-    return Message("and-more", shown=shown, n=len(names) - 12) if len(names) > 12 else Message("list", shown=shown)

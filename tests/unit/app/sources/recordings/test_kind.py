@@ -49,7 +49,7 @@ def test_a_packed_log_is_read(tmp_path: Path) -> None:
 
 
 def test_a_workbook_is_known_among_archives(tmp_path: Path) -> None:
-    for inside, kind in (("xl/workbook.xml", "xlsx"), ("data.ndc", "ndax"), ("photo.jpg", "unknown")):
+    for inside, kind in (("xl/workbook.xml", "xlsx"), ("data.ndc", "ndax"), ("photo.jpg", "zip")):
         with zipfile.ZipFile(tmp_path / "file", "w") as packed:
             packed.writestr(inside, "x")
         assert kind_of(tmp_path / "file") == kind

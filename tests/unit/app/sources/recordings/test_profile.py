@@ -23,8 +23,8 @@ ORION = ImportProfile(
 
 @pytest.mark.parametrize(("given", "missing"), [({"voltages": "V{n}"}, "current"), ({"current": "I"}, "voltages")])
 def test_a_profile_that_names_too_little_says_what_is_missing(given: dict[str, str], missing: str) -> None:
-    with pytest.raises(ImportFailed, match=f"{missing} is not named"):
-        ImportProfile(**given).check_complete()
+    with pytest.raises(ImportFailed, match=f"^run.csv: {missing} is not named.*'Speed'"):
+        ImportProfile(**given).check_complete("run.csv", ["Speed"])
 
 
 def test_a_profile_that_cannot_be_read_names_its_file(tmp_path: Path) -> None:
