@@ -1,9 +1,11 @@
 # Everything a contributor types. Needs Python 3.11 and make; the rest is fetched from PyPI and npm into this folder.
 # Variables: PYTHON=python3.11, ARGS="--serial /dev/ttyUSB0" for `make run`, TESTS=tests/unit for `make test`,
-# WORKERS=1 for one test process instead of two per core, SHORT=1 for a short `make campaign`.
+# WORKERS=1 for one test process instead of two per core; for `make campaign` SHORT=1 (minutes), LONG=1 (hours), ONLY=soak.
 
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if $(shell command -v $p 2>/dev/null),$p)))
 ARGS ?=
+LONG ?=
+ONLY ?=
 SHORT ?=
 TESTS ?=
 WORKERS ?= auto
@@ -31,8 +33,8 @@ pictures: $(VENV)/.dev-installed frontend browser ## take the pictures anew that
 	@VOLTWALL_PICTURES=renew $(PY) -m pytest -q -n 0 tests/e2e/test_pictures.py
 	@git status --short tests/e2e/pictures
 
-campaign: $(VENV)/.site-installed frontend browser ## kills, power cuts, noise, a day of racing, every route; SHORT=1 for a part of each
-	@$(PY) .ci/campaign.py $(if $(SHORT),--short)
+campaign: $(VENV)/.site-installed frontend browser ## kills, power cuts, noise, a day of racing, every route, within 30 minutes; SHORT=1 for a part of each, LONG=1 for hours
+	@$(PY) .ci/campaign.py $(if $(SHORT),--short) $(if $(LONG),--long) $(if $(ONLY),--only $(ONLY))
 
 check: lint types imports generated-check frontend-check ## formatting, lint, workflows, types, import rules, generated files; changes nothing
 

@@ -1,8 +1,10 @@
 """Runs what takes long: many examples, kills, power cuts, noise, a day of racing, every route, pages for minutes.
 
-`make campaign` runs all of it and writes the table promise / test / count / result into docs/reference/reliability.md,
-`make campaign SHORT=1` a part of each. Each prints what it found in one line. The tests are those of `make test` in a
-larger size (`tests/campaign.py`); the pages are measured by `benchmarks/pages.py`.
+`make campaign` runs all of it within half an hour, `make campaign SHORT=1` a part of each, `make campaign LONG=1` the
+hours: two of them at full use, a day in accelerated time, ten minutes a target of fuzzing. The full and the long one
+write a row for each file of tests into docs/reference/reliability.md; `ONLY=soak` runs the part of that name and leaves
+the other rows as they were. Each prints what it found in one line. The tests are those of `make test` in a larger size
+(`tests/campaign.py`); the pages are measured by `benchmarks/pages.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from xml.etree import ElementTree
@@ -24,6 +26,10 @@ from xml.etree import ElementTree
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "reference" / "reliability.md"
 BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
+COLUMNS = ("Promise", "Test", "Size", "Day", "Took", "Count", "Result")
+NOTHING = "pytest"  # of which a row is not kept
+RULE = "| --- | --- | --- | --- | ---: | ---: | --- |"
+SIZES = ("short", "full", "long")
 PROPERTIES = ("-m", "hypothesis", "tests/unit", "tests/property", "tests/numeric")
 ANYTHING = "Whatever hypothesis thinks of: every property of the code, with many examples"
 TESTS = (
@@ -63,14 +69,15 @@ TESTS = (
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",
 )
 ALONE = ("tests/integration/test_recorder_starved.py",)  # its share of a core is what nothing else takes
-PROCESSES = {"short": 3, "full": 2}  # at once: many wait for a car, a service or a page
+PROCESSES = {"short": 3, "full": 3, "long": 2}  # at once: many wait for a car, a service or a page
 FULL_ONLY = (
     "tests/e2e/test_pages.py",  # the short campaign would repeat `make test`
     "tests/e2e/test_debrief.py",
     "tests/e2e/test_pictures.py",
 )
-PAGE_MINUTES = {"short": 0.5, "full": 6.0}
-PAGE_HOURS = {"short": 0.5, "full": 4.0}
+PAGES = "benchmarks/pages.py"
+PAGE_MINUTES = {"short": 0.5, "full": 2.0, "long": 60.0}
+PAGE_HOURS = {"short": 0.5, "full": 1.0, "long": 4.0}
 HEAP_GROWTH_MB = 8.0  # more than a garbage collection leaves behind by chance
 
 
@@ -83,6 +90,7 @@ class Part:
     count: int
     result: str
     held: bool
+    took_s: float = 0.0  # of all its tests; several run at once
 
 
 def run_tests(size: str, what: str, *chosen: str, promise: str | None = None) -> list[Part]:
@@ -95,18 +103,21 @@ def run_tests(size: str, what: str, *chosen: str, promise: str | None = None) ->
         command += ["-o", "junit_family=xunit1", f"--junitxml={cases}", *chosen]
         done = subprocess.run(command, cwd=ROOT, env=environment, check=False, capture_output=True, text=True)
         told = sorted(line.split("\t", 1) for line in figures.read_text(encoding="utf-8").splitlines())
-        found = ElementTree.parse(cases).getroot().iter("testcase") if cases.exists() else ()
+        found = [*ElementTree.parse(cases).getroot().iter("testcase")] if cases.exists() else []
         counted = Counter((case.get("file") or "?", _outcome(case)) for case in found)
+        took_s = Counter[str]()
+        for case in found:
+            took_s[case.get("file") or "?"] += float(case.get("time") or 0.0)  # type: ignore[assignment]
     print(*(figure for _, figure in told), sep="\n")
     print(f"{what}: {(done.stdout.splitlines() or ['nothing'])[-1]}", flush=True)
     if done.returncode:
         print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
     if done.returncode and not any(outcome == "failed" for _, outcome in counted):
-        return [Part(what, "pytest", 0, "DID NOT RUN", held=False)]
+        return [Part(what, NOTHING, 0, "DID NOT RUN", held=False)]
     if promise is not None:
-        return [_part(promise, " ".join(chosen), counted, told)]
+        return [replace(_part(promise, " ".join(chosen), counted, told), took_s=sum(took_s.values()))]
     files = sorted({file for file, _ in counted})
-    return [_part(promise_of(file), file, counted, told) for file in files]
+    return [replace(_part(promise_of(file), file, counted, told), took_s=took_s[file]) for file in files]
 
 
 def _part(promise: str, file: str, counted: Counter[tuple[str, str]], told: list[list[str]]) -> Part:
@@ -133,18 +144,28 @@ def promise_of(file: str) -> str:
     return " ".join(told.split("\n\n")[0].split()).rstrip(".")
 
 
-def as_table(parts: list[Part]) -> str:
-    """Return the table promise / test / count / result."""
-    rows = [f"| {each.promise} | `{each.test}` | {each.count} | {each.result} |" for each in parts]
-    return "\n".join(["| Promise | Test | Count | Result |", "| --- | --- | ---: | --- |", *rows])
+def as_rows(size: str, day: str, parts: list[Part]) -> list[str]:
+    """Return a row for each part: promise / test / size / day / took / count / result."""
+    return [
+        f"| {each.promise} | `{each.test}` | {size} | {day} | {each.took_s:.0f} s | {each.count} | {each.result} |"
+        for each in parts
+    ]
 
 
-def write_table(page: Path, size: str, minutes: float, parts: list[Part]) -> None:
-    """Put the table between the marks of a page."""
+def write_table(page: Path, size: str, day: str, parts: list[Part]) -> None:
+    """Put the rows between the marks of a page, in place of those of the same test and size; others stay."""
     head, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, tail = rest.partition(END)
-    when = f"{datetime.now(UTC):%Y-%m-%d}, `make campaign{' SHORT=1' if size == 'short' else ''}`, {minutes:.0f} min."
-    page.write_text(f"{head}{BEGIN}\n{when}\n\n{as_table(parts)}\n{END}{tail}", encoding="utf-8")
+    before, _, tail = rest.partition(END)
+    rows = {_key(row): row for row in before.splitlines() if row.count("|") > len(COLUMNS) and "`" in row}
+    rows |= {_key(row): row for row in as_rows(size, day, [part for part in parts if part.test != NOTHING])}
+    table = "\n".join([f"| {' | '.join(COLUMNS)} |", RULE, *(rows[key] for key in sorted(rows))])
+    page.write_text(f"{head}{BEGIN}\n{table}\n{END}{tail}", encoding="utf-8")
+
+
+def _key(row: str) -> tuple[int, str]:
+    """Of a row: its size, then its test."""
+    _, _, test, size, *_ = (cell.strip() for cell in row.split("|"))
+    return SIZES.index(size), test
 
 
 def run_pages(size: str) -> Part:
@@ -152,39 +173,54 @@ def run_pages(size: str) -> Part:
     promise = "A page that stays open under the live stream, and scrubs through a long session, keeps its memory"
     command = [sys.executable, "-m", "benchmarks.pages", "--minutes", str(PAGE_MINUTES[size])]
     command += ["--hours", str(PAGE_HOURS[size])]
+    began_s = time.monotonic()
     done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+    took_s = time.monotonic() - began_s
     heap = re.search(r"heap after warm-up.*?([+-]\d+\.\d+) MB", done.stdout)
     if done.returncode or heap is None or "LOST" in done.stdout or float(heap[1]) > HEAP_GROWTH_MB:
         print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
-        return Part(promise, "benchmarks/pages.py", 1, "FAILED", held=False)
+        return Part(promise, PAGES, 1, "1 FAILED", held=False, took_s=took_s)
     scrubbed = re.search(r"scrubbed: (.*)", done.stdout)
     moves = "" if scrubbed is None else f"; a session of {PAGE_HOURS[size]:g} h scrubbed, {scrubbed[1]}"
     result = f"{PAGE_MINUTES[size]:g} min of the live stream, heap {heap[1]} MB{moves}"
     print(f"pages: {result}", flush=True)
-    return Part(promise, "benchmarks/pages.py", 1, result, held=True)
+    return Part(promise, PAGES, 1, result, held=True, took_s=took_s)
+
+
+def run_chosen(size: str, only: str) -> list[Part]:
+    """Run all parts, or those whose name has a word in it."""
+    chosen = [test for test in (TESTS if size == "short" else (*TESTS, *FULL_ONLY)) if only in test]
+    alone = [test for test in ALONE if only in test]
+    parts = run_tests(size, "long", *chosen) if chosen else []
+    parts += run_tests(size, "alone", *alone) if alone else []
+    parts += run_tests(size, "properties", *PROPERTIES, promise=ANYTHING) if only in "properties" else []
+    return [*parts, run_pages(size)] if only in PAGES else parts
 
 
 def main() -> int:
-    """Run, tell how long it took, and keep the table of the full size."""
+    """Run, tell how long it took, and keep the rows of the full and the long size."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help="a part of each")
-    parser.add_argument("--table", type=Path, metavar="FILE", help=f"write the table there (full: {PAGE.name})")
+    parser.add_argument("--short", dest="size", action="store_const", const="short", default="full", help="minutes")
+    parser.add_argument("--long", dest="size", action="store_const", const="long", help="hours")
+    parser.add_argument("--only", metavar="WORD", default="", help="tests with the word in their path, or `properties`")
+    parser.add_argument("--table", type=Path, metavar="FILE", help=f"the page with the rows ({PAGE.name}; short: none)")
     options = parser.parse_args()
-    size = "short" if options.short else "full"
     began_s = time.monotonic()
-    parts = run_tests(size, "long", *(TESTS if size == "short" else (*TESTS, *FULL_ONLY)))
-    parts += run_tests(size, "alone", *ALONE)
-    parts += run_tests(size, "properties", *PROPERTIES, promise=ANYTHING)
-    parts.append(run_pages(size))
-    minutes = (time.monotonic() - began_s) / 60
-    page = options.table or (PAGE if size == "full" else None)
-    if page is not None:
-        write_table(page, size, minutes, parts)
+    parts = run_chosen(options.size, options.only)
+    if not parts:
+        parser.error(f"no part of the campaign is called {options.only}")
+    took_s = time.monotonic() - began_s
     has_held = all(part.held for part in parts)
     for part in parts:
         if not part.held:
             print(f"{part.test}: {part.result}")
-    print(f"campaign ({size}): {'held' if has_held else 'FAILED'}, {minutes:.1f} min")
+    if not options.only:
+        result = "held" if has_held else "FAILED"
+        parts.append(Part("All of it", ".ci/campaign.py", sum(each.count for each in parts), result, has_held, took_s))
+    page = options.table or (None if options.size == "short" else PAGE)
+    if page is not None:
+        write_table(page, options.size, f"{datetime.now(UTC):%Y-%m-%d}", parts)
+    print(f"campaign ({options.size}): {'held' if has_held else 'FAILED'}, {took_s / 60:.1f} min")
     return 0 if has_held else 1
 
 

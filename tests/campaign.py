@@ -1,6 +1,8 @@
-"""Some tests have three sizes: a sample in `make test`, more in `make campaign SHORT=1`, all in `make campaign`.
+"""Some tests have sizes: a sample in `make test`, more in `make campaign SHORT=1`, still more in `make campaign`.
 
-`.ci/campaign.py` runs the larger two: VOLTWALL_CAMPAIGN names the size, VOLTWALL_FIGURES the file of what they found.
+The longest, hours, is `make campaign LONG=1`; most tests have no size of their own for it. `.ci/campaign.py` runs all
+but the first: VOLTWALL_CAMPAIGN names the size, VOLTWALL_FIGURES the file of what they found. The short one is part of
+every CI run; the full one ends within 30 minutes on two quiet cores, so what is added there is taken off elsewhere.
 """
 
 import os
@@ -8,21 +10,22 @@ from pathlib import Path
 
 import pytest
 
-SIZES = ("sample", "short", "full")
+SIZES = ("sample", "short", "full", "long")
 SIZE = os.environ.get("VOLTWALL_CAMPAIGN", "sample")
+IS_FULL = SIZE in ("full", "long")
 
 
-def of_size(sample: float, short: float, full: float) -> int:
-    """Return how many, in this run."""
-    return int((sample, short, full)[SIZES.index(SIZE)])
+def of_size(sample: float, short: float, full: float, long: float | None = None) -> int:
+    """Return how many, in this run; in the longest as in the full one, if it has no size of its own."""
+    return int((sample, short, full, full if long is None else long)[SIZES.index(SIZE)])
 
 
 def examples(many: int) -> int:
-    """Return how many examples a property is tried with: an eighth in `make test`, five times in the full campaign.
+    """Return how many examples a property is tried with: an eighth in `make test`, all in the full campaign.
 
-    The short campaign, which is part of every CI run, tries half of them.
+    The short campaign tries half of them, the long one five times as many.
     """
-    return of_size(max(many // 8, 1), max(many // 2, 1), 5 * many)
+    return of_size(max(many // 8, 1), max(many // 2, 1), many, 5 * many)
 
 
 def campaign(sample_s: float, short_s: float, full_s: float) -> pytest.MarkDecorator:

@@ -19,7 +19,7 @@ import app  # noqa: F401  before numpy: it keeps each process to one thread
 from hatch_build import build_engine
 from tests.bytecode import write_bytecode
 from tests.c_programs import CMaster, build_program
-from tests.campaign import SIZE, examples, tell_figure
+from tests.campaign import IS_FULL, examples, tell_figure
 from tests.service_process import Service, until
 
 # On a loaded machine the time of one example says nothing.
@@ -48,7 +48,7 @@ MEMORY_BYTES = 3_000_000_000  # free, for the files of a whole run
 def pytest_configure(config: pytest.Config) -> None:
     """Bring the estimator's C engine and the bytecode up to date with their sources."""
     gc.disable()  # until everything is collected: nothing of that is garbage
-    if SIZE != "full":
+    if not IS_FULL:
         keep_files_in_memory()
     if not hasattr(config, "workerinput"):  # pytest-xdist's
         build_engine(ROOT)

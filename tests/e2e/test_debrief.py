@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.campaign import SIZE
+from tests.campaign import IS_FULL
 from tests.e2e.conftest import COUNT_CLICKS, RULES, SIZES, is_too_wide, spent
 from tests.recorded.arrays import SessionMaker
 from tests.service_process import NO_CAR
@@ -213,7 +213,7 @@ def test_no_page_of_a_session_has_an_accessibility_violation_or_is_too_wide(look
         "sessions/import": page_has("main h1"),
     }
     page = open_page(f"{service.base_url}/#/sessions")
-    themes = RULES if SIZE == "full" else ("dark",)
+    themes = RULES if IS_FULL else ("dark",)
     found = {}
     for path, shown in places.items():
         page.set_viewport_size(SIZES["desktop"])
@@ -223,7 +223,7 @@ def test_no_page_of_a_session_has_an_accessibility_violation_or_is_too_wide(look
         for size in ("desktop", PHONE):
             page.set_viewport_size(SIZES[size])
             assert not is_too_wide(page), (path, size)
-        if SIZE == "full":
+        if IS_FULL:
             on_phone = violations(page)
             found |= {f"{path}, phone, {rule}": where for rule, where in on_phone.items()}
     assert found == {}

@@ -5,7 +5,7 @@ import json
 import pytest
 from playwright.sync_api import expect
 
-from tests.campaign import SIZE
+from tests.campaign import IS_FULL
 from tests.e2e.conftest import SIZES, is_too_wide
 
 READS_ONLY = True
@@ -42,7 +42,7 @@ def test_every_page_renders_fits_and_has_no_accessibility_violation(service, ope
     page = open_page(f"{service.base_url}/#/overview")
     found = {}
     for path, (heading, content) in PAGES.items():
-        is_looked_at_in_full = path in SAMPLE or SIZE == "full"
+        is_looked_at_in_full = path in SAMPLE or IS_FULL
         page.set_viewport_size(SIZES["desktop"])
         page.goto(f"{service.base_url}/#/{path}")
         expect(page.get_by_role("heading", level=1)).to_have_text(heading)

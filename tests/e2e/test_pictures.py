@@ -23,7 +23,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, Route, expect
 
-from tests.campaign import SIZE
+from tests.campaign import IS_FULL
 from tests.e2e.conftest import CHROMIUM, FLAGS, NO_SERVICE_WORKER, ROOT, SIZES
 from tests.node import node
 from tests.recorded.arrays import SessionMaker
@@ -34,7 +34,7 @@ PICTURES = Path(__file__).parent / "pictures"
 FOUND = Path(tempfile.gettempdir(), "voltwall-pictures")
 
 pytestmark = [
-    pytest.mark.skipif(SIZE != "full" and not RENEWS, reason="in the full campaign"),
+    pytest.mark.skipif(not IS_FULL and not RENEWS, reason="in the full campaign"),
     pytest.mark.timeout(240),
 ]
 

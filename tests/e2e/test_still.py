@@ -6,7 +6,7 @@ from tests.campaign import campaign, of_size
 from tests.e2e.stillness import moved, watch
 
 READS_ONLY = True
-WATCHED_S = of_size(1, 5, 60)
+WATCHED_S = of_size(1, 5, 10, 60)
 PAGES = {  # address: what is there once it is drawn
     "overview": ".charts canvas",
     "packs": '[data-testid="cell-30"]',

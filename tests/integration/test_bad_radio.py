@@ -14,8 +14,8 @@ from tests.bad_radio import BadRadio
 from tests.campaign import SIZE, campaign, of_size, tell_figure
 from tests.service_process import WAIT_S, until
 
-LATENCY_S = {"sample": 0.02, "short": 0.2, "full": 1.0}[SIZE]  # each way
-CUT_S = of_size(0, 10, 120)
+LATENCY_S = {"sample": 0.02, "short": 0.2, "full": 0.5, "long": 1.0}[SIZE]  # each way
+CUT_S = of_size(0, 10, 30, 120)
 PATIENCE_S = of_size(2 * WAIT_S, 300, 1500)  # a piece is closed after ten seconds, and asked for after more
 pytestmark = campaign(240, 600, 3600)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from tests.campaign import campaign, of_size
 from tests.recorded.day_race import DayRace, check
 
-SECONDS = of_size(20, 180, 4 * 3600)
+SECONDS = of_size(20, 180, 1800, 4 * 3600)
 
 
 @campaign(240, 600, 1700)

@@ -18,7 +18,7 @@ from tests.c_programs import build_faulty_disk
 from tests.campaign import SIZE, campaign, of_size
 
 PROJECT = Path(__file__).parents[2]
-SHARE = of_size(4, 8, 100) / 100
+SHARE = of_size(4, 8, 25, 100) / 100
 QUICK = ("history", "eeprom", "profiles", "settings")  # milliseconds each
 LONG = ("recorder", "events", "stores", "retention", "lake")
 

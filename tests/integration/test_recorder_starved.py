@@ -17,7 +17,7 @@ from tests.service_process import Service, until
 from tests.starved import starved
 
 SHARE = 0.05
-KILLS = of_size(0, 1, 12)
+KILLS = of_size(0, 1, 3, 12)
 LOST_S = 0.5
 STARVED_S = (6.0, 12.0)
 

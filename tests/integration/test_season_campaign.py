@@ -21,14 +21,14 @@ from tests.campaign import SIZE, campaign, of_size, tell_figure
 from tests.recorded.arrays import SessionMaker
 
 PROJECT = Path(__file__).parents[2]
-SESSIONS = of_size(8, 12, 40)
+SESSIONS = of_size(8, 12, 20, 40)
 pytestmark = [campaign(120, 240, 600), pytest.mark.skipif(SIZE == "sample", reason="in the campaign")]
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """One session of some minutes."""
-    time_s = np.arange(0.0, 60.0 * of_size(5, 5, 15), 0.1)
+    time_s = np.arange(0.0, 60.0 * of_size(5, 5, 5, 15), 0.1)
     current_a = np.where(np.sin(0.5 * time_s) > 0.0, 60.0, 0.0)
     return SessionMaker(tmp_path_factory.mktemp("recorded"))(time_s, current_a, 3.7 - 0.003 * current_a)
 

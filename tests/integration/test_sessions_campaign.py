@@ -19,8 +19,8 @@ from tests.c_programs import build_faulty_disk
 from tests.campaign import campaign, of_size
 
 PROJECT = Path(__file__).parents[2]
-KILLS = of_size(4, 30, 600)
-CUTS = of_size(5, 60, 100_000)  # at most at every change of the files
+KILLS = of_size(4, 30, 150, 600)
+CUTS = of_size(5, 60, 300, 100_000)  # at most at every change of the files
 SECTOR = 512
 ACKNOWLEDGED = 5  # a record of faulty_disk.c
 

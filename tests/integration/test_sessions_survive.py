@@ -18,7 +18,7 @@ from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from tests.campaign import campaign, of_size
 
-KILLS = of_size(1, 2, 20)
+KILLS = of_size(1, 2, 8, 20)
 PROJECT = Path(__file__).parents[2]
 
 RECORD = """

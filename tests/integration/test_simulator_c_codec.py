@@ -10,7 +10,7 @@ from simulator.scenario_player import ScenarioPlayer
 from tests.c_programs import build_program
 from tests.campaign import campaign, of_size
 
-SECONDS = of_size(20, 40, 1200)
+SECONDS = of_size(20, 40, 240, 1200)
 
 PIECE = 3000  # the driver reads lines of limited length
 

@@ -1,7 +1,8 @@
 """Hours of everything at once leave memory, descriptors, threads and latency as they were.
 
 Thirty readers, some of whom come and go; imports, exports, reports and resets of the master, again and again.
-`VOLTWALL_SOAK_S` sets its length in seconds; two hours in `make campaign`, none in `make test` and the short one.
+`VOLTWALL_SOAK_S` sets its length in seconds; minutes in `make campaign`, two hours in its
+long form, none in `make test` and the short one.
 """
 
 import contextlib
@@ -24,7 +25,7 @@ from app.live.history import CELLS_EVERY_NS, CELLS_LENGTH, PER_CELL
 from tests.campaign import of_size, tell_figure
 from tests.service_process import N_CELLS
 
-LENGTH_S = int(os.environ.get("VOLTWALL_SOAK_S") or of_size(0, 0, 7200))
+LENGTH_S = int(os.environ.get("VOLTWALL_SOAK_S") or of_size(0, 0, 240, 7200))
 READERS = 30
 COMING_AND_GOING = 5  # of them, each staying STAY_S
 STAY_S = 10.0
@@ -34,6 +35,7 @@ PAUSES_S = {  # at least ten times each
     for name, pause_s in {"import": 60.0, "export": 45.0, "report": 45.0, "reset": 120.0, "page": 5.0}.items()
 }
 MOST_GROWTH_MB = 5.0
+WARM_S = 1800.0  # before, memory grows by what is used for the first time
 LOWEST_PRIORITY_S = 300.0  # for an answer of the worker processes, where others want the machine as well
 CELLS_HISTORY_MB = CELLS_LENGTH * N_CELLS * 2 * len(PER_CELL) / 1e6  # taken as it fills
 CELLS_HISTORY_S = CELLS_LENGTH * CELLS_EVERY_NS / 2e9
@@ -179,7 +181,7 @@ def _judge(soak: Soak, looks: np.ndarray) -> None:
     )
     assert soak.wrong == []
     assert all(soak.done.values()), soak.done
-    assert memory[1] - memory[0] - filling < MOST_GROWTH_MB
+    assert memory[1] - memory[0] - filling < MOST_GROWTH_MB or LENGTH_S / 4 < WARM_S
     assert abs(descriptors[1] - descriptors[0]) <= 3  # connections that come and go
     assert abs(threads[1] - threads[0]) <= 2
     assert p50_s[1] < 2 * p50_s[0]

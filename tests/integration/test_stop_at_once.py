@@ -12,7 +12,7 @@ import pytest
 from tests.campaign import campaign, of_size, tell_figure
 
 OBEYED_S = 2.0
-MOMENTS = of_size(0, 4, 40)
+MOMENTS = of_size(0, 4, 16, 40)
 LONGEST_S = 4.0  # a start takes less
 
 

@@ -9,7 +9,7 @@ from tests.numeric.prediction_races import RaceRun, possible_lap_wh
 LAPS, RESERVE, WITHIN = 22, 0.1, 0.05
 
 
-@pytest.mark.skipif(SIZE != "full", reason="each race is driven to its end several times: in the whole campaign")
+@pytest.mark.skipif(SIZE != "long", reason="each race is driven to its end several times: in the long campaign")
 @campaign(60, 60, 1800)
 @pytest.mark.parametrize(("scenario", "seed"), [("clean-endurance", 51), ("clean-endurance", 54)])
 def test_the_plan_at_lap_three_is_what_was_possible(scenario, seed, tell):

@@ -11,7 +11,7 @@ from app.estimation.filters.estimators import make_estimator
 from tests.campaign import of_size
 from tests.open_loop import simulate
 
-N_RUNS = of_size(12, 24, 96)
+N_RUNS = of_size(12, 24, 48, 96)
 DURATION_S = 1200.0
 
 

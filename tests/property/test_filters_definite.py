@@ -10,7 +10,10 @@ from app.estimation.filters.estimators import FILTERS, make_estimator
 from tests.campaign import of_size
 from tests.engines import ENGINES, hostile_steps
 
-N_CELLS, N_STEPS = 500, of_size(200, 700, 2000)  # x 3 recursive filters: a million cell-steps in the short campaign
+N_CELLS, N_STEPS = (
+    500,
+    of_size(200, 700, 1400, 2000),
+)  # x 3 recursive filters: a million cell-steps in the short campaign
 
 
 engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)

@@ -14,7 +14,7 @@ from tests.campaign import campaign, of_size
 from tests.engines import ENGINES, hostile_steps, step_both
 
 N_CELLS = 50
-EXAMPLES = of_size(6, 60, 200)
+EXAMPLES = of_size(6, 60, 120, 200)
 STEPS = 100  # of 50 cells each: a million cell-steps in the full campaign
 
 cells = st.sampled_from(["samsung-25r-10p", "panasonic-ncr18650pf", "lco-pouch", "sanyo-ur18650w"])

@@ -1,7 +1,7 @@
 """Bytes that reach different code of what reads them, found by coverage, and those that once broke it.
 
 `make campaign` searches on (`tests/fuzz/run.py`, atheris; the C library by a loop of its own with gcc's coverage and
-sanitizers): ten minutes a target, seconds in the short one. A find is put into `tests/fuzz/finds` and mended.
+sanitizers): seconds a target, ten minutes in the long one (`LONG=1`). A find is put into `tests/fuzz/finds` and mended.
 """
 
 import os
@@ -18,7 +18,7 @@ from tests.campaign import campaign, of_size, tell_figure
 from tests.fuzz.targets import FOLDER, TARGETS, kept, target
 
 PROJECT = Path(__file__).parents[2]
-SEARCH_S = of_size(0, 2, 600)
+SEARCH_S = of_size(0, 2, 20, 600)
 PATIENCE_S = 120  # to start, on a machine that does other things too
 C_TARGETS = ("link", "messages", "config", "can")
 

@@ -21,7 +21,7 @@ from firmware_protocol.memory_map import MAP_HASH
 from tests.campaign import campaign, of_size, tell_figure
 from tests.unit.app.sessions.conftest import MONO_NS, WALL_NS, Stream
 
-COPIES = of_size(25, 100, 1000)
+COPIES = of_size(25, 100, 300, 1000)
 FRAMES = 300
 ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i FROM n) SELECT count(*) FROM n"
 RECEIVED = ("frames", "can_frames", "events", "markers", "configs", "clock")

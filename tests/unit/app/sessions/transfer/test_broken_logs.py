@@ -9,7 +9,7 @@ from tests.campaign import campaign, of_size
 from tests.unit.app.sessions.transfer.test_import_jobs import PROFILE, Watched, pipeline
 
 FRAMES = 200
-LOGS = of_size(9, 50, 300)
+LOGS = of_size(9, 50, 150, 300)
 
 
 @pytest.fixture(scope="module")

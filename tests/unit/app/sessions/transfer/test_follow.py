@@ -147,7 +147,7 @@ def assert_same(original: Path, copy: Path) -> None:
 @campaign(30, 120, 600)
 @pytest.mark.parametrize("order", ["oldest", "newest"])
 def test_over_a_link_that_loses_and_damages_every_third_thing_nothing_is_lost(tmp_path, pit, order):
-    info = record(tmp_path / "car", of_size(SECONDS, 300, 4200))
+    info = record(tmp_path / "car", of_size(SECONDS, 300, 1200, 4200))
     car = Car(tmp_path / "car", loss=0.3, damage=0.1)
     told: list[Message] = []
     Follower(car, pit, Clock(), order=order, note=told.append).run(Patient(whole(pit)))

@@ -22,7 +22,7 @@ TRUE_V = 3.5 + 0.001 * np.arange(N_CELLS)
 VOLTAGES = [message for message in LOADED.definitions.messages if message.name.startswith("CellVoltages")]
 KNOWN = {message.can_id for message in LOADED.definitions.messages}
 END = 0x7FF
-FLOOD = of_size(2_000, 20_000, 200_000)
+FLOOD = of_size(2_000, 20_000, 80_000, 200_000)
 STEP_NS = 200_000
 
 
