@@ -18,9 +18,11 @@ from app.commands.session_commands.selection import (
 from app.errors import ConfigError
 from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
-from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.reader import OnRead, SessionFile
 from app.sessions.storage.files import is_in_use
 from app.sessions.transfer.repair import repair
+
+_PARTS = 1000  # of a session, as the progress of a check counts
 
 
 def _when(wall_ns: int | None) -> str:
@@ -155,21 +157,25 @@ def check_sessions(args: argparse.Namespace) -> int:
         print(problem, file=sys.stderr if args.json else sys.stdout)
     checked: list[dict[str, object]] = []
     progress = Progress()
-    for k, path in enumerate(paths, 1):
-        checked.append(_checked(path))
+    for k, path in enumerate(paths):
+        checked.append(_checked(path, _share_of(progress, k, len(paths))))
         progress.end()
         if not args.json:
             print(_verdict(checked[-1]))
-        progress(k, len(paths))
     progress.end()
     if args.json:
         print(json.dumps(checked, indent=2))
     return int(bool(unreadable) or any(each["problems"] for each in checked))
 
 
-def _checked(path: Path) -> dict[str, object]:
+def _share_of(progress: Progress, k: int, of: int) -> OnRead:
+    """What tells the progress of session number `k` as that of all."""
+    return lambda rows, all_rows: progress(_PARTS * k + _PARTS * rows // max(all_rows, 1), _PARTS * of)
+
+
+def _checked(path: Path, on_read: OnRead) -> dict[str, object]:
     in_use = is_in_use(path)
-    with SessionFile(path) as session:
+    with SessionFile(path, on_read) as session:
         return {"id": path.stem, "state": _state(session.info, in_use), "problems": session.problems()}
 
 
@@ -181,7 +187,9 @@ def _verdict(checked: dict[str, Any]) -> str:
 
 
 def _repair(path: Path, target: Path) -> int:
-    lost = repair(path, target)
+    progress = Progress(path.stem)
+    lost = repair(path, target, progress)
+    progress.end()
     for what, count in lost.items():
         if count:
             print(f"{path.stem}: {what}: {count} lost" if " " not in what else f"{path.stem}: {what}: {count}")

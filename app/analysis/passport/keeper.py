@@ -176,17 +176,21 @@ class PassportKeeper:
         ]
         return found[::-1]
 
-    def read_new(self) -> int:
-        """Read every finished session that is not in the store yet; return how many. One thread at a time."""
-        with self._reading:
-            return self._read(self._new())
+    def read_new(self, on_progress: Callable[[int, int], None] = lambda done, of: None) -> int:
+        """Read every finished session that is not in the store yet; return how many. One thread at a time.
 
-    def _read(self, new: list[SessionInfo]) -> int:
+        `on_progress` is called with how many are read, of how many.
+        """
+        with self._reading:
+            return self._read(self._new(), on_progress)
+
+    def _read(self, new: list[SessionInfo], on_progress: Callable[[int, int], None]) -> int:
         done = 0
         for k, info in enumerate(new):
             if self._is_closing:
                 break
             self._progress = (k, len(new))
+            on_progress(k, len(new))
             try:
                 with SessionFile(info.path) as session:
                     if not self._is_of_battery(session.battery):
@@ -204,6 +208,7 @@ class PassportKeeper:
             except Exception:  # the sessions after it are read all the same
                 self._unreadable.add(info.id)
                 log.exception("session %s is not in the passports", info.id)
+        on_progress(len(new), len(new))
         self._progress = (0, 0)
         return done
 

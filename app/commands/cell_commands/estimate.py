@@ -14,6 +14,7 @@ from app.commands.cell_commands.charts import check_picture_name, draw_estimate
 from app.commands.cell_commands.filter_run import Run, gap_notes, outside_notes, run_filter
 from app.commands.cell_commands.power import power_columns, power_of, power_summary, print_power
 from app.commands.cell_commands.recordings import check_table_name, read_recording, write_table
+from app.commands.console.progress import Progress
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
@@ -39,7 +40,10 @@ def run(args: argparse.Namespace) -> int:
         cell = load_cell(args.cell)
         recording = believable(read_recording(args.file, args), cell.capacity_ah)
         estimator = make_estimator(args.filter, cell, 1)
-        result = run_filter(estimator, recording, cell.capacity_ah, args.initial_soc, args.initial_sigma, cell)
+        progress = Progress(recording.source)
+        start = args.initial_soc, args.initial_sigma
+        result = run_filter(estimator, recording, cell.capacity_ah, *start, cell, progress)
+        progress.end()
         score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
         white = score_innovations(recording.time_s, result.innovation_v, result.innovation_sigma_v)
         report = summary(args, recording, result, cell, score, white)

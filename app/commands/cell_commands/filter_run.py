@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +64,7 @@ def run_filter(
     initial_soc: float | None = None,
     initial_sigma: float | None = None,
     cell: CellModel | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> Run:
     """Return what a one-cell estimator says at every row of a recording.
 
@@ -74,6 +75,7 @@ def run_filter(
         initial_soc: SOC believed at the first row, 0..1; None = from the voltage there.
         initial_sigma: standard deviation of that; None = the filter's default.
         cell: its model; resistances are learned only near temperatures it was made at. None = at all.
+        on_progress: called with how many rows are done, of how many.
 
     Raises:
         EstimatorError: the filter refuses the numbers.
@@ -115,6 +117,7 @@ def run_filter(
         if offset is not None:
             lasted_s, charge_as = (float(sums[rows.stop] - sums[rows.start]) for sums in (time_s, drawn_as))
             is_due |= offset.step(lasted_s, charge_as / lasted_s if lasted_s > 0.0 else 0.0)
+        on_progress(rows.stop, len(steps))
         # a model that is not valid says nothing of the sensor
         is_valid = table[OUT_VALID, rows.stop - 1] > 0.0
         if is_due and offset is not None and is_valid and (voltage_soc := estimator.voltage_soc()) is not None:

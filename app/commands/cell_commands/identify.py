@@ -11,6 +11,7 @@ import numpy as np
 
 from app.commands.cell_commands.charts import check_picture_name, draw_identification
 from app.commands.cell_commands.recordings import read_recording
+from app.commands.console.progress import Progress
 from app.estimation.cell_model.cell_file import save_cell
 from app.estimation.errors import DatasetError, EstimatorError
 from app.estimation.identification.identify import Identification, identify
@@ -24,7 +25,9 @@ def run(args: argparse.Namespace) -> int:
         slow, pulses, drives = (
             [read_recording(path, args) for path in paths] for paths in (args.ocv, args.pulses, args.drive)
         )
-        found = identify(slow, pulses, drives, args.rc, args.name or args.out.stem)
+        progress = Progress(args.out.stem)
+        found = identify(slow, pulses, drives, args.rc, args.name or args.out.stem, progress)
+        progress.end()
         save_cell(found.model, args.out)
         if args.plot is not None:
             draw_identification(args.plot, found)

@@ -4,7 +4,8 @@ import argparse
 import json
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from app.analysis.finding import AnalysisFinding
 from app.analysis.laps.figures import DriverFigures, Lap
 from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
 from app.analysis.report.report import compare_sessions, report_of
+from app.commands.console.progress import Progress
 from app.commands.console.terminal import print_table
 from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
@@ -26,9 +28,19 @@ _NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
 _COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
 
 
+@contextmanager
+def _opened(args: argparse.Namespace, name: str) -> Iterator[SessionFile]:
+    """A session that is read as a whole; the terminal is told how far that is."""
+    path = find_session(args, name)
+    progress = Progress(path.stem)
+    with SessionFile(path, progress) as session:
+        yield session
+    progress.end()
+
+
 def show_laps(args: argparse.Namespace) -> int:
     """Print the laps."""
-    with SessionFile(find_session(args, args.session)) as session:
+    with _opened(args, args.session) as session:
         source, counter = _source(args.laps_from, session, args.dbc)
         table = lap_table(session, source, counter)  # type: ignore[arg-type]
         start_s = session.info.started_wall_ns / 1e9
@@ -43,7 +55,7 @@ def show_laps(args: argparse.Namespace) -> int:
 
 def show_report(args: argparse.Namespace) -> int:
     """Print how a session went."""
-    with SessionFile(find_session(args, args.session)) as session:
+    with _opened(args, args.session) as session:
         report = report_of(session)
     if args.json:
         json.dump(asdict(report), sys.stdout, indent=2)
@@ -71,8 +83,8 @@ def _write(path: Path, page: str) -> None:
 def show_comparison(args: argparse.Namespace) -> int:
     """Print two sessions side by side."""
     with (
-        SessionFile(find_session(args, args.session)) as session,
-        SessionFile(find_session(args, args.other)) as other,
+        _opened(args, args.session) as session,
+        _opened(args, args.other) as other,
     ):
         found = compare_sessions(session, other)
     if args.json:
@@ -109,7 +121,7 @@ def _figure(value: float | None) -> str:
 
 def show_black_boxes(args: argparse.Namespace) -> int:
     """Print what happened around every trip and fault."""
-    with SessionFile(find_session(args, args.session)) as session:
+    with _opened(args, args.session) as session:
         boxes = black_boxes(session)
     if args.json:
         json.dump([asdict(box) for box in boxes], sys.stdout)

@@ -12,6 +12,7 @@ from app.analysis.passport.shapes import swaps_of
 from app.analysis.totals import listed, number
 from app.battery.battery import Battery
 from app.clock import Clock
+from app.commands.console.progress import Progress
 from app.commands.console.terminal import print_table
 from app.commands.session_commands.analysis import scaled, short_place
 from app.commands.session_commands.selection import (
@@ -39,7 +40,9 @@ def _of_battery(args: argparse.Namespace, battery: Battery, cell: CellModel) -> 
     try:
         if args.take_back is not None and not keeper.store.remove_swap(args.take_back):
             raise ConfigError("--take-back", args.take_back, "the number of a swap that is listed")
-        keeper.read_new()  # before a swap: it says which cars there are
+        progress = Progress("passports")
+        keeper.read_new(progress)  # before a swap: it says which cars there are
+        progress.end()
         if args.swap is not None:
             _swap(keeper, args)
         car, cars = keeper.car(args.car), sorted(keeper.store.cars())

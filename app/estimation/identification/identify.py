@@ -6,8 +6,9 @@ the rest is solved for exactly, non-negative and robust. Arrays in, a `CellModel
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Final
 
 import numpy as np
@@ -32,7 +33,7 @@ from app.estimation.identification.parts import (
     reference_soc,
     typical_resistance,
 )
-from app.estimation.identification.problem import Problem, Solution
+from app.estimation.identification.problem import ROBUST_ROUNDS, Problem, Solution
 from app.estimation.identification.slow_tests import SlowCurves, read_slow
 from app.estimation.recording.cell_recording import Recording, believable
 
@@ -44,6 +45,8 @@ VOLTAGE_RMS_LIMIT_V: Final = 0.03  # above, estimates drift: see docs/explanatio
 SOC_BEYOND: Final = 0.05  # a recording further beyond full or empty is not on the SOC axis
 FLAT_V: Final = 0.15  # per unit of SOC: an OCV that rises less tells little
 FLAT_SHARE: Final = 0.25  # of the range: less is a dip that a drive passes
+SEARCHES: Final = 2  # of time constants: a coarse and a fine one
+OnProgress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,7 @@ def identify(
     drives: Sequence[Recording] = (),
     n_rc: int = 2,
     name: str = "cell",
+    on_progress: OnProgress = lambda done, of: None,
 ) -> Identification:
     """Return the cell model that explains the recordings best.
 
@@ -101,6 +105,7 @@ def identify(
         drives: drives like those the model is for.
         n_rc: number of RC pairs, 0..4.
         name: name of the cell.
+        on_progress: called with how many rounds are done, of how many.
 
     Raises:
         ModelError: a recording lacks what the fit needs; the error names it.
@@ -131,7 +136,12 @@ def identify(
         shift = ocv_shift(first.solve(tau_candidates(measured, capacity_ah)), slow_degc)
         parts = laid(measured, [], shift)
     problem = Problem(parts, slow, capacity_ah, typical_ohm, knots_degc, slow_degc)
-    solution = problem.robust(_search(problem, parts, capacity_ah, n_rc))
+    rounds = count(1)
+
+    def told() -> None:
+        on_progress(next(rounds), SEARCHES + ROBUST_ROUNDS)
+
+    solution = problem.robust(_search(problem, parts, capacity_ah, n_rc, told), told)
     source = f"identified from {', '.join(r.source for r in (*slow_tests, *measured))}"
     model = cell_model(solution, slow, slow_degc, measured, capacity_ah, name, source)
     fits = tuple(_part_fit(model, part) for part in parts)
@@ -148,13 +158,17 @@ def identify(
     return Identification(model, fits, solution.tau_s, energy, slow.counted_ah, tuple(notes), tuple(warnings))
 
 
-def _search(problem: Problem, parts: Sequence[Part], capacity_ah: float, n_rc: int) -> Solution:
+def _search(
+    problem: Problem, parts: Sequence[Part], capacity_ah: float, n_rc: int, told: Callable[[], None]
+) -> Solution:
     """Return the solution at the best time constants: a coarse choice, then a fine one."""
     candidates = tau_candidates([part.recording for part in parts], capacity_ah)
     solution = problem.choose_tau(candidates, n_rc)
+    told()
     if n_rc:
         near = sorted({tau * factor for tau in solution.tau_s for factor in (2**-0.5, 1.0, 2**0.5)})
         solution = problem.choose_tau(near, n_rc)
+    told()
     return solution
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -146,8 +146,11 @@ class Problem:
             raise ModelError("--rc", f"{n_rc} time constants cannot be told apart at this sampling")
         return best
 
-    def robust(self, start: Solution) -> Solution:
-        """Return the solution with samples far off counted less: Huber weights at three times the median."""
+    def robust(self, start: Solution, told: Callable[[], None] = lambda: None) -> Solution:
+        """Return the solution with samples far off counted less: Huber weights at three times the median.
+
+        `told` is called after each round.
+        """
         solution = start
         for _ in range(ROBUST_ROUNDS):
             gram = self.prior(len(start.tau_s))
@@ -159,6 +162,7 @@ class Problem:
                 trust = np.minimum(1.0, limit / np.maximum(error, 1e-9))
                 design.add_equations(gram, moment, start.tau_s, columns, trust)
             solution = self._finish(gram, moment, start.tau_s)
+            told()
         return solution
 
     def _finish(self, gram: FloatArray, moment: FloatArray, tau_s: tuple[float, ...]) -> Solution:

@@ -1,7 +1,7 @@
 """Is a session what was recorded? Its pages, its digests, every frame's checksum, every column against its frames."""
 
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -16,17 +16,40 @@ from app.words import render
 from firmware_protocol.framing import Frame, decode_chunk
 from firmware_protocol.older_maps import fields_of, is_known
 
+_COUNTED = ("frames", "can_frames", "events")  # tables that may be long
 
-def find_problems(stored: StoredSession) -> list[str]:
-    """Read every byte of a session and return what is wrong with it; an empty list is a sound file."""
+
+class _Read:
+    """Counts the rows that were looked at: each for its digest, a frame for its checksum and for its columns, too."""
+
+    def __init__(self, stored: StoredSession, on_read: Callable[[int, int], None] | None) -> None:
+        self._on_read = on_read
+        self._done, self._of = 0, 0
+        if on_read is not None:
+            self._of = sum(stored.last_id(table) for table in ("frames", "frames", *_COUNTED))
+
+    def __call__(self, rows: int) -> None:
+        self._done += rows
+        if self._on_read is not None:
+            self._on_read(min(self._done, self._of), self._of)
+
+
+def find_problems(stored: StoredSession, on_read: Callable[[int, int], None] | None = None) -> list[str]:
+    """Read every byte of a session and return what is wrong with it; an empty list is a sound file.
+
+    Args:
+        stored: the session.
+        on_read: told how many of its rows are read, and of how many.
+    """
     found: list[str] = []
     try:
         found += stored.check_pages()
         with stored.consistent(), stored.sound():
+            read = _Read(stored, on_read)
             found += _rows_missing(stored)
-            found += _digests(stored)
-            found += _frames(stored)
-            found += _columns(stored)
+            found += _digests(stored, read)
+            found += _frames(stored, read)
+            found += _columns(stored, read)
     except NotASession as error:
         found.append(error.reason if isinstance(error.reason, str) else render(error.reason))
     return found
@@ -39,7 +62,7 @@ def _rows_missing(stored: StoredSession) -> Iterator[str]:
             yield f"{table}: {missing} rows are missing"
 
 
-def _digests(stored: StoredSession) -> Iterator[str]:
+def _digests(stored: StoredSession, read: _Read) -> Iterator[str]:
     """Sessions of before 2026-11 have no digests."""
     meta = dict(stored.rows("SELECT key, value FROM meta"))
     if KEY not in meta:
@@ -49,27 +72,29 @@ def _digests(stored: StoredSession) -> Iterator[str]:
             is_sound = [last_id, digest] == list(meta_digest(meta))
         else:
             here = Digest()
-            for row in _all_rows(stored, table, last_id):
-                here.add(row)
+            for rows in _all_rows(stored, table, last_id):
+                here.add_all(rows)
+                read(len(rows) if table in _COUNTED else 0)
             is_sound = here.value == (last_id, digest)
         if not is_sound:
             yield f"{table}: not as it was recorded"
 
 
-def _all_rows(stored: StoredSession, table: str, last_id: int) -> Iterator[tuple[Any, ...]]:
+def _all_rows(stored: StoredSession, table: str, last_id: int) -> Iterator[list[tuple[Any, ...]]]:
     after = -1
     query = f"SELECT {COLUMNS[table]} FROM {table} WHERE id > ? AND id <= ? ORDER BY id LIMIT 500"
     while rows := stored.rows(query, (after, last_id)):
-        yield from rows
+        yield rows
         after = rows[-1][0]
 
 
-def _frames(stored: StoredSession) -> Iterator[str]:
+def _frames(stored: StoredSession, read: _Read) -> Iterator[str]:
     """Frames that were intact when they came are so still, and those that were not, too."""
     wrong: list[int] = []
     for number, raw, ok in _all_frames(stored, 0, 1 << 62):
         if isinstance(decode_chunk(raw), Frame) != bool(ok):
             wrong.append(number)
+        read(1)
     if wrong:
         yield f"frames: the checksum of {len(wrong)} is not as it was, the first is number {wrong[0]}"
 
@@ -81,7 +106,7 @@ def _all_frames(stored: StoredSession, first: int, last: int) -> Iterator[tuple[
         first = rows[-1][0] + 1
 
 
-def _columns(stored: StoredSession) -> Iterator[str]:
+def _columns(stored: StoredSession, read: _Read) -> Iterator[str]:
     """Every column can be unpacked; what the master told over its line is what its frames say."""
     ((map_hash,),) = stored.rows("SELECT value FROM meta WHERE key = 'map_hash'")
     is_known_map = is_known(map_hash)
@@ -90,6 +115,7 @@ def _columns(stored: StoredSession) -> Iterator[str]:
     wrong: set[str] = set()
     for number, first, last, boots in stored.rows("SELECT id, first_frame, last_frame, boots FROM chunks ORDER BY id"):
         expected = None
+        read(last + 1 - first)
         if is_known_map:
             rows = stored.rows(
                 "SELECT t_mono_ns, raw FROM frames WHERE id >= ? AND id <= ? AND ok ORDER BY id", (first, last)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from heapq import merge
@@ -35,6 +35,7 @@ from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 
 MAX_POINTS = 100_000
+OnRead = Callable[[int, int], None]  # parts read, parts in all
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig
 _ALWAYS_US = 1 << 62
 _ALWAYS_THERE = {"id", "name", "voltwall", "map_hash", "start_mono_ns", "start_wall_ns", "metadata"}
@@ -47,14 +48,17 @@ class SessionFile:
     middle of a session moves no sample against another.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, on_read: OnRead | None = None) -> None:
         """Open the file.
+
+        `on_read` is told how far it is read by what reads fields from its begin to its end.
 
         Raises:
             NotASession: missing, damaged, or something else. Every method raises this where it meets damage.
             SchemaTooNew: a newer program wrote it.
         """
         self.path = path
+        self._on_read = on_read
         self._stored = StoredSession(path)
         try:
             self.loaded_battery = self._load_battery()
@@ -294,6 +298,8 @@ class SessionFile:
         shapes = {name: self.signals.of_field(name) for name in names if name in order or name not in FIELDS}
         wanted = {name: np.arange(count) for name, (_, count) in shapes.items()}
         for block in self._read(wanted, t_from_s, t_to_s, in_rows=True):
+            if self._on_read is not None and t_from_s is t_to_s is None:
+                self._tell(block, self._on_read)
             found: dict[str, list[Column]] = defaultdict(list)
             for column in block.columns:
                 found[column.field].append(column)
@@ -309,6 +315,10 @@ class SessionFile:
             return self._blocks.blocks(wanted, first_us, last_us)
         blocks = self._blocks.blocks(wanted, first_us - CARRIED_US, last_us)
         return rows_of(blocks, wanted, self.signals, speaks, first_us)
+
+    def _tell(self, block: Block, on_read: OnRead) -> None:
+        start_us, end_us = (each // 1000 for each in (self.info.started_mono_ns, self.info.ended_mono_ns or 0))
+        on_read(min(block.last_us, end_us) - start_us, end_us - start_us)
 
     def _in_units(self, parts: Sequence[Column], signal: Signal, n_elements: int) -> FieldSamples:
         """Columns of one field as one table."""
@@ -344,7 +354,7 @@ class SessionFile:
 
     def problems(self) -> list[str]:
         """Look at every byte; an empty list is a sound file. Takes seconds for a long session."""
-        return find_problems(self._stored)
+        return find_problems(self._stored, self._on_read)
 
     def copy_to(self, path: Path) -> None:
         """Write the session as one file without a log beside it, complete up to now."""

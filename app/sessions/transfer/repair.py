@@ -5,7 +5,7 @@ what it is. Columns are made anew from the frames; estimates come from the colum
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from heapq import merge
 from itertools import islice
@@ -23,10 +23,16 @@ from firmware_protocol.framing import Frame, decode_chunk
 BATCH = 2000
 _TABLES = ("frames", "can_frames", "events", "markers", "configs", "clock")
 _AT_ONCE = 512
+Progress = Callable[[int, int], None]  # parts done, parts in all
 
 
-def repair(path: Path, target: Path) -> Counter[str]:
+def repair(path: Path, target: Path, on_progress: Progress = lambda done, of: None) -> Counter[str]:
     """Write the session at `path` anew to `target`, which does not exist; return what was lost, by table.
+
+    Args:
+        path: of the session.
+        target: of the new one.
+        on_progress: called with how far it is.
 
     Raises:
         NotASession, SchemaTooNew: it cannot be opened at all.
@@ -40,7 +46,7 @@ def repair(path: Path, target: Path) -> Counter[str]:
     try:
         with SessionFile(path) as session:
             target.touch()
-            _write(session, stored, target, lost)
+            _write(session, stored, target, lost, on_progress)
     except BaseException:
         remove(target)
         raise
@@ -50,7 +56,9 @@ def repair(path: Path, target: Path) -> Counter[str]:
     return lost
 
 
-def _write(session: SessionFile, stored: StoredSession, target: Path, lost: Counter[str]) -> None:
+def _write(
+    session: SessionFile, stored: StoredSession, target: Path, lost: Counter[str], on_progress: Progress
+) -> None:
     info = session.info
     start_ns = info.started_mono_ns
     end_ns = max(info.ended_mono_ns or start_ns, start_ns)
@@ -63,6 +71,7 @@ def _write(session: SessionFile, stored: StoredSession, target: Path, lost: Coun
         while batch := list(islice(items, BATCH)):
             writer.write(batch)
             writer.close_chunk_if_due(batch[-1][1][0])
+            on_progress(min(batch[-1][1][0], end_ns) - start_ns, end_ns - start_ns)
         if info.is_closed:
             writer.close(end_ns, end_ns + info.started_wall_ns - start_ns)
     finally:

@@ -1,0 +1,111 @@
+"""Every command that works for long says how far it is and how long it still takes, on a terminal."""
+
+import io
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from app.commands.cell_commands.recordings import write_table
+from app.commands.console import progress
+from app.estimation.cell_model.cell_file import load_cell
+from app.sessions.recording.recorder import Recorder
+from firmware_protocol.framing import encode_frame
+from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.messages import Data, Window
+from tests.fake_clock import FunctionClock
+from tests.open_loop import simulate
+
+CELL = load_cell("samsung-25r-10p")
+WALL_NS = 1_790_000_000 * 10**9
+
+
+class Terminal(io.StringIO):
+    """Standard error that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def run(*words: str | Path) -> str:
+    """What a command shows on a terminal that is told of every step, however short."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(progress, "SHOWN_AFTER_S", 0.0)
+        patched.setattr(progress, "EVERY_S", 0.0)
+        terminal = Terminal()
+        patched.setattr("sys.stderr", terminal)
+        assert main([str(word) for word in words]) == 0
+    return terminal.getvalue()
+
+
+def shares(shown: str) -> list[float]:
+    """The per cents that were shown; each with a time left, and none left standing."""
+    assert shown.endswith(f"\r{'':<60}\r")
+    return [float(each) for each in re.findall(r"([0-9.]+) %, \d+ (?:s|min) left", shown)]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sessions of three minutes, with a current and 96 voltages ten times a second."""
+    folder = tmp_path_factory.mktemp("data")
+    now_ns = 0
+    recorder = Recorder(folder / "sessions", FunctionClock(lambda: now_ns, lambda: WALL_NS + now_ns), version="1.0")
+    for _ in range(2):
+        recorder.start("", {})
+        for k in range(1800):
+            now_ns += 100_000_000
+            current = Window(FIELDS["i_fs"].offset, (3000).to_bytes(4, "little"))
+            cells = Window(FIELDS["v"].offset, (37000 + k).to_bytes(2, "little") * 96)
+            body = Data((current, cells)).to_body()
+            recorder.frame(now_ns, WALL_NS + now_ns, 0, encode_frame(1, k % 256, k * 100, body)[1:-1], True)
+        recorder.flush()
+        recorder.stop()
+    recorder.close()
+    return folder
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check"],
+        ["check", "ID", "--repair", "OUT"],
+        ["report", "ID"],
+        ["laps", "ID"],
+        ["compare", "ID", "--with", "OTHER"],
+        ["passport"],
+    ],
+    ids=" ".join,
+)
+def test_a_look_at_sessions_tells_how_far_it_is(data: Path, tmp_path: Path, words: list[str]) -> None:
+    first, other = sorted(path.stem for path in (data / "sessions").glob("*.sqlite"))
+    named = {"ID": first, "OTHER": other, "OUT": str(tmp_path / "out.sqlite")}
+    found = shares(run("sessions", *(named.get(word, word) for word in words), "--data", data))
+    assert found
+    if words[0] not in ("compare", "passport"):  # two sessions of a line each; a step a session
+        assert all(low <= high for low, high in pairwise(found))
+        assert found[-1] >= 99.0
+
+
+def test_the_filter_along_a_recording_tells_how_far_it_is(tmp_path: Path) -> None:
+    time_s = np.arange(2000.0)
+    _, voltage_v = simulate(CELL, time_s, np.full(2000, 5.0), np.full(2000, 25.0), 0.9)
+    write_table(tmp_path / "drive.csv", {"time_s": time_s, "current_a": np.full(2000, 5.0), "voltage_v": voltage_v})
+    assert shares(run("estimate", tmp_path / "drive.csv", "--cell", "samsung-25r-10p"))[-1] == 100.0
+
+
+def test_an_identification_tells_its_rounds(tmp_path: Path) -> None:
+    def write(name: str, steps: list[tuple[float, float]], step_s: float) -> Path:
+        current = np.concatenate([np.full(round(s / step_s), c * CELL.capacity_ah) for c, s in steps])
+        time_s, heat = step_s * np.arange(current.size), np.full(current.size, 25.0)
+        soc, voltage = simulate(CELL, time_s, current, heat, 0.999)
+        write_table(tmp_path / name, {"time_s": time_s, "current_a": current, "voltage_v": voltage, "soc": soc})
+        return tmp_path / name
+
+    slow = write("slow.csv", [(0, 600), (0.05, 71_640), (0, 3600)], 60.0)
+    pulses = write("pulses.csv", [(0, 30), *[(4, 10), (0, 120), (1, 350), (0, 300)] * 8], 1.0)
+    out = tmp_path / "cell.toml"
+    shown = run("identify", "--ocv", slow, "--pulses", pulses, "--rc", "1", "--out", out)
+    assert shares(shown) == [25.0, 50.0, 75.0, 100.0]
