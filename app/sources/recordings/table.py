@@ -165,7 +165,8 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
             shape = Message("limit-rows", rows=about.num_rows, columns=about.num_columns, limit=PARQUET_VALUES)
             raise LimitExceeded(shape)
         table = file.read()
-    except (pa.ArrowException, OSError) as exc:
+        names = list(table.column_names)
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as exc:  # the last: a column's name
         raise TableUnreadable(source, Message("no-parquet", error=str(exc))) from exc
     columns = []
     for column in table.columns:
@@ -178,4 +179,4 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
             columns.append(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64))
         except pa.ArrowException:
             columns.append(np.full(table.num_rows, np.nan))
-    return list(table.column_names), columns
+    return names, columns
