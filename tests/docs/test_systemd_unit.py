@@ -35,6 +35,7 @@ def test_it_has_no_powers_and_writes_in_its_own_folder() -> None:
     assert (SET["NoNewPrivileges"], SET["ProtectSystem"], SET["ProtectHome"]) == ("yes", "strict", "yes")
     assert f"Environment=VOLTWALL_DATA=/var/lib/{SET['StateDirectory']}\n" in UNIT
     assert "AF_CAN" in SET["RestrictAddressFamilies"]
+    assert SET["LimitCORE"] == "0"
 
 
 def test_unit_and_page_name_only_settings_that_exist() -> None:
