@@ -26,6 +26,20 @@ describe('the pace of drawing', () => {
     expect(found.filter((each) => each === 'charts')).toHaveLength(4);
   });
 
+  it('asks for no frame until the next is due, and for all of them while something has changed', () => {
+    const pace = new FrameSchedule();
+    const found = [0, 1, 2].map((frame) => {
+      pace.next(frame * FRAME_MS, frame === 0);
+      return [false, true].map((changed) => Math.round(pace.pause(frame * FRAME_MS, changed)));
+    });
+    expect(found).toEqual([
+      [0, 0], // the charts of the first snapshot
+      [233, 0],
+      [217, 0],
+    ]);
+    expect(pace.next(2 * FRAME_MS + 217, false)).toBe('numbers');
+  });
+
   it('draws the first snapshot after a long silence at once', () => {
     const pace = new FrameSchedule();
     expect(pace.next(10_000, true)).toBe('numbers');

@@ -20,4 +20,10 @@ export class FrameSchedule {
     } else return null;
     return this.step;
   }
+
+  /** How long after the frame at `stamp` nothing is to be drawn [ms]; 0: the next frame has to be asked for. */
+  pause(stamp: number, changed: boolean): number {
+    if (this.step === 'numbers' || changed) return 0;
+    return Math.max(0, this.begunAt + TICK_MS - stamp);
+  }
 }

@@ -49,6 +49,8 @@ class Live {
   private waited = 0; // of the newest message, on its way to here
   private readonly way = new MinimumDelay();
   private readonly pace = new FrameSchedule();
+  private frameAsked = false;
+  private nextTick: number | undefined;
   private backfilled = false;
   private socket: LiveSocket | null = null;
 
@@ -59,7 +61,7 @@ class Live {
       (state) => this.connected(state),
     );
     this.socket.start();
-    requestAnimationFrame(this.frame);
+    this.askFrame();
   }
 
   restart(): void {
@@ -121,6 +123,7 @@ class Live {
 
   private take(snapshot: Snapshot): void {
     this.latest = snapshot;
+    this.askFrame();
     this.receivedAt = performance.now() / 1000;
     this.waited = snapshot.sent_s === null ? 0 : this.way.of(snapshot.run, snapshot.sent_s, this.receivedAt);
     if (!this.backfilled) void this.backfill(snapshot.time);
@@ -160,8 +163,16 @@ class Live {
     }
   }
 
-  private readonly frame = (stamp: number): void => {
+  /** Frames are asked for where there is something to draw: the browser sleeps in between, and a battery lasts. */
+  private askFrame(): void {
+    window.clearTimeout(this.nextTick);
+    if (this.frameAsked) return;
+    this.frameAsked = true;
     requestAnimationFrame(this.frame);
+  }
+
+  private readonly frame = (stamp: number): void => {
+    this.frameAsked = false;
     const step = this.pace.next(stamp, this.latest !== this.snapshot);
     if (step === 'numbers') {
       this.snapshot = this.latest;
@@ -169,6 +180,9 @@ class Live {
     } else if (step === 'charts') {
       this.beat++;
     }
+    const pause = this.pace.pause(stamp, this.latest !== this.snapshot);
+    if (pause > 0) this.nextTick = window.setTimeout(() => this.askFrame(), pause);
+    else this.askFrame();
   };
 }
 
