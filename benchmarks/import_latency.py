@@ -1,10 +1,11 @@
-"""What an import does to live values and recording: `python -m benchmarks.import_latency [--megabytes 37]`.
+"""What an import does to live values and recording: `python -m benchmarks.import_latency [--turns 5]`.
 
-`voltwall serve` with its simulated car; so long nothing, then as long one import of a CSV after the other, whether or
-not the last one ends. Latency: from the arrival of a frame at the service (`time` of the snapshot) to the snapshot at a
-websocket client, on one clock. Recording: how long ago the newest frame in the session's file arrived, looked at twenty
-times a second. Upload and inspection count as import. Wants a machine that does nothing else: two cores; the machine's
-load is printed beside, and other programs' work is in the figures.
+`voltwall serve` with its simulated car, in turns: for some seconds nothing, then as long one import of a CSV after
+the other; what still runs then is waited for. Each turn gives a ratio, and the median of the ratios is told, so that
+a machine that becomes slower or quicker is not in it. Latency: from the arrival of a frame at the service (`time` of
+the snapshot) to the snapshot at a websocket client, on one clock. Recording: how long ago the newest frame in the
+session's file arrived, looked at twenty times a second. Upload and inspection count as import. Wants a machine that
+does nothing else: two cores; the machine's load is printed beside, and other programs' work is in the figures.
 """
 
 import argparse
@@ -30,6 +31,7 @@ ROW_BYTES = 7 * N_CELLS + 10
 WARM_S = 10.0
 LOOK_S = 0.05
 ANSWER_S = 300.0
+NONE, IMPORT, AFTER = "none", "import", "after"
 MAPPING = {"profile": {"time": "t", "current": "I", "voltages": "Cell {n}"}}
 
 
@@ -77,52 +79,65 @@ class Watch:
                 self.behind_s[self.phase].append(time.monotonic() - t_ns / 1e9)
 
 
-def bring_in(client: httpx.Client, path: Path, until_s: float) -> int:
-    """Upload and import again and again until that time; return how many imports ended."""
+def bring_in(client: httpx.Client, path: Path, watch: Watch, until_s: float) -> int:
+    """Upload and import again and again until that time; return how many imports began.
+
+    What is seen after it counts for neither: the last import may need longer.
+    """
     n = 0
     while time.monotonic() < until_s:
         uploaded = client.post("/imports", params={"filename": path.name}, content=path.read_bytes()).json()
         client.post(f"/imports/{uploaded['id']}", json=MAPPING).raise_for_status()
+        n += 1
         while (state := client.get("/imports").json()["last"])["is_running"]:
             if time.monotonic() >= until_s:
-                return n
+                watch.phase = AFTER
             time.sleep(0.2)
         if state["error"] is not None:
             raise RuntimeError(state["error"])
-        n += 1
     return n
+
+
+def ratio(found: dict[str, list[float]], quantile: float) -> tuple[float, float, float]:
+    """Return the quantile without and with imports [ms], and how many times as much it is: medians over the turns."""
+    turns = range(sum(phase.startswith(IMPORT) for phase in found))
+    none, during = (
+        np.array([1e3 * np.quantile(found[f"{what} {turn}"], quantile) for turn in turns]) for what in (NONE, IMPORT)
+    )
+    return float(np.median(none)), float(np.median(during)), float(np.median(during / none))
 
 
 def main() -> None:
     """Measure, and print one table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--megabytes", type=float, default=37.0)
-    parser.add_argument("--seconds", type=float, default=100.0)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of one turn, without as with imports")
+    parser.add_argument("--turns", type=int, default=5)
     args = parser.parse_args()
+    n, before = 0, os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder, served("--seed", "4") as service:
         path = Path(folder) / "large.csv"
         write_csv(path, args.megabytes)
         time.sleep(WARM_S)
         watch = Watch(service)
         try:
-            watch.phase = "none"
-            time.sleep(args.seconds)
-            before = os.getloadavg()[0]
             with httpx.Client(base_url=service.url + "/api/v1", timeout=ANSWER_S) as client:
-                watch.phase = "import"
-                n = bring_in(client, path, time.monotonic() + args.seconds)
-            print(
-                f"{n} imports of {args.megabytes:g} MB ended; load before {before:.1f}, after {os.getloadavg()[0]:.1f}"
-            )
+                for turn in range(args.turns):
+                    watch.phase = f"{NONE} {turn}"
+                    time.sleep(args.seconds)
+                    watch.phase = f"{IMPORT} {turn}"
+                    n += bring_in(client, path, watch, time.monotonic() + args.seconds)
         finally:
             watch.end()
+    print(f"{n} imports of {args.megabytes:g} MB in {args.turns} turns of twice {args.seconds:g} s;", end=" ")
+    print(f"load before {before:.1f}, after {os.getloadavg()[0]:.1f}")
     print("| | median ms, none | median ms, import | change | 99 % ms, none | 99 % ms, import | change |")
     print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
     for name, found in (("frame to reader", watch.late_s), ("file behind", watch.behind_s)):
         cells = []
         for quantile in (0.5, 0.99):
-            none, during = (1e3 * float(np.quantile(found[phase], quantile)) for phase in ("none", "import"))
-            cells += [f"{none:.1f}", f"{during:.1f}", f"{100 * (during / none - 1):+.0f} %"]
+            none, during, times = ratio(found, quantile)
+            cells += [f"{none:.1f}", f"{during:.1f}", f"{100 * (times - 1):+.0f} %"]
         print(f"| {name} | " + " | ".join(cells) + " |")
 
 
