@@ -30,6 +30,14 @@ def test_a_name_that_the_code_page_lacks_is_printed_all_the_same(monkeypatch, tm
     assert "?ukasz.csv" in written.getvalue().decode("cp1252")
 
 
+@pytest.mark.parametrize("words", [["serve"], ["--help"], []])
+def test_a_system_of_32_bits_is_refused_in_one_line(words):
+    program = "import sys; sys.maxsize = 2**31 - 1\nimport app.cli\nsys.exit(app.cli.main(sys.argv[1:]))"
+    done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "voltwall: needs a 64-bit system with a 64-bit Python, and this one is of 32 bits\n"
+
+
 @pytest.mark.parametrize("place", [0, 1, 3])
 def test_no_color_is_told_to_what_colours(place, monkeypatch, capsys):
     monkeypatch.setattr(os, "environ", dict(os.environ))
