@@ -32,6 +32,15 @@ def test_the_health_check_is_the_probe() -> None:
     assert command == ["python", "-P", "-m", f"voltwall.{probe.__name__}"]  # where the wheel has it
 
 
+def test_the_override_of_several_devices_adds_to_the_service_that_there_is() -> None:
+    guide = (ROOT / "docs" / "howto" / "docker.md").read_text(encoding="utf-8")
+    [override] = re.findall(r"```yaml\n(.*?)```", guide, re.DOTALL)
+    places = [line for line in override.splitlines() if line.endswith(":")]
+    assert places == ["services:", "  voltwall:", "    devices:"]
+    assert all(f"\n{place}\n" in f"\n{COMPOSE}" for place in places)
+    assert re.findall(r"^      - (\S+)$", override, re.MULTILINE)[0] == "/dev/ttyACM0"
+
+
 def test_image_and_compose_set_only_settings_that_exist() -> None:
     named = set(re.findall(r"VOLTWALL_[A-Z_]+", DOCKERFILE + COMPOSE))
     assert {"VOLTWALL_PASSWORD", "VOLTWALL_SERIAL", "VOLTWALL_CAN", "VOLTWALL_HOST"} <= named
