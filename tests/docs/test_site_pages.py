@@ -1,12 +1,14 @@
 """The navigation of the documentation's site, and where its links lead; tests/packaging/test_site.py builds it."""
 
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-REPOSITORY = "https://github.com/OWNER/voltwall/blob/HEAD"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+REPOSITORY = f"{PROJECT['urls']['Source']}/blob/HEAD"
 
 
 @pytest.fixture
