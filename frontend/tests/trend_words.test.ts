@@ -1,0 +1,18 @@
+// What the Season page says of a month.
+
+import { describe, expect, it } from 'vitest';
+import { monthly } from '../src/views/season/trend_words';
+
+const trend = { now: 0.8, per_month: 0.01, low: 0.005, high: 0.015, sessions: 6, is_sure: true };
+
+describe('monthly', () => {
+  it('tells the pace with its band', () => {
+    expect(monthly(trend, 1)).toBe('+1.0 % a month, 95 %: +0.5 to +1.5');
+    expect(monthly({ ...trend, is_sure: false }, 1)).toContain('not more than chance');
+  });
+
+  it('tells no month by the sessions of one day', () => {
+    const day = { ...trend, per_month: -269, low: -406, high: -132 };
+    expect(monthly(day, 1)).toBe('too few days to tell what a month changes');
+  });
+});
