@@ -38,7 +38,7 @@ PHONE = {"width": 390, "height": 844}
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
 QUALITY = 92
 SMALL, SMALL_QUALITY = 2 / 3, 75
-READING = re.compile(r"^Reading (the|both) (whole session|sessions|laps)")
+READING = re.compile(r"^Reading (the|both) (whole session|sessions|laps|black box)")
 SETTLE_MS = 3000  # charts have lines and the scales have settled
 
 
@@ -57,9 +57,10 @@ def session_pages(url: str) -> dict[str, str]:
     pages |= {f"session-{tab}": f"sessions/{session}/{tab}" for tab in ("laps", "report", "export")}
     boxes = ask(f"sessions/{session}/blackboxes")["boxes"]
     if boxes:
-        pages["blackbox"] = f"sessions/box/{boxes[0]['id']}"
-        if boxes[0]["cell"] is not None:
-            pages["passport"] = f"sessions/passport/{boxes[0]['cell']}"
+        box = next((each for each in boxes if each["severity"] == "trip"), boxes[0])
+        pages["blackbox"] = f"sessions/box/{box['id']}"
+        if box["cell"] is not None:
+            pages["passport"] = f"sessions/passport/{box['cell']}"
     return pages
 
 
