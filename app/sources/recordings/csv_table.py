@@ -61,7 +61,8 @@ def read_csv(source: str, raw: bytes, notes: list[Message]) -> tuple[list[str] |
     lines = [lines[number - 1] for number in numbers]
     if not lines:
         raise TableUnreadable(source, Message("file-empty"))
-    if not any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS):
+    is_delimited = any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS)
+    if not is_delimited:
         lines = ["\t".join(line.split()) for line in lines]
     if '"' in text:
         lines = _without_quotes(lines)
@@ -69,7 +70,7 @@ def read_csv(source: str, raw: bytes, notes: list[Message]) -> tuple[list[str] |
     if any(_has_decimal_commas(line) for line in lines[-20:]):
         lines = [DECIMAL_COMMA.sub(r"\1.\2", line) for line in lines]
         notes.append(Message("decimal-commas"))
-    delimiter, start = _find_table(source, lines)
+    delimiter, start = _find_table(source, lines, is_delimited)
     if _ends_every_row(lines, start, delimiter):
         lines = [line.removesuffix(delimiter) for line in lines]
     header, header_lines = _header_above(lines, start, delimiter)
@@ -103,7 +104,7 @@ def _with_day_first(body: list[str]) -> list[str]:
     return [SLASH_DATE.sub(r"\1.\2.\3", line) for line in body]
 
 
-def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
+def _find_table(source: str, lines: list[str], is_delimited: bool) -> tuple[str, int]:
     """Return the delimiter and the index of the first line that is a row of numbers."""
     for k, line in enumerate(lines[:PREAMBLE_LIMIT]):
         for delimiter in DELIMITERS:
@@ -116,7 +117,7 @@ def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
             if _is_row_with_words(lines, k, delimiter):
                 return delimiter, k
     last = min(len(lines), PREAMBLE_LIMIT)
-    if last == 1 and any(delimiter in lines[0] for delimiter in DELIMITERS):
+    if last == 1 and is_delimited:  # and not a sentence
         raise TableUnreadable(source, Message("only-names", line=repr(lines[0][:60])))
     raise TableUnreadable(source, Message("no-row-of-numbers", last=last, line=repr(lines[last - 1][:60])))
 
