@@ -16,6 +16,7 @@ PROGRAM = [sys.executable, "-m", "app.cli"]
 
 
 def start(*words: str, **more: object) -> subprocess.Popen[str]:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell that runs the tests in the background ignores it
     return subprocess.Popen([*PROGRAM, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
 
 
