@@ -54,7 +54,6 @@ class Tuning:
         rest_settled: probability beforehand that a cell at rest has settled; else it was driven before, and relaxes ...
         rest_driven_c: ... by as much as a lasting current of this many C drops [C] ...
         rest_slow: ... and by this share of it too slowly to show as a slope.
-        rest_lasts_s: so long the filter errs by that too, where no SOC was given: it reads the same voltage [s].
         rest_doubt_soc: a rest that tells the SOC much better than this leaves little of a claim to be exact.
         start_rough_sigma: sigma of a SOC that was given and is not as exact as was said.
         start_exact: probability that a SOC is as exact as was said ...
@@ -113,7 +112,6 @@ class Tuning:
     rest_settled: float = 0.7
     rest_driven_c: float = 0.5
     rest_slow: float = 0.4
-    rest_lasts_s: float = 600.0
     rest_doubt_soc: float = 0.03
     start_rough_sigma: float = 0.1
     start_exact: float = 0.5

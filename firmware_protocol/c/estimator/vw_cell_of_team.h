@@ -878,7 +878,6 @@ static const vw_tuning vw_tuning_of_team = {
     .rest_settled = 0.7f,
     .rest_driven_c = 0.5f,
     .rest_slow = 0.4f,
-    .rest_lasts_s = 600.0f,
     .rest_doubt_soc = 0.03f,
     .start_rough_sigma = 0.1f,
     .start_exact = 0.5f,

@@ -50,7 +50,6 @@ void vw_watch_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *r
 /* A voltage at rest, as a SOC at the start. */
 typedef struct {
     vw_real soc, v2, weight;
-    vw_real left_v2; /* mean square of what it has left to relax [V^2] */
 } vw_reading;
 
 /* The voltage of a rest read as of a settled cell, and as of one that was driven before and relaxes:
@@ -60,8 +59,6 @@ typedef struct {
  *   weight = P N(a; 0, p^2 + n^2)
  *   f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
  *   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
- *
- * left^2 = f n^2 + 2 (f a / 2)^2 [+ (rest_slow p)^2] is the mean square of what is left to relax.
  *
  * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice. */
 static void read_rest_voltage(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, int c,
@@ -84,8 +81,7 @@ static void read_rest_voltage(const vw_filter *filter, const vw_motion *motion, 
         const vw_real error_v2 = vw_square(unsure * t->rest_v) + ocv_v2 + f * n2 + vw_square(half_v) + slow_v2;
         const vw_real read = vw_soc_of_ocv(&filter->model, &x->climate.place, c, rest_v);
         const vw_real sigma = vw_reading_sigma(&filter->model, &x->climate.place, c, read, vw_sqrt(error_v2));
-        const vw_real weight = (j == 0 ? odds : 1) / (1 + odds);
-        readings[j] = (vw_reading){read + x->drawn[c], vw_square(sigma), weight, f * n2 + 2 * vw_square(half_v) + slow_v2};
+        readings[j] = (vw_reading){read + x->drawn[c], vw_square(sigma), (j == 0 ? odds : 1) / (1 + odds)};
     }
 }
 
@@ -114,8 +110,6 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         if (vw_is_missing(work->voltage_v[c]) || (!is_given && !motion->is_whole_rest)) continue;
         vw_reading readings[READINGS];
         read_rest_voltage(filter, motion, x, c, is_given, readings);
-        if (!is_given)
-            x->unsettled_v2[c] = readings[0].weight * readings[0].left_v2 + readings[1].weight * readings[1].left_v2;
         vw_real sums[VW_STARTS][3] = {{0}}, total = 0;
         for (int j = 0; j < READINGS; j++) {
             const vw_reading *read = &readings[j];
@@ -180,7 +174,6 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
     believe_gain(t, x, gain_v2);
     wander(t, motion, x);
     VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(motion, x, filter->model.slow_pair, c);
-    VW_EACH_CELL(c) x->unsettled_v2[c] -= motion->settled_share * x->unsettled_v2[c];
     VW_EACH_CELL(c)
     {
         const vw_real slope = x->gain_slope[0][c], z = x->soc[c] + slope * x->fused_gain[c];
@@ -208,8 +201,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         moved /= sum;
         const vw_real fused_v2 = v2 / sum + vw_max(square / sum - vw_square(moved), 0);
         x->fused_soc[c] = z + moved;
-        /* what has not settled is off in both, so neither is the surer one for it */
-        x->fused_v2[c] = fused_v2 + x->unsettled_v2[c] / work->slope_v2[c];
+        x->fused_v2[c] = fused_v2;
         x->conflict[c] += motion->conflict_share * (vw_square(moved) / (filter_v2 + fused_v2) - x->conflict[c]);
     }
 }
@@ -228,9 +220,6 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
  *   u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
- *
- * Where a rest at the start was all that told the SOC, filter and count read the same voltage, and are off by the same
- * u, which decays within rest_lasts_s: v grows by u^2 / slope^2.
  *
  * Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see conflict_s.
  */

@@ -31,7 +31,6 @@ typedef struct {
     int is_rest_on;              /* it is not over: what it says now is used once and not kept */
     int is_whole_rest;           /* it lasts on: a shorter one is heard about a SOC that was given only */
     vw_real check_share, bias_share, wander_share, conflict_share;
-    vw_real settled_share;       /* of what a rest at the start had left to relax, since the last look */
 } vw_motion;
 
 /* What is known of a block of cells within a step; what a part writes, the parts after it read. */

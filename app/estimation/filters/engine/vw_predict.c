@@ -38,7 +38,6 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.read_rest_s = to.is_whole_rest || to.is_rest_on ? rest_s : is_broken ? filter->rest_s : 0;
     to.wander_share = share_of(to.look_s, t->wander_s);
     to.conflict_share = share_of(to.look_s, t->conflict_s);
-    to.settled_share = share_of(2 * to.look_s, t->rest_lasts_s);
     return to;
 }
 

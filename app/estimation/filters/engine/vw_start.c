@@ -161,7 +161,6 @@ static void begin(const vw_filter *filter, vw_cells *restrict x, int c, vw_real 
     x->apart[c] = 0;
     suppose(&filter->tuning, x, c, soc, sigma);
     if (vw_is_missing(soc)) return;
-    x->unsettled_v2[c] = 0;
     const int is_counted = filter->kind == VW_COUNT || filter->kind == VW_SIGMA_FUSED;
     if (vw_is_missing(sigma))
         sigma = is_counted ? filter->tuning.counter_soc_sigma : filter->tuning.start_soc_sigma;
@@ -200,12 +199,7 @@ static void start_block(const vw_filter *filter, const vw_motion *motion, const 
     soc_from_voltage(filter, motion, x, &work, here, variance);
     covariance(filter, motion, x, &work, here, variance);
     forget(filter, x);
-    const int rests = vw_abs(motion->current_a) < filter->tuning.rest_c * filter->model.capacity_ah;
-    VW_EACH_CELL(c)
-    {
-        x->rest_mean_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
-        x->unsettled_v2[c] = rests ? vw_square(x->resistance[c]) * x->climate.relaxing_v2[c] : 0;
-    }
+    VW_EACH_CELL(c) x->rest_mean_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
 }
 
 /* Mean SOC of the cells that were measured. */

@@ -19,10 +19,9 @@ from app.estimation.filters.reference.state import (
     State,
     lasting_v2,
     noise_v2,
-    relaxing_v2,
 )
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DROP_ERROR, OCV_ERROR
+from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, OCV_ERROR
 
 
 def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:
@@ -59,9 +58,6 @@ def fuse(
         u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
-    Where a rest at the start was all that told the SOC, filter and count read the same voltage, and are off by the same
-    u, which decays within `rest_lasts_s`: v grows by u^2 / slope^2.
-
     Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see `conflict_s`.
 
     Args:
@@ -74,10 +70,7 @@ def fuse(
     """
     if motion.look_s > 0.0:
         lasting_soc_v2 = lasting_v2(setup, state, motion, measured) / slope_v2(setup, state, output)
-        unsettled_v2 = state.unsettled_v2 * (1.0 - motion.look_share(setup.tuning.rest_lasts_s / 2.0))
-        state = weigh(setup, replace(state, unsettled_v2=unsettled_v2), motion, filter_v2, lasting_soc_v2)
-        # what has not settled is off in both, so neither is the surer one for it
-        state = replace(state, fused_v2=state.fused_v2 + unsettled_v2 / slope_v2(setup, state, output))
+        state = weigh(setup, state, motion, filter_v2, lasting_soc_v2)
     return state, state.fused_soc, np.minimum(state.fused_v2 * np.maximum(1.0, state.conflict), SOC_VARIANCE_MAX)
 
 
@@ -149,15 +142,14 @@ def watch_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measu
 
 def read_rest_voltage(
     setup: FilterSetup, state: State, motion: Motion, measured: Measurement, given: BoolArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return (2, n) SOC, variance and weight of a rest's voltage: of a settled cell, and of one that relaxes; and u^2.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (2, n) SOC, variance and weight of a rest's voltage: of a settled cell, and of one that relaxes.
 
         a = tail b,   n^2 = 12 (tail noise)^2 dt / T^3     left to relax, if it goes on as its slope b = 12 moment / T^3
         p^2 = rest_left_v^2 or (rho ohm rest_driven_c)^2   what there may be: settled, or after so much current
         weight = P N(a; 0, p^2 + n^2)
         f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
         s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
-        u^2 = sum weight (f n^2 + 2 (f a / 2)^2 [+ (rest_slow p)^2])     mean square of what is left, (n,)
 
     ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice.
     """
@@ -168,7 +160,8 @@ def read_rest_voltage(
     slope = per_moment * state.rest_moment
     left_v = tuning.rest_tail_s * slope
     settled_v2 = (unsure * tuning.rest_left_v) ** 2
-    driven_v2 = np.maximum(relaxing_v2(setup, state, measured), settled_v2)
+    driven_a = tuning.rest_driven_c * cell.model.capacity_ah
+    driven_v2 = np.maximum((state.resistance * measured.doubt[LASTING_DROP] * driven_a) ** 2, settled_v2)
     left_v2 = np.array((settled_v2, driven_v2))
     slow_v2 = np.array((np.zeros_like(driven_v2), tuning.rest_slow**2 * driven_v2))
     settled_total, driven_total = left_v2 + noise_v2
@@ -181,9 +174,7 @@ def read_rest_voltage(
     error_v = np.sqrt((unsure * tuning.rest_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2 + slow_v2)
     read = np.array([cell.soc_of_ocv(each, measured.place) for each in rest_v])
     v2 = np.array([cell.reading_sigma(*each, measured.place) ** 2 for each in zip(read, error_v, strict=True)])
-    weight = np.array((odds, np.ones_like(odds))) / (1.0 + odds)
-    unsettled_v2 = (weight * (f * noise_v2 + 2.0 * half_v**2 + slow_v2)).sum(axis=0)
-    return read + state.drawn, v2, weight, unsettled_v2
+    return read + state.drawn, v2, np.array((odds, np.ones_like(odds))) / (1.0 + odds)
 
 
 def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
@@ -199,7 +190,7 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
     tuning = setup.tuning
     given = state.start_weight[0] > 0.0
     heard = measured.is_measured & (given | motion.is_whole_rest)
-    read, v2, likely, unsettled_v2 = read_rest_voltage(setup, state, motion, measured, given)
+    read, v2, likely = read_rest_voltage(setup, state, motion, measured, given)
     start_v2, d = state.start_v2[:N_GIVEN, None], read - state.start_soc[:N_GIVEN, None]
     total = start_v2 + v2  # (given, readings, n)
     believed = state.start_weight[:N_GIVEN, None] * likely * normal(d, total)
@@ -218,7 +209,6 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
         start_soc=np.where(heard, soc, state.start_soc),
         start_v2=np.where(heard, np.vstack((kept_v2, v2)), state.start_v2),
         start_weight=np.where(heard, weight / weight.sum(axis=0), state.start_weight),
-        unsettled_v2=np.where(heard & ~given, unsettled_v2, state.unsettled_v2),
     )
 
 

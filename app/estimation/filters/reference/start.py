@@ -20,7 +20,6 @@ from app.estimation.filters.reference.state import (
     State,
     lasting_v2,
     noise_v2,
-    relaxing_v2,
 )
 from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.tables import R1
@@ -68,7 +67,6 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
     cov[0, 1:] = cov[1:, 0] = np.where(seen, ohm * branch_v2 * np.sqrt(cov[0, 0] / voltage_v2), 0.0)
     rc = np.arange(1, 1 + cell.n_rc)
     cov[rc, rc] = branch_v2
-    rests = abs(motion.current_a) < tuning.rest_c * cell.model.capacity_ah
     z = np.clip(np.where(seen, z, z[seen].mean() if seen.any() else 0.5), SOC_MIN, SOC_MAX)
     return State(
         soc=z,
@@ -88,7 +86,6 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         anchor_v2=cov[0, 0].copy(),
         rest_mean_v=np.where(seen, measured.voltage_v, 0.0),
         rest_moment=zeros,
-        unsettled_v2=relaxing_v2(setup, state, measured) if rests else zeros,
         drawn=zeros,
         start_soc=np.tile(z, (N_STARTS, 1)),
         start_v2=np.full((N_STARTS, z.size), SOC_VARIANCE_MAX),
@@ -148,13 +145,7 @@ def impose_soc(setup: FilterSetup, state: State, soc: FloatArray, soc_sigma: Flo
     state = suppose(setup, state, soc, soc_sigma)
     count_soc = np.where(given, np.clip(soc, SOC_MIN, SOC_MAX), state.soc)
     anchor_v2 = np.where(given, np.clip(sigma**2, LEAST_VARIANCE, SOC_VARIANCE_MAX), state.cov[0, 0])
-    state = replace(
-        state,
-        count_soc=count_soc,
-        anchor_v2=anchor_v2,
-        apart=state.soc - count_soc,
-        unsettled_v2=np.where(given, 0.0, state.unsettled_v2),
-    )
+    state = replace(state, count_soc=count_soc, anchor_v2=anchor_v2, apart=state.soc - count_soc)
     if setup.kind is Kind.SIGMA_FUSED:
         return state
     cov = state.cov.copy()

@@ -52,7 +52,6 @@ class State:
         anchor_v2: variance of the SOC where the count began.
         rest_mean_v: mean voltage of a rest from the start on [V].
         rest_moment: integral of voltage times time, both less their means, over it [V s^2].
-        unsettled_v2: mean square by which that rest is off, where no SOC was given [V^2].
         drawn: charge taken out since the start, over the capacity.
         start_soc: (4, n) SOC at the start: as given, as exact as was said; the same, roughly; as read at rest, settled;
             the same, relaxing.
@@ -87,7 +86,6 @@ class State:
     anchor_v2: FloatArray
     rest_mean_v: FloatArray
     rest_moment: FloatArray
-    unsettled_v2: FloatArray
     drawn: FloatArray
     start_soc: FloatArray
     start_v2: FloatArray
@@ -243,12 +241,6 @@ def noise_v2(setup: FilterSetup, motion: Motion, measured: Measurement) -> Float
     """Return (n,) r = r_0 + (share of the drop that a lasting current causes here)^2, doubt included [V^2]."""
     drop_v = measured.doubt[LASTING_DROP] * motion.current_a
     return np.asarray(setup.tuning.voltage_variance(drop_v) + (measured.doubt[DROP_ERROR] * drop_v) ** 2)
-
-
-def relaxing_v2(setup: FilterSetup, state: State, measured: Measurement) -> FloatArray:
-    """Return (n,) the mean square of what a cell that was driven has left to relax [V^2]."""
-    driven_a = setup.tuning.rest_driven_c * setup.cell.model.capacity_ah
-    return np.asarray((state.resistance * measured.doubt[LASTING_DROP] * driven_a) ** 2)
 
 
 def empty_growth(setup: FilterSetup, state: State, measured: Measurement) -> FloatArray:

@@ -1,7 +1,5 @@
 """Promises at the edges: samples that are missing or impossible, empty records, pauses, ends of the tables."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -49,26 +47,6 @@ def test_a_pause_with_whatever_relaxation_leaves_numbers_and_a_sigma(dt_s, lasts
     found = estimator.step(dt_s, 10.0, ocv, DEGC)
     assert np.isfinite(found.soc[0])
     assert 0.0 < found.soc_sigma[0] <= 0.5
-
-
-def relaxing(told, left_s, tuning=TUNING):
-    """Return the estimates of 5 minutes from a start at 60 %, where what 1C drops is left and relaxes within left_s."""
-    estimator, ocv = make_estimator("fused", MODEL, 1, tuning), MODEL.ocv.voltage(np.array([0.6]))
-    left_v = MODEL.drop_per_c_v * np.exp(-0.1 * np.arange(3000) / left_s)[:, None]
-    estimator.start(ocv - left_v[0], DEGC, 0.0, told)
-    n = len(left_v)
-    return estimator.run(np.full(n, 0.1), np.zeros(n), ocv - left_v, np.full((n, 1), 25.0))
-
-
-@pytest.mark.parametrize("left_s", [60.0, 120.0, 300.0])
-def test_who_wakes_up_while_a_cell_relaxes_knows_that_its_voltage_is_no_ocv(left_s):
-    found = relaxing(None, left_s)
-    assert (np.abs(found.soc - 0.6) < 3.0 * found.soc_sigma).all()
-
-
-def test_a_soc_that_was_given_is_no_less_sure_for_what_a_rest_may_have_left():
-    never = replace(TUNING, rest_lasts_s=1e-6)
-    np.testing.assert_array_equal(relaxing(0.6, 120.0).soc_sigma, relaxing(0.6, 120.0, never).soc_sigma)
 
 
 def test_the_longer_a_settled_rest_lasts_the_surer_is_a_start_that_it_confirms():
