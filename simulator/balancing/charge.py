@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from simulator.errors import ParameterError
 
 SECONDS_PER_HOUR = 3600.0
 SAMPLE_S = 60.0  # of the traces
+PARTS = 1000  # of a charge or a rest, as its progress counts
+OnProgress = Callable[[int, int], None]  # parts done, parts in all
 
 
 @dataclass(frozen=True)
@@ -85,19 +88,24 @@ class BalancingRun:
 
 
 def charge(
-    accumulator: Accumulator, balancer: Balancer, plan: ChargePlan, supervisor: Supervisor | None = None
+    accumulator: Accumulator,
+    balancer: Balancer,
+    plan: ChargePlan,
+    supervisor: Supervisor | None = None,
+    on_progress: OnProgress = lambda done, of: None,
 ) -> BalancingRun:
     """Charge until the plan's end, the supervisor's objection, or the time limit; the accumulator is left there."""
     supervisor = supervisor or Supervisor()
     steps = max(1, round(plan.control_period_s / plan.dt_s))
-    log = _Log(accumulator, steps * plan.dt_s)
+    empty = 1.0 - float(accumulator.soc.mean())
+    log = _Log(accumulator, steps * plan.dt_s, on_progress, plan.time_limit_s)
     current_a, stopped_by = plan.current_a, None
     for _ in range(round(plan.time_limit_s / log.period_s)):
         stopped_by = supervisor.objection(accumulator)
         if stopped_by is not None:
             break
         current_a = plan.next_current_a(current_a, float(accumulator.terminal_voltage_v.max()))
-        log.sample(current_a)
+        log.sample(current_a, 1.0 - (1.0 - float(accumulator.soc.mean())) / max(empty, 1e-9))
         if current_a < plan.end_a:
             break
         log.step(balancer.decide(accumulator, log.period_s), current_a, steps)
@@ -114,13 +122,15 @@ def equalise(
     period_s: float = 10.0,
     fan_duty: float = 0.0,
     time_limit_s: float = 48 * SECONDS_PER_HOUR,
+    on_progress: OnProgress = lambda done, of: None,
 ) -> BalancingRun:
     """Balance with no current drawn until all SOCs lie within `difference`, or the time is up."""
-    log = _Log(accumulator, period_s)
-    while accumulator.soc.max() - accumulator.soc.min() > difference:
+    log = _Log(accumulator, period_s, on_progress, time_limit_s)
+    first = float(np.ptp(accumulator.soc)) - difference
+    while (left := float(np.ptp(accumulator.soc)) - difference) > 0.0:
         if log.seconds >= time_limit_s:
             return log.finished(0.0, "time")
-        log.sample(0.0)
+        log.sample(0.0, 1.0 - left / first)
         log.step(balancer.decide(accumulator, period_s), 0.0, fan_duty=fan_duty)
     return log.finished(0.0, None)
 
@@ -128,10 +138,12 @@ def equalise(
 class _Log:
     """Advances an accumulator and notes what happens to it."""
 
-    def __init__(self, accumulator: Accumulator, period_s: float) -> None:
+    def __init__(self, accumulator: Accumulator, period_s: float, on_progress: OnProgress, time_limit_s: float) -> None:
         self._accumulator = accumulator
         self.period_s = period_s
         self.seconds = 0.0
+        self._on_progress = on_progress
+        self._time_limit_s = time_limit_s
         self._sample_every = max(1, round(SAMPLE_S / period_s))
         self._samples = 0
         self._rows: list[tuple[float, FloatArray, FloatArray, FloatArray, float]] = []
@@ -140,11 +152,12 @@ class _Log:
         self._charger_j = self._loss_j = 0.0
         self._max_degc = self._max_board_degc = self._highest_v = -np.inf
 
-    def sample(self, current_a: float) -> None:
-        """Note the state before a step."""
+    def sample(self, current_a: float, done: float) -> None:
+        """Note the state before a step, with how much of the work is done, 0..1; once a minute that is told."""
         self._note_extremes()
         if self._samples % self._sample_every == 0:
             self._add_row(current_a)
+            self._on_progress(round(PARTS * max(0.0, done, self.seconds / self._time_limit_s)), PARTS)
         self._samples += 1
 
     def step(self, balance: Balance, current_a: float, steps: int = 1, *, fan_duty: float = 0.0) -> None:

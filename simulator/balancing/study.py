@@ -17,7 +17,15 @@ from simulator.balancing.balancers import (
     ThresholdBleeding,
     TransformerBalancing,
 )
-from simulator.balancing.charge import SECONDS_PER_HOUR, BalancingRun, ChargePlan, Supervisor, charge, equalise
+from simulator.balancing.charge import (
+    SECONDS_PER_HOUR,
+    BalancingRun,
+    ChargePlan,
+    OnProgress,
+    Supervisor,
+    charge,
+    equalise,
+)
 from simulator.balancing.choices import CIRCUITS, LIMITS
 from simulator.balancing.circuits import STRONG_CAPACITORS, STRONG_TRANSFORMER, SwitchedCapacitors
 from simulator.balancing.six_cells import RATED_AH, START_SOC, six_cells
@@ -131,26 +139,27 @@ THESIS: Final = Study(
 )
 
 
-def run_study(study: Study, circuit: str) -> BalancingRun:
+def run_study(study: Study, circuit: str, on_progress: OnProgress = lambda done, of: None) -> BalancingRun:
     """Charge or rest with a circuit of `CIRCUITS`.
 
     Bleed resistors follow the measured voltages while it charges; at rest, and with transformers, the cell to drive is
-    chosen by its true SOC, which no master knows as well.
+    chosen by its true SOC, which no master knows as well. `on_progress` is called with how far it is.
     """
     accumulator = study.accumulator()
     balancer = _balancer(study, circuit, accumulator)
     limit_s = study.hours * SECONDS_PER_HOUR
     if study.rate_c is None:
-        return equalise(accumulator, balancer, difference=study.until, time_limit_s=limit_s)
+        return equalise(accumulator, balancer, difference=study.until, time_limit_s=limit_s, on_progress=on_progress)
     if study.cells == "thesis":
-        return charge(accumulator, balancer, ChargePlan(study.rate_c * RATED_AH, time_limit_s=limit_s))
+        plan = ChargePlan(study.rate_c * RATED_AH, time_limit_s=limit_s)
+        return charge(accumulator, balancer, plan, on_progress=on_progress)
     plan = ChargePlan(
         study.rate_c * study.rated_ah,
         end_a=0.02 * study.rated_ah,
         loop_ohm=0.005,
         time_limit_s=limit_s,
     )
-    return charge(accumulator, balancer, plan, Supervisor(min_degc=-20.0, max_degc=60.0))
+    return charge(accumulator, balancer, plan, Supervisor(min_degc=-20.0, max_degc=60.0), on_progress)
 
 
 def difference_within_packs(study: Study, run: BalancingRun) -> float:

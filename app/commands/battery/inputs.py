@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from app.battery.library import bundled_profiles, load_profile
+from app.commands.console.progress import Progress
 from app.errors import ConfigError
 from app.sources.dbc.dbc_file import load_definitions
 from app.sources.dbc.definitions import Definitions
@@ -49,10 +50,14 @@ def bundled_definitions() -> dict[str, tuple[Path, ...]]:
 
 
 def log_frames(path: Path) -> Frames:
-    """Return the frames of a log.
+    """Return the frames of a log; the terminal is told how far it is read.
 
     Raises:
         ConfigError: there is no such file.
         ImportFailed: it cannot be read.
     """
-    return load_log(existing("log", path))
+    size = existing("log", path).stat().st_size
+    progress = Progress(path.name)
+    frames = load_log(path, lambda at: progress(at, size))
+    progress.end()
+    return frames

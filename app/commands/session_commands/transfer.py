@@ -80,7 +80,9 @@ def _line(state: dict[str, Any]) -> str:
 def fill(args: argparse.Namespace) -> int:
     """Put into a session what another recorder has."""
     path, source = find_session(args, args.session), find_session(args, args.source)
-    filled = fill_gaps(path, source, t_wall_ns=Clock().wall_ns())
+    progress = Progress(path.stem)
+    filled = fill_gaps(path, source, t_wall_ns=Clock().wall_ns(), on_progress=progress)
+    progress.end()
     print(f"{path.stem}: {filled} from {source.stem}")
     return 0
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from app.commands.cell_commands.charts import REFERENCE, SHADES, check_picture_name, new_figure, put_legends
+from app.commands.console.progress import Progress
 from app.estimation.errors import DatasetError
-from simulator.balancing.charge import BalancingRun
+from simulator.balancing.charge import BalancingRun, OnProgress
 from simulator.balancing.choices import CIRCUITS
 from simulator.balancing.study import (
     THESIS,
@@ -35,9 +36,10 @@ def run(args: argparse.Namespace) -> int:
     if not args.json:
         print(_title(study))
         print(f"{'':20}{'hours':>8}{'hottest':>12}{'left':>10}{'in a pack':>11}{'lost':>12}  ended by")
-    runs = {}
-    for circuit in circuits:
-        runs[circuit] = run_study(study, circuit)
+    runs, progress = {}, Progress("balance")
+    for k, circuit in enumerate(circuits):
+        runs[circuit] = run_study(study, circuit, _share_of(progress, k, len(circuits)))
+        progress.end()
         if not args.json:
             print(_line(study, circuit, runs[circuit]), flush=True)
     if args.json:
@@ -45,6 +47,11 @@ def run(args: argparse.Namespace) -> int:
     if args.picture is not None:
         _draw(args.picture, study, runs)
     return 0
+
+
+def _share_of(progress: Progress, k: int, of: int) -> OnProgress:
+    """What tells the progress of circuit number `k` as that of all."""
+    return lambda done, parts: progress(parts * k + done, parts * of)
 
 
 def _study(args: argparse.Namespace) -> Study:

@@ -7,7 +7,7 @@ between, marked by its link number; nothing of the session is changed or lost, a
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import groupby, islice
@@ -32,6 +32,9 @@ NEAR = 25  # common frames on each side of a gap tell what the clocks' differenc
 MARGIN_NS = 3600 * 10**9  # the clocks of two machines in a paddock are not further apart, once they were set
 NEWEST = 10  # sessions looked at where a clock was never set
 BATCH = 2000
+PARTS = 1000  # of a filling, as its progress counts
+READING = 0.1  # of its time is the reading of both sessions
+Progress = Callable[[int, int], None]  # parts done, parts in all
 
 
 class NothingInCommon(SessionError):
@@ -71,8 +74,14 @@ class _Missing:
     after: int  # number of common frames before it
 
 
-def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
+def fill_gaps(path: Path, other: Path, *, t_wall_ns: int, on_progress: Progress = lambda done, of: None) -> Filled:
     """Fill the session at `path` from the one at `other` and return what was put in.
+
+    Args:
+        path: of the session.
+        other: of the one that has more.
+        t_wall_ns: when it is filled.
+        on_progress: called with how far it is.
 
     Raises:
         NothingInCommon: not one frame is in both.
@@ -84,7 +93,7 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
     if is_in_use(path):
         raise NotNow(Message("session-in-use", session=path.stem))
     try:
-        return _fill(path, other, t_wall_ns)
+        return _fill(path, other, t_wall_ns, on_progress)
     except (sqlite3.Error, OSError) as error:
         raise RecordingFailed(Message("not-written-anew", session=path.stem, error=str(error))) from error
 
@@ -126,13 +135,13 @@ def _candidates(catalogue: Catalogue, fetched: SessionInfo) -> list[SessionInfo]
     ]
 
 
-def _fill(path: Path, other: Path, t_wall_ns: int) -> Filled:
+def _fill(path: Path, other: Path, t_wall_ns: int, on_progress: Progress) -> Filled:
     with (
         tempfile.TemporaryDirectory(dir=path.parent, prefix=".filling-") as folder,
         SessionFile(path) as session,
         SessionFile(other) as source,
     ):
-        missing = _missing(session, source)
+        missing = _missing(session, source, on_progress)
         if not missing:
             return Filled()
         spans = _spans(missing)
@@ -146,7 +155,7 @@ def _fill(path: Path, other: Path, t_wall_ns: int) -> Filled:
         result = Filled(len(missing), len(cans), len(estimates), in_s)
         copy = Path(folder) / path.name
         copy.touch()
-        _write(session, copy, items, result, f"the session {other.stem}", t_wall_ns)
+        _write(session, copy, items, result, f"the session {other.stem}", t_wall_ns, on_progress)
         shutil.copymode(path, copy)
         session.close()
         for beside in ("-wal", "-shm"):
@@ -155,14 +164,17 @@ def _fill(path: Path, other: Path, t_wall_ns: int) -> Filled:
     return result
 
 
-def _missing(session: SessionFile, source: SessionFile) -> list[_Missing]:
+def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -> list[_Missing]:
     """Intact frames of the source that the session lacks, between its start and its end, in order."""
     info = session.info
     for each in (session, source):
         if each.info.frames == 0 and each.info.can_frames:
             raise HeardOnCanAlone(Message("heard-on-can-alone", session=each.path.stem))
-    here = {hash(frame.raw): frame.t_mono_ns for frame in session.frames() if frame.ok}
-    frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in source.frames() if frame.ok]
+    n_here, of = info.frames, info.frames + source.info.frames
+    of_session = _told(session.frames(), 0, of, on_progress)
+    here = {hash(frame.raw): frame.t_mono_ns for frame in of_session if frame.ok}
+    of_source = _told(source.frames(), n_here, of, on_progress)
+    frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in of_source if frame.ok]
     common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]
     if not common:
         raise NothingInCommon(Message("nothing-in-common", session=session.path.stem, other=source.path.stem))
@@ -181,6 +193,14 @@ def _missing(session: SessionFile, source: SessionFile) -> list[_Missing]:
         t_wall_ns = t_ns + info.started_wall_ns - info.started_mono_ns
         found.append(_Missing(RecordedFrame(t_ns, t_wall_ns, FILLED_LINK, raw, True), there_ns, passed))
     return found
+
+
+def _told(frames: Iterable[RecordedFrame], before: int, of: int, on_progress: Progress) -> Iterator[RecordedFrame]:
+    """The frames; how many of all are read is told."""
+    for k, frame in enumerate(frames, before):
+        if k % BATCH == 0:
+            on_progress(round(READING * PARTS * k / max(of, k, 1)), PARTS)
+        yield frame
 
 
 def _spans(missing: list[_Missing]) -> list[tuple[int, int]]:
@@ -228,10 +248,18 @@ def _estimates(source: SessionFile, missing: list[_Missing]) -> list[TableRow]:
 
 
 def _write(
-    session: SessionFile, copy: Path, new: list[TableRow], filled: Filled, source_name: str, t_wall_ns: int
+    session: SessionFile,
+    copy: Path,
+    new: list[TableRow],
+    filled: Filled,
+    source_name: str,
+    t_wall_ns: int,
+    on_progress: Progress,
 ) -> None:
     """Write the session once more, with the new items in their places."""
     info = session.info
+    start_ns, end_ns = info.started_mono_ns, info.ended_mono_ns or info.started_mono_ns
+    length_ns, begun = max(end_ns - start_ns, 1), READING * PARTS
     before = info.metadata.get("filled", [])
     spans = [*(before if isinstance(before, list) else []), *filled.spans]
     filled_info = replace(info, path=copy, metadata={**info.metadata, "filled": sorted(map(list, spans))})
@@ -248,8 +276,9 @@ def _write(
         while batch := list(islice(items, BATCH)):
             writer.write(batch)
             writer.close_chunk_if_due(batch[-1][1][0])
+            written_ns = min(batch[-1][1][0] - start_ns, length_ns)
+            on_progress(round(begun + (PARTS - begun) * written_ns / length_ns), PARTS)
         writer.copy_other_tables(session.path)
-        end_ns = info.ended_mono_ns or info.started_mono_ns
         event = Event(t_wall_ns, "info", "gaps-filled", filled.message(source_name), value=filled.seconds, unit="s")
         writer.write([event_row(end_ns, event)])
         if info.is_closed:

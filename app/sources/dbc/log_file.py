@@ -7,18 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.sources.dbc.frames import Frames, frames_of
-from app.sources.recordings.can_log import read_frames
+from app.sources.recordings.can_log import OnRead, read_frames
 
 AT_ONCE = 50_000  # frames that become columns: as Python's objects each takes 300 bytes, in columns 21
 
 
-def load_log(path: Path) -> Frames:
+def load_log(path: Path, on_read: OnRead = lambda at: None) -> Frames:
     """Return the frames of a log in the order of their time; time in ns since 1970, or since its begin.
+
+    `on_read` is told how many bytes are read, again and again.
 
     Raises:
         ImportFailed: the file cannot be read as what its name says.
     """
-    frames = ((round(t_s * 1e9), can_id, data) for t_s, can_id, data in read_frames(path))
+    frames = ((round(t_s * 1e9), can_id, data) for t_s, can_id, data in read_frames(path, on_read=on_read))
     parts = [frames_of([])]
     while part := list(islice(frames, AT_ONCE)):
         parts.append(frames_of(part))

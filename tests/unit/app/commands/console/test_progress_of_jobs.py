@@ -2,6 +2,7 @@
 
 import io
 import re
+from collections.abc import Container
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Data, Window
 from tests.fake_clock import FunctionClock
 from tests.open_loop import simulate
+from tests.peer_batteries import one_signal_a_cell
 
 CELL = load_cell("samsung-25r-10p")
 WALL_NS = 1_790_000_000 * 10**9
@@ -47,23 +49,31 @@ def shares(shown: str) -> list[float]:
     return [float(each) for each in re.findall(r"([0-9.]+) %, \d+ (?:s|min) left", shown)]
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two sessions of three minutes, with a current and 96 voltages ten times a second."""
-    folder = tmp_path_factory.mktemp("data")
+def recordings(folder: Path, *heard: Container[int]) -> list[Path]:
+    """A session each of three minutes, with a current and 96 voltages ten times a second where it was heard."""
     now_ns = 0
     recorder = Recorder(folder / "sessions", FunctionClock(lambda: now_ns, lambda: WALL_NS + now_ns), version="1.0")
-    for _ in range(2):
-        recorder.start("", {})
+    made = []
+    for steps in heard:
+        made.append(recorder.start("", {}).path)
         for k in range(1800):
             now_ns += 100_000_000
             current = Window(FIELDS["i_fs"].offset, (3000).to_bytes(4, "little"))
             cells = Window(FIELDS["v"].offset, (37000 + k).to_bytes(2, "little") * 96)
             body = Data((current, cells)).to_body()
-            recorder.frame(now_ns, WALL_NS + now_ns, 0, encode_frame(1, k % 256, k * 100, body)[1:-1], True)
+            if k in steps:
+                recorder.frame(now_ns, WALL_NS + now_ns, 0, encode_frame(1, k % 256, k * 100, body)[1:-1], True)
         recorder.flush()
         recorder.stop()
     recorder.close()
+    return made
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sessions."""
+    folder = tmp_path_factory.mktemp("data")
+    recordings(folder, range(1800), range(1800))
     return folder
 
 
@@ -109,3 +119,28 @@ def test_an_identification_tells_its_rounds(tmp_path: Path) -> None:
     out = tmp_path / "cell.toml"
     shown = run("identify", "--ocv", slow, "--pulses", pulses, "--rc", "1", "--out", out)
     assert shares(shown) == [25.0, 50.0, 75.0, 100.0]
+
+
+def test_filling_a_session_tells_how_far_it_is(tmp_path: Path) -> None:
+    here, there = recordings(tmp_path, {*range(1800)} - {*range(600, 900)}, range(1800))
+    found = shares(run("sessions", "fill", here, "--from", there, "--data", tmp_path))
+    assert found[0] < 10.0  # of reading, of which writing follows
+    assert all(low <= high for low, high in pairwise(found))
+    assert found[-1] >= 99.0
+
+
+def test_learning_and_checking_a_battery_tell_how_far_the_log_is_read(tmp_path: Path) -> None:
+    peer = one_signal_a_cell(90, 45, "Voltage_Cell_{:02d}", "Temp_Sensor_{:02d}", 0.0001, "V")
+    dbc, log, out = (tmp_path / name for name in ("car.dbc", "car.log", "car.toml"))
+    dbc.write_text(peer.dbc())
+    lines = [f"({t / 1e9:.6f}) can0 {i:03X}#{data.hex().upper()}" for t, i, data in peer.frames(6)]
+    log.write_text("\n".join(lines) + "\n")
+    for words in (["learn", "--dbc", dbc, "--log", log, "--out", out], ["check", out, "--log", log]):
+        assert shares(run("battery", *words))[-1] == 100.0
+
+
+def test_balancing_tells_its_charges_and_rests_as_one() -> None:
+    for words in (["--rest", "--until", "0.9"], ["--rate", "1.0", "--hours", "0.3"]):
+        found = shares(run("balance", "--thesis", "--circuit", "none", "--circuit", "passive", "--json", *words))
+        assert all(low <= high for low, high in pairwise(found))
+        assert min(found) < 50.0 < max(found) <= 100.0
