@@ -20,12 +20,16 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import TextIO
 
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
 from app.sessions.worker.child_process import command_of
 
 CONTEXT = get_context("forkserver")
 CONTEXT.set_forkserver_preload(["tests.forked", "tests.warmed", "simulator.cli"])
 PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
 POLL_S = 0.01
+PLUGGED = "TESTS_PLUGGED"  # paths that a program finds plugged in as adapters on USB, joined by os.pathsep
 MODULE_AT = command_of("MODULE").index("MODULE")  # in a command line of a process of ours
 BEFORE_OTHERS = -10  # nice(2)
 PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -136,6 +140,13 @@ def _go_first() -> None:
         os.nice(BEFORE_OTHERS)
 
 
+def _plugged(path: str) -> ListPortInfo:
+    """Return what pySerial tells of an adapter; by itself it lists no pseudo-terminal."""
+    port = ListPortInfo(path)
+    port.vid, port.description = 0x0403, "FT232R USB UART"
+    return port
+
+
 def _run(module: str, arguments: list[str], environment: dict[str, str], output: Connection) -> None:
     """Be the program of a module with these arguments, everything it says on one pipe."""
     from app.service import simulator_process
@@ -149,6 +160,8 @@ def _run(module: str, arguments: list[str], environment: dict[str, str], output:
     sys.stdout, sys.stderr = (os.fdopen(number, "w", buffering=1, closefd=False) for number in (1, 2))
     os.environ.clear()
     os.environ.update(environment)
+    if ports := os.environ.get(PLUGGED):
+        list_ports.comports = lambda: [_plugged(path) for path in ports.split(os.pathsep)]
     simulator_process.subprocess = types.SimpleNamespace(
         Popen=_start_simulator, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
     )

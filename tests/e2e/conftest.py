@@ -56,9 +56,9 @@ RULES = {
 expect.set_options(timeout=PATIENCE_MS)
 
 
-COUNT_CLICKS = """() => {  // presses of a button, a link, a finger; choices of a list
-  window.clicks = 0;
-  const count = () => { window.began ??= performance.now(); window.clicks++; };
+COUNT_CLICKS = """() => {  // presses of a button, a link, a finger; choices of a list; kept when the page loads again
+  sessionStorage.clicks = 0;
+  const count = () => { sessionStorage.began ??= Date.now(); sessionStorage.clicks++; };
   addEventListener('pointerdown', count, true);
   addEventListener('change', (event) => event.target.matches('select') && count(), true);
 }"""
@@ -66,7 +66,7 @@ COUNT_CLICKS = """() => {  // presses of a button, a link, a finger; choices of 
 
 def spent(page: Page) -> tuple[int, str]:
     """Clicks since COUNT_CLICKS, and the page's own seconds since the first one, to be told."""
-    clicks, seconds = page.evaluate("[window.clicks, (performance.now() - window.began) / 1000]")
+    clicks, seconds = page.evaluate("[+sessionStorage.clicks, (Date.now() - sessionStorage.began) / 1000]")
     return clicks, f"{clicks} clicks, {seconds:.1f} s"
 
 

@@ -1,14 +1,18 @@
 """A service that was never told what to read: its page asks, and what is chosen stays."""
 
+import os
 import re
+import sys
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
 from tests.e2e.conftest import COUNT_CLICKS, spent
+from tests.forked import PLUGGED
 from tests.naming_habits import letters_in_numbered_messages
 from tests.service_process import Service
+from tests.simulator_port import simulators
 
 
 @pytest.fixture
@@ -19,18 +23,14 @@ def fresh_service(tmp_path):
     service.stop()
 
 
-def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_page, tell):
+def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_page):
     page = open_page(fresh_service.base_url + "/", quiet=False)  # the connection is lost while it starts again
     expect(page.get_by_role("heading", name="What shall Voltwall read?")).to_be_visible()
-    page.evaluate(COUNT_CLICKS)
     page.get_by_test_id("how-serial").check()
     page.get_by_test_id("setup-serial").fill("/dev/ttyUSB77")
     page.get_by_test_id("setup-test").click()
     expect(page.get_by_test_id("setup-look")).to_contain_text("no such port")
     expect(page.get_by_test_id("setup-look")).to_contain_text("COM6 on Windows")
-    clicks, told = spent(page)
-    assert clicks == 2  # the third would be to start
-    tell(f"an adapter chosen and tested, not yet started: {told}")
     page.get_by_label("example, one signal a cell, 90 cells").check()
     page.get_by_test_id("how-simulate").check()
     page.get_by_test_id("setup-start").click()
@@ -38,6 +38,34 @@ def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_pag
     expect(page.get_by_test_id("loaded-cells")).to_contain_text("of 90")
     again = open_page(fresh_service.base_url + "/", quiet=False)
     expect(again.get_by_test_id("loaded-cells")).to_contain_text("of 90")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_a_crew_with_two_adapters_sees_its_cells_after_four_clicks(tmp_path, open_page, tell):
+    master, other = str(tmp_path / "ttyUSB1"), str(tmp_path / "ttyUSB0")
+    service = Service(tmp_path / "data", [], {PLUGGED: os.pathsep.join((other, master))})
+    with simulators() as simulate:
+        simulate("--serial", f"pty:{master}")
+        service.start()
+        try:
+            page = open_page(service.base_url + "/", quiet=False)  # the connection is lost while it starts again
+            page.evaluate(COUNT_CLICKS)
+            page.get_by_test_id("how-serial").check()
+            expect(page.get_by_test_id("setup-serial")).to_have_value(other)
+            page.get_by_role("button", name=master).click()
+            page.get_by_test_id("setup-test").click()
+            expect(page.get_by_test_id("setup-look")).to_contain_text(re.compile(r"[1-9]\d* frames in"))
+            page.get_by_test_id("setup-start").click()
+            expect(page).to_have_url(service.base_url + "/#/overview")
+            expect(page.get_by_test_id("loaded-cells")).to_have_text(re.compile(r"^\s*96\s*of 96"))
+            clicks, told = spent(page)
+            snapshot = service.wait_for(lambda each: None not in each["cells"]["voltage_v"])
+        finally:
+            service.stop()
+    assert clicks == 4  # serial port, its adapter, Test, Start
+    assert len(snapshot["cells"]["voltage_v"]) == 96
+    assert snapshot["links"]["rs232"]["state"] == "live"
+    tell(f"an adapter chosen among two, tested and started, to the cells on Overview: {told}")
 
 
 def test_a_battery_is_learned_from_its_dbc_and_chosen(fresh_service, open_page):
