@@ -22,6 +22,7 @@ from app.season.trends import (
     SeasonTrend,
     groups_of,
     step_of,
+    tells_month,
     trend_of,
 )
 from app.words import Message, Quantity
@@ -146,7 +147,8 @@ def _rank(
     found: tuple[Line | None, Line | None, Line | None],
     stepped: tuple[SeasonStep | None, SeasonStep | None],
 ) -> CellRank:
-    (resistance, capacity, leak), (r_line, c_line, l_line), (r_step, c_step) = now, found, stepped
+    (resistance, capacity, leak), (r_step, c_step) = now, stepped
+    r_line, c_line, l_line = (each if each is not None and tells_month(each) else None for each in found)
     shares = (resistance / RESISTANCE_HIGH, capacity / CAPACITY_LOW, leak / SELF_DISCHARGE_HIGH)
     messages: list[Message] = []
     if shares[0] >= TOLD:
@@ -174,9 +176,9 @@ def _rank(
         number(resistance),
         number(capacity),
         number(leak),
-        trend_of(r_line),
-        trend_of(c_line),
-        trend_of(l_line),
+        trend_of(found[0]),
+        trend_of(found[1]),
+        trend_of(found[2]),
         r_step,
         c_step,
         [finding(message) for message in messages],

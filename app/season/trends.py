@@ -14,11 +14,17 @@ from app.season.cells.trend import Line, Step, line, steps
 
 MONTH_DAYS: Final = 365.25 / 12
 LEAST_SPREAD: Final = 2  # cells
+WIDEST: Final = 1.0  # all that there is: a month's band that wide, or that far off, is that of sessions of one day
 
 
 @dataclass(frozen=True)
 class SeasonTrend:
-    """A line: per month with the ends of its band of 95 %, and where it is now."""
+    """A line: per month with the ends of its band of 95 %, and where it is now.
+
+    Attributes:
+        tells_month: whether the sessions lie far enough apart to say what a month changes; else only `now` is to be
+            told.
+    """
 
     now: float
     per_month: float
@@ -26,6 +32,7 @@ class SeasonTrend:
     high: float
     sessions: int
     is_sure: bool
+    tells_month: bool
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,12 @@ def trend_of(found: Line | None) -> SeasonTrend | None:
     if found is None:
         return None
     months = (found.per_day * MONTH_DAYS, found.low * MONTH_DAYS, found.high * MONTH_DAYS)
-    return SeasonTrend(found.now, *months, found.n, found.is_sure)
+    return SeasonTrend(found.now, *months, found.n, found.is_sure, tells_month(found))
+
+
+def tells_month(found: Line) -> bool:
+    """Return whether a line says what a month changes: sessions of one day do not."""
+    return max(found.high - found.low, found.high, -found.low) * MONTH_DAYS <= WIDEST
 
 
 def step_of(step: Step | None, history: CellHistory) -> SeasonStep | None:

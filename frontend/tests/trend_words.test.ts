@@ -3,7 +3,7 @@
 import { describe, expect, it } from 'vitest';
 import { monthly } from '../src/views/season/trend_words';
 
-const trend = { now: 0.8, per_month: 0.01, low: 0.005, high: 0.015, sessions: 6, is_sure: true };
+const trend = { now: 0.8, per_month: 0.01, low: 0.005, high: 0.015, sessions: 6, is_sure: true, tells_month: true };
 
 describe('monthly', () => {
   it('tells the pace with its band', () => {
@@ -12,7 +12,7 @@ describe('monthly', () => {
   });
 
   it('tells no month by the sessions of one day', () => {
-    const day = { ...trend, per_month: -269, low: -406, high: -132 };
+    const day = { ...trend, per_month: -269, low: -406, high: -132, tells_month: false };
     expect(monthly(day, 1)).toBe('too few days to tell what a month changes');
   });
 });

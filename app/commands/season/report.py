@@ -81,11 +81,13 @@ def _print_trend(name: str, trend: SeasonTrend | None, unit: str, digits: int = 
     if trend is None:
         print(f"  {name:15} too few sessions")
         return
-    sure = "" if trend.is_sure else " (not more than chance)"
-    print(
-        f"  {name:15} {100 * trend.now:.{digits}f} % {unit}, {100 * trend.per_month:+.3f} % a month,"
-        f" 95 % {100 * trend.low:+.3f}..{100 * trend.high:+.3f}{sure}, {trend.sessions} sessions"
-    )
+    if trend.tells_month:
+        sure = "" if trend.is_sure else " (not more than chance)"
+        band = f"95 % {100 * trend.low:+.3f}..{100 * trend.high:+.3f}"
+        month = f"{100 * trend.per_month:+.3f} % a month, {band}{sure}"
+    else:
+        month = "too few days to tell what a month changes"
+    print(f"  {name:15} {100 * trend.now:.{digits}f} % {unit}, {month}, {trend.sessions} sessions")
 
 
 def show_comparison(args: argparse.Namespace) -> int:

@@ -1928,6 +1928,7 @@ export interface SeasonTrend {
   high: number;
   sessions: number;
   is_sure: boolean;
+  tells_month: boolean;
 }
 
 /** The accumulator of a car without some modules; `has_capacity`: their capacities were measured. */

@@ -28,6 +28,24 @@ def test_a_cell_that_grows_comes_first_with_its_pace_and_band():
     assert found.groups[0].resistance.trend.sessions == 30
 
 
+def grown_within(days):
+    """Five sessions of a team, in which cell 7 grows."""
+    values = 1.0 + 0.002 * np.random.default_rng(4).standard_normal((5, 12))
+    values[:, 7] += np.linspace(0.0, 0.12, 5)
+    return history(values, np.full(values.shape, 0.002), days=np.linspace(0.0, days, 5))
+
+
+def test_sessions_of_one_day_tell_where_a_cell_is_and_no_month():
+    for days, tells in ((60.0, True), (0.3, False)):
+        first = overview_of(grown_within(days), PACKS).cells[0]
+        assert first.cell == 7
+        assert first.resistance_trend.is_sure
+        assert first.resistance_trend.tells_month is tells
+        codes = {reason.code for reason in first.reasons}
+        assert "season-resists" in codes
+        assert ("season-resistance-grows" in codes) is tells
+
+
 def test_a_step_is_told_with_its_session():
     values, capacity = measured()
     values[15:, 2] += 0.08
