@@ -3,7 +3,15 @@
 import { describe, expect, it } from 'vitest';
 import { monthly } from '../src/views/season/trend_words';
 
-const trend = { now: 0.8, per_month: 0.01, low: 0.005, high: 0.015, sessions: 6, is_sure: true, tells_month: true };
+const trend = {
+  now: 0.8,
+  per_month: 0.01,
+  low: 0.005,
+  high: 0.015,
+  sessions: 6,
+  is_sure: true,
+  tells_month: true,
+};
 
 describe('monthly', () => {
   it('tells the pace with its band', () => {
