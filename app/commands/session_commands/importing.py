@@ -15,13 +15,13 @@ from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.live.pipeline_factory import PipelineFactory
-from app.sessions.transfer.import_session import import_file
+from app.sessions.transfer.import_session import READING_TABLE, between, import_file
 from app.sources.loaded_battery import load_battery
 from app.sources.recordings.can_log import read_signals
 from app.sources.recordings.guess import guess
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile, ProfileStore, parse_profile, profile_of, profile_text
-from app.sources.recordings.table import read_table
+from app.sources.recordings.table import Table, read_table
 from app.words import render
 
 _NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
@@ -34,8 +34,10 @@ def import_recording(args: argparse.Namespace) -> int:
     battery = None if args.battery is None else load_battery(args.battery)
     store = ProfileStore(data / "profiles")
     is_log = args.dbc is None and is_can_log(path)
-    profile = ImportProfile() if is_log else _profile(args, path, store)
     progress = Progress(path.name)
+    has_table = args.dbc is None and not is_log
+    table = read_table(path, between(progress, 0.0, READING_TABLE)) if has_table else None
+    profile = ImportProfile() if is_log else _profile(args, table, store)
     done = import_file(
         path,
         profile,
@@ -45,6 +47,7 @@ def import_recording(args: argparse.Namespace) -> int:
         ),
         battery=battery,
         dbc=args.dbc,
+        table=table,
         name=args.name,
         started_unix_s=_start(args.start),
         on_progress=progress,
@@ -94,9 +97,9 @@ def _span(name: str, values: FloatArray) -> dict[str, Any]:
     return {"name": name, "lowest": lowest, "highest": highest}
 
 
-def _profile(args: argparse.Namespace, path: Path, store: ProfileStore) -> ImportProfile:
+def _profile(args: argparse.Namespace, table: Table | None, store: ProfileStore) -> ImportProfile:
     if args.profile is None:
-        profile = ImportProfile() if args.dbc is not None else guess(read_table(path))
+        profile = ImportProfile() if table is None else guess(table)
     elif Path(args.profile).is_file():
         profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
     else:

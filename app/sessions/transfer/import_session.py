@@ -25,7 +25,7 @@ from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile
-from app.sources.recordings.table import read_table
+from app.sources.recordings.table import Table, read_table
 from app.words import Message, naming_cells
 from firmware_protocol.memory_map import MAP_HASH
 
@@ -34,6 +34,8 @@ BATCH = 2000  # frames
 DECODED_AT_ONCE = 20_000
 PARTS = 1000  # of an import, as its progress counts
 READING = 0.1  # of the time of an import is the reading of a log
+READING_TABLE = 0.02  # and that of a table
+DECODING = 0.2  # is over when a log's frames are decoded by a DBC, too
 LATEST_UNIX_S = 4_102_444_800  # 2100
 SINCE_1970_S = 9e8  # a log's time beyond it is no time since its begin
 Progress = Callable[[int, int], None]  # parts done, parts in all
@@ -62,6 +64,7 @@ class _Recording:
     cells: int
     started_unix_s: float | None
     notes: tuple[Message, ...]
+    begun: float = READING  # the share of the import's time that it took
 
 
 def import_file(
@@ -72,6 +75,7 @@ def import_file(
     *,
     battery: LoadedBattery | None = None,
     dbc: Path | None = None,
+    table: Table | None = None,
     name: str = "",
     started_unix_s: float | None = None,
     on_progress: Progress = lambda done, of: None,
@@ -85,6 +89,7 @@ def import_file(
         new_pipeline: makes a fresh chain with the filter and the cell to use.
         battery: who sent the frames of a CAN log, or whose shape a table has; None: the team's own, or one segment.
         dbc: of the CAN log's bus; then its signals are taken as a table by `profile`.
+        table: what is in the file, where that is known; else it is read.
         name: of the session; the file's where empty.
         started_unix_s: where the file does not say; else the time at which the file was changed, less its length.
         on_progress: called with how far it is.
@@ -94,7 +99,7 @@ def import_file(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with FrameSpool(folder) as spool:
-        recording = _read(path, profile, battery, dbc, spool, on_progress)
+        recording = _read(path, profile, battery, dbc, table, spool, on_progress)
         length_s = recording.length_ns / 1e9
         start_s = started_unix_s if started_unix_s is not None else recording.started_unix_s
         start_s = path.stat().st_mtime - length_s if start_s is None else start_s
@@ -126,22 +131,33 @@ def _read(
     profile: ImportProfile,
     battery: LoadedBattery | None,
     dbc: Path | None,
+    table: Table | None,
     spool: FrameSpool,
     on_progress: Progress,
 ) -> _Recording:
     bad = BadRows()
     if not is_can_log(path):
-        return _of_table(battery_log(read_table(path), profile), path.name, spool, battery)
+        if table is None:
+            table = read_table(path, between(on_progress, 0.0, READING_TABLE))
+        of_file = _of_table(battery_log(table, profile), path.name, spool, battery)
+        return replace(of_file, begun=READING_TABLE)
     size = max(path.stat().st_size, 1)
-    frames = can_log.read_frames(path, bad, lambda at: on_progress(round(READING * PARTS * at / size), PARTS))
+    reading, decoding = between(on_progress, 0.0, READING), between(on_progress, READING, DECODING)
+    frames = can_log.read_frames(path, bad, lambda at: reading(at, size))
     if dbc is None:
         of_frames = _of_frames(path.name, frames, battery or team_battery(), spool)
         return replace(of_frames, notes=(*bad.notes(len(spool)), *of_frames.notes))
     for frame in frames:
         spool.add(frame)
-    table = can_log.read_signals(path, dbc).table(profile)
+    signals = can_log.read_signals(path, dbc, on_read=lambda at: decoding(at, size)).table(profile)
     profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]
-    return _of_table(battery_log(table, profile), path.name, spool, battery)
+    of_table = _of_table(battery_log(signals, profile), path.name, spool, battery)
+    return replace(of_table, begun=DECODING)
+
+
+def between(on_progress: Progress, start: float, end: float) -> Progress:
+    """Return what tells the progress of a step as that of the import; it takes from start to end of it, 0..1."""
+    return lambda done, of: on_progress(round(PARTS * (start + (end - start) * done / max(of, 1))), PARTS)
 
 
 def _of_table(log: BatteryLog, source: str, spool: FrameSpool, like: LoadedBattery | None) -> _Recording:
@@ -206,14 +222,14 @@ def _of_frames(source: str, frames: Iterator[can_log.Frame], battery: LoadedBatt
 
 def _write(info: SessionInfo, recording: _Recording, pipeline: Pipeline, on_progress: Progress) -> SessionInfo:
     writer = SessionWriter(info, format_cell(load_cell(pipeline.cell_name)), recording.battery)
-    begun = PARTS * READING
+    writing = between(on_progress, recording.begun, 1.0)
     try:
         done = 0
         for part in _parts(recording.frames):
             writer.write(_rows(info, part, pipeline))
             writer.close_chunk_if_due(START_MONO_NS + part[-1][0])
             done += len(part)
-            on_progress(round(begun + (PARTS - begun) * done / recording.n_frames), PARTS)
+            writing(done, recording.n_frames)
         end_ns = recording.length_ns
         last = pipeline.tick(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)  # no frame ends the last period
         writer.write(list(_rows_of(last, START_MONO_NS + end_ns)))

@@ -250,15 +250,17 @@ class LogSignals(NamedTuple):
         return Table(self.source, columns, notes=self.notes)
 
 
-def read_signals(path: Path, dbc: Path, most: int | None = None) -> LogSignals:
+def read_signals(path: Path, dbc: Path, most: int | None = None, on_read: OnRead = _not_told) -> LogSignals:
     """Return the signals in a log's frames; of the first `most` frames where it is given.
+
+    `on_read` is told how many bytes are read, again and again.
 
     Raises:
         ExtraMissing: cantools is not installed.
         ImportFailed: the log or the DBC cannot be read.
     """
     unread, undecoded = BadRows(), BadRows(Message("frames-of-dbc"))
-    found = _signals(islice(read_frames(path, unread), most), path.name, dbc, bad=undecoded)
+    found = _signals(islice(read_frames(path, unread, on_read), most), path.name, dbc, bad=undecoded)
     decoded = max((len(times) for times, _ in found.values()), default=0)
     return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded)))
 

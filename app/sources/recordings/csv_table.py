@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime, timedelta
 from io import StringIO
+from typing import TypeVar
 
 import numpy as np
 
@@ -32,6 +33,11 @@ PREAMBLE_LIMIT = 500  # lines of remarks a rig may write before its table
 ROWS_ALIKE = 5  # rows of the same kind that make a table where some columns hold words
 
 
+T = TypeVar("T")
+OnRows = Callable[[int, int], None]  # rows read, rows in all
+_TOLD_EVERY = 5000  # rows
+
+
 class TableUnreadable(DatasetError):
     """There is no table in the file; `reason` says why in any language."""
 
@@ -40,13 +46,16 @@ class TableUnreadable(DatasetError):
         self.reason = reason
 
 
-def read_csv(source: str, raw: bytes, notes: list[Message]) -> tuple[list[str] | None, list[FloatArray]]:
+def read_csv(
+    source: str, raw: bytes, notes: list[Message], on_read: OnRows = lambda done, of: None
+) -> tuple[list[str] | None, list[FloatArray]]:
     """Return the names, None without a header, and the columns; NaN where no number stands.
 
     Args:
         source: name of the file, for the error.
         raw: its bytes, in any of the encodings of `text_of`.
         notes: gets what was done.
+        on_read: told how many rows are read, and of how many.
 
     Raises:
         TableUnreadable: it holds no table of numbers.
@@ -79,7 +88,7 @@ def read_csv(source: str, raw: bytes, notes: list[Message]) -> tuple[list[str] |
     skipped = above + start - header_lines
     if skipped:
         notes.append(Message("lines-above", lines=skipped))
-    columns = _numbers(source, body, numbers[start:], delimiter, width, notes)
+    columns = _numbers(source, body, numbers[start:], delimiter, width, notes, on_read)
     for k, name in enumerate(header or []):
         if tells_state(name) and np.isnan(columns[k]).all():
             states = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
@@ -241,7 +250,13 @@ def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[st
 
 
 def _numbers(
-    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[Message]
+    source: str,
+    body: list[str],
+    numbers: list[int],
+    delimiter: str,
+    width: int,
+    notes: list[Message],
+    on_read: OnRows,
 ) -> list[FloatArray]:
     text = "\n".join(body)
     empty = delimiter * 2
@@ -253,28 +268,47 @@ def _numbers(
     first = [tokens for line in body[:ROWS_ALIKE] if len(tokens := line.split(delimiter)) == width]
     numeric = [k for k in range(width) if not all(_number(tokens[k]) is None for tokens in first)]
     if len(numeric) < width and any(line.count(delimiter) != width - 1 for line in body):
-        return _numbers_row_by_row(source, body, numbers, delimiter, width, notes)
+        return _numbers_row_by_row(source, body, numbers, delimiter, width, notes, on_read)
     stamps: dict[int | str, Callable[[str], float]] = {
         k: _needed for k in numeric if any(_is_stamp(tokens[k]) for tokens in first)
     }
     try:
         table = np.loadtxt(
-            StringIO(text), delimiter=delimiter, ndmin=2, comments=None, usecols=numeric, converters=stamps or None
+            _told(StringIO(text), len(body), on_read),
+            delimiter=delimiter,
+            ndmin=2,
+            comments=None,
+            usecols=numeric,
+            converters=stamps or None,
         )
     except ValueError:
-        return _numbers_row_by_row(source, body, numbers, delimiter, width, notes)
+        return _numbers_row_by_row(source, body, numbers, delimiter, width, notes, on_read)
     columns = [np.full(len(body), np.nan)] * width
     for k, values in zip(numeric, table.T, strict=True):
         columns[k] = values
     return columns
 
 
+def _told(rows: Iterable[T], of: int, on_read: OnRows) -> Iterator[T]:
+    """The rows; how many are read is told."""
+    for k, row in enumerate(rows):
+        if k % _TOLD_EVERY == 0:
+            on_read(k, of)
+        yield row
+
+
 def _numbers_row_by_row(
-    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[Message]
+    source: str,
+    body: list[str],
+    numbers: list[int],
+    delimiter: str,
+    width: int,
+    notes: list[Message],
+    on_read: OnRows,
 ) -> list[FloatArray]:
     tokens = [line.split(delimiter) for line in body]
     whole = [k for k, row in enumerate(tokens) if len(row) == width]
-    rows = [[_number(token) for token in tokens[k]] for k in whole]
+    rows = [[_number(token) for token in tokens[k]] for k in _told(whole, len(whole), on_read)]
     is_word = np.array([[value is None for value in values] for values in rows])
     holds_words = is_word.mean(axis=0) > 0.5
     if np.count_nonzero(~holds_words) < 2:

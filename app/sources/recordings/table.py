@@ -13,7 +13,7 @@ import numpy as np
 from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.bad_rows import some_of
-from app.sources.recordings.csv_table import TableUnreadable, read_csv
+from app.sources.recordings.csv_table import OnRows, TableUnreadable, read_csv
 from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of, names_in_zip
 from app.sources.recordings.neware import read_neware
 from app.sources.recordings.signal_files import read_signals
@@ -89,8 +89,10 @@ def matching(pattern: str, names: Sequence[str]) -> list[str]:
     return [name for _, name in found]
 
 
-def load_table(path: Path) -> Table:
+def load_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:
     """Return the table in a CSV or Parquet file, plain or gzip; its kind is taken from its content.
+
+    `on_read` is told how many rows of a text are read, and of how many.
 
     Raises:
         TableUnreadable: the file cannot be read, or has no table.
@@ -121,20 +123,20 @@ def load_table(path: Path) -> Table:
     except (OSError, EOFError, zlib.error) as exc:
         reason = getattr(exc, "strerror", None) or str(exc)  # strerror names no file: the error does
         raise TableUnreadable(str(path), Message("cannot-be-read", error=reason)) from exc
-    header, columns = _parquet_table(source, raw) if raw[:4] == PARQUET_MAGIC else read_csv(source, raw, notes)
+    header, columns = _parquet_table(source, raw) if raw[:4] == PARQUET_MAGIC else read_csv(source, raw, notes, on_read)
     names = header or [str(i + 1) for i in range(len(columns))]
     names = [f"{name} #{i + 1}" if name in names[:i] else name for i, name in enumerate(names)]
     return Table(source, dict(zip(names, columns, strict=True)), header is not None, tuple(notes))
 
 
-def read_table(path: Path) -> Table:
-    """Return a CSV or Parquet file's table.
+def read_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:
+    """Return a CSV or Parquet file's table; `on_read` as for `load_table`.
 
     Raises:
         ImportFailed: there is no table in it.
     """
     try:
-        return load_table(path)
+        return load_table(path, on_read)
     except TableUnreadable as error:
         raise ImportFailed(path.name, error.reason) from error
 

@@ -14,6 +14,7 @@ from app.commands.cell_commands.recordings import write_table
 from app.commands.console import progress
 from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.recording.recorder import Recorder
+from app.sources.recordings import can_log
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Data, Window
@@ -45,7 +46,7 @@ def run(*words: str | Path) -> str:
 
 def shares(shown: str) -> list[float]:
     """The per cents that were shown; each with a time left, and none left standing."""
-    assert shown.endswith(f"\r{'':<60}\r")
+    assert f"\r{'':<60}\r" in shown[shown.rindex(" %, ") :]
     return [float(each) for each in re.findall(r"([0-9.]+) %, \d+ (?:s|min) left", shown)]
 
 
@@ -144,3 +145,32 @@ def test_balancing_tells_its_charges_and_rests_as_one() -> None:
         found = shares(run("balance", "--thesis", "--circuit", "none", "--circuit", "passive", "--json", *words))
         assert all(low <= high for low, high in pairwise(found))
         assert min(found) < 50.0 < max(found) <= 100.0
+
+
+def test_an_import_of_a_table_tells_how_far_it_is_read_and_written(tmp_path: Path) -> None:
+    time_s = np.arange(12_000) / 10.0
+    columns = {"time_s": time_s, "current_a": 5.0 + 0.0 * time_s, "voltage_v": 3.9 - 1e-5 * time_s}
+    write_table(tmp_path / "drive.csv", columns)
+    lines = (tmp_path / "drive.csv").read_text().splitlines()
+    (tmp_path / "words.csv").write_text("\n".join([*lines[:9000], "a row,broken", *lines[9000:]]) + "\n")
+    for name in ("drive.csv", "words.csv"):
+        found = shares(run("sessions", "import", tmp_path / name, "--set", "max_rate_hz=0.1", "--data", tmp_path))
+        assert {share for share in found if 0.0 < share < 2.0}  # rows read, of which writing follows
+        assert max(found) == 100.0
+        if name == "drive.csv":  # the other is read again, row by row
+            assert all(low <= high for low, high in pairwise(found))
+
+
+def test_an_import_by_a_dbc_tells_how_far_the_log_is_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    peer = one_signal_a_cell(90, 45, "Voltage_Cell_{:02d}", "Temp_Sensor_{:02d}", 0.0001, "V")
+    dbc, log = tmp_path / "car.dbc", tmp_path / "car.log"
+    dbc.write_text(peer.dbc())
+    lines = [f"({t / 1e9:.6f}) can0 {i:03X}#{data.hex().upper()}" for t, i, data in peer.frames(6)]
+    log.write_text("\n".join(lines) + "\n")
+    monkeypatch.setattr(can_log, "_READ_AT_ONCE", 1 << 12)
+    names = ["time=time", "voltages=Voltage_Cell_{n}", "current=Pack_Current"]
+    words = [word for name in names for word in ("--set", name)]
+    found = shares(run("sessions", "import", log, "--dbc", dbc, *words, "--data", tmp_path))
+    assert all(low <= high for low, high in pairwise(found))
+    assert {share for share in found if 10.0 < share <= 20.0}
+    assert found[-1] == 100.0
