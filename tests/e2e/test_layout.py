@@ -56,3 +56,5 @@ def test_alarms_are_seen_at_once_and_rows_are_read_across(service, open_page):
     expect(page.get_by_test_id("judge-clock")).to_contain_text(":")
     expect(page.get_by_test_id("judge-oldest")).to_contain_text(" s")
     expect(page.get_by_test_id("judge-battery")).to_contain_text("96 cells")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    assert page.locator(".judge > header").bounding_box()["height"] < 60, "one line"
