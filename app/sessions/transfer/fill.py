@@ -171,9 +171,9 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
         if each.info.frames == 0 and each.info.can_frames:
             raise HeardOnCanAlone(Message("heard-on-can-alone", session=each.path.stem))
     n_here, of = info.frames, info.frames + source.info.frames
-    of_session = _told(session.frames(), 0, of, on_progress)
+    of_session = _with_progress(session.frames(), 0, of, on_progress)
     here = {hash(frame.raw): frame.t_mono_ns for frame in of_session if frame.ok}
-    of_source = _told(source.frames(), n_here, of, on_progress)
+    of_source = _with_progress(source.frames(), n_here, of, on_progress)
     frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in of_source if frame.ok]
     common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]
     if not common:
@@ -195,7 +195,9 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
     return found
 
 
-def _told(frames: Iterable[RecordedFrame], before: int, of: int, on_progress: Progress) -> Iterator[RecordedFrame]:
+def _with_progress(
+    frames: Iterable[RecordedFrame], before: int, of: int, on_progress: Progress
+) -> Iterator[RecordedFrame]:
     """The frames; how many of all are read is told."""
     for k, frame in enumerate(frames, before):
         if k % BATCH == 0:

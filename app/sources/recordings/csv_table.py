@@ -35,7 +35,7 @@ ROWS_ALIKE = 5  # rows of the same kind that make a table where some columns hol
 
 T = TypeVar("T")
 OnRows = Callable[[int, int], None]  # rows read, rows in all
-_TOLD_EVERY = 5000  # rows
+_PROGRESS_EVERY = 5000  # rows
 
 
 class TableUnreadable(DatasetError):
@@ -274,7 +274,7 @@ def _numbers(
     }
     try:
         table = np.loadtxt(
-            _told(StringIO(text), len(body), on_read),
+            _with_progress(StringIO(text), len(body), on_read),
             delimiter=delimiter,
             ndmin=2,
             comments=None,
@@ -289,10 +289,10 @@ def _numbers(
     return columns
 
 
-def _told(rows: Iterable[T], of: int, on_read: OnRows) -> Iterator[T]:
+def _with_progress(rows: Iterable[T], of: int, on_read: OnRows) -> Iterator[T]:
     """The rows; how many are read is told."""
     for k, row in enumerate(rows):
-        if k % _TOLD_EVERY == 0:
+        if k % _PROGRESS_EVERY == 0:
             on_read(k, of)
         yield row
 
@@ -308,7 +308,7 @@ def _numbers_row_by_row(
 ) -> list[FloatArray]:
     tokens = [line.split(delimiter) for line in body]
     whole = [k for k, row in enumerate(tokens) if len(row) == width]
-    rows = [[_number(token) for token in tokens[k]] for k in _told(whole, len(whole), on_read)]
+    rows = [[_number(token) for token in tokens[k]] for k in _with_progress(whole, len(whole), on_read)]
     is_word = np.array([[value is None for value in values] for values in rows])
     holds_words = is_word.mean(axis=0) > 0.5
     if np.count_nonzero(~holds_words) < 2:
