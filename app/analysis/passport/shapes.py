@@ -73,9 +73,9 @@ def all_passports(keeper: PassportKeeper, car: str = "") -> AllPassports:
     Raises:
         ConfigError: there are other cars alone.
     """
+    reading, to_read = keeper.progress  # first: what is read meanwhile is asked for again, never passed over
     car = keeper.car(car)
     made = keeper.passports(car)
-    reading, to_read = keeper.progress
     return AllPassports(
         car=car,
         cars=sorted(keeper.store.cars()),

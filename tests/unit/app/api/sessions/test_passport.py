@@ -1,12 +1,14 @@
 """Passports over HTTP, out of sessions on the disk."""
 
 import sqlite3
+import threading
 from contextlib import closing
 
 import numpy as np
 import pytest
 
 from app.analysis.passport.keeper import PassportKeeper
+from app.analysis.passport.shapes import all_passports
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.sessions.catalogue import Catalogue
 from firmware_protocol.memory_map import FIELDS
@@ -72,6 +74,37 @@ def test_another_cell_file_today_changes_nothing_of_a_session_that_keeps_its_own
     keeper.close()
     assert made.n_by_todays_cell == 0
     assert made.self_discharge_per_day[-1, 50] == pytest.approx(0.01, rel=0.05)
+
+
+class ReadsTheLastSessionMeanwhile(PassportKeeper):
+    """Finishes a reading under way while an answer is made."""
+
+    def __init__(self, *args, **kwargs):
+        self.may_finish = threading.Event()
+        super().__init__(*args, also=lambda _: self.may_finish.wait(30), **kwargs)
+
+    def passports(self, car=""):
+        made = super().passports(car)
+        self.may_finish.set()
+        self.read_new()  # after the one under way
+        return made
+
+
+def test_an_answer_made_while_the_last_session_is_read_says_that_there_is_more(make_session, tmp_path):
+    """Else the page would show the car of the session before as that of the newest, and never ask again."""
+    catalogue = Catalogue(tmp_path / "sessions")
+    make_session(TIME_S[:60], CURRENT_A[:60], metadata={"car": "red"})
+    keeper = ReadsTheLastSessionMeanwhile(tmp_path, catalogue, CELL)
+    keeper.may_finish.set()
+    keeper.read_new()
+    keeper.may_finish.clear()
+    make_session(TIME_S[:60], CURRENT_A[:60], start_s=START_S + DAY_S, metadata={"car": "blue"})
+    keeper.update()
+    answer = all_passports(keeper)
+    assert (answer.car, answer.to_read) == ("red", 1)
+    answer = all_passports(keeper)
+    assert (answer.car, answer.to_read) == ("blue", 0)
+    keeper.close()
 
 
 def test_a_damaged_session_is_left_out_and_the_others_are_read(sessions, tmp_path):
