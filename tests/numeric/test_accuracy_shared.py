@@ -123,6 +123,13 @@ def test_cold_start_in_the_middle_of_a_race(physics):
         assert score.settle_5_s <= 60.0
 
 
+def test_who_wakes_up_in_a_pause_of_a_drive_knows_how_little_its_voltage_says(physics):
+    _, found, whole = physics
+    for start_s, lasts_s in ((770, 300), (1700, 120)):
+        (score,) = scores(found.model, part(whole, start_s, start_s + lasts_s), [np.nan])
+        assert score.inside_3_sigma >= 0.99
+
+
 def test_a_gross_start_under_load_costs_the_fusion_nothing(physics):
     _, found, whole = physics
     judged = judge(found.model, part(whole, 637, 1237), -0.45)

@@ -54,6 +54,9 @@ class Tuning:
         rest_settled: probability beforehand that a cell at rest has settled; else it was driven before, and relaxes ...
         rest_driven_c: ... by as much as a lasting current of this many C drops [C] ...
         rest_slow: ... and by this share of it too slowly to show as a slope.
+        rest_unsettled: where no SOC was given, all that reads a voltage which is seen to relax errs by this share of
+            its slope times `rest_tail_s`, at most by twice what `rest_driven_c` drops ...
+        rest_lasts_s: ... for so long [s].
         rest_doubt_soc: a rest that tells the SOC much better than this leaves little of a claim to be exact.
         start_rough_sigma: sigma of a SOC that was given and is not as exact as was said.
         start_exact: probability that a SOC is as exact as was said ...
@@ -112,6 +115,8 @@ class Tuning:
     rest_settled: float = 0.7
     rest_driven_c: float = 0.5
     rest_slow: float = 0.4
+    rest_unsettled: float = 0.25
+    rest_lasts_s: float = 300.0
     rest_doubt_soc: float = 0.03
     start_rough_sigma: float = 0.1
     start_exact: float = 0.5

@@ -46,6 +46,7 @@ CELL_ROWS: Final = {
     "anchor_v2": 1,
     "rest_mean_v": 1,
     "rest_moment": 1,
+    "unsettled_v2": 1,
     "drawn": 1,
     "start_soc": STARTS,
     "start_v2": STARTS,

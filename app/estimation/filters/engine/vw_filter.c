@@ -117,6 +117,7 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     if (filter->kind != VW_SIGMA_FUSED || motion->look_s > 0) vw_soc_variance(filter, x, work);
     if (motion->rest_share > 0) vw_watch_rest(filter, motion, x, work);
     if (motion->read_rest_s > 0 && !motion->is_rest_on) vw_read_rest(filter, motion, x, work);
+    if (motion->is_rest_cut) VW_EACH_CELL(c) x->unsettled_v2[c] = 0;
     if (filter->kind == VW_SIGMA_FUSED) (motion->is_rest_on ? fuse_in_rest : vw_fuse)(filter, motion, x, work);
     vw_self_check(filter, motion, x, work);
 }

@@ -49,6 +49,8 @@ typedef struct {
     vw_real rest_settled;
     vw_real rest_driven_c;
     vw_real rest_slow;
+    vw_real rest_unsettled;
+    vw_real rest_lasts_s;
     vw_real rest_doubt_soc;
     vw_real start_rough_sigma;
     vw_real start_exact;
@@ -143,6 +145,7 @@ typedef struct {
     vw_lanes anchor_v2;            /* variance of the SOC where the count began */
     vw_lanes rest_mean_v;          /* mean voltage of a rest from the start on [V] */
     vw_lanes rest_moment;          /* integral of voltage times time, both less their means, over it [V s^2] */
+    vw_lanes unsettled_v2;         /* by which that rest may be off: it still relaxes and no SOC was given [V^2] */
     vw_lanes drawn;                /* charge taken out since the start, over the capacity */
     vw_lanes start_soc[VW_STARTS]; /* SOC at the start by each hypothesis */
     vw_lanes start_v2[VW_STARTS];  /* its variance */

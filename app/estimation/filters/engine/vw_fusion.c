@@ -85,6 +85,18 @@ static void read_rest_voltage(const vw_filter *filter, const vw_motion *motion, 
     }
 }
 
+/* By how much a voltage may be off that is seen to relax; a, n and the p of a cell that was driven as above.
+ *
+ *   u^2 = min(rest_unsettled^2 max(a^2 - (3 n)^2, 0), (2 p)^2)
+ */
+static vw_real unsettled_v2(const vw_tuning *t, const vw_motion *motion, const vw_cells *restrict x, int c)
+{
+    const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
+    const vw_real n2 = vw_square(t->rest_tail_s * t->rest_noise_v) * per_moment * motion->dt_s;
+    const vw_real seen_v2 = vw_max(vw_square(t->rest_tail_s * per_moment * x->rest_moment[c]) - 9 * n2, 0);
+    return vw_min(vw_square(t->rest_unsettled) * seen_v2, 4 * vw_square(x->resistance[c]) * x->climate.relaxing_v2[c]);
+}
+
 /* A hypothesis made of others: their moments. */
 static void add(vw_real *sum, vw_real weight, vw_real soc, vw_real v2)
 {
@@ -107,7 +119,9 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
     VW_EACH_CELL(c)
     {
         const int is_given = x->start_weight[0][c] > 0;
-        if (vw_is_missing(work->voltage_v[c]) || (!is_given && !motion->is_whole_rest)) continue;
+        if (vw_is_missing(work->voltage_v[c])) continue;
+        if (!is_given) x->unsettled_v2[c] = unsettled_v2(t, motion, x, c);
+        if (!is_given && !motion->is_whole_rest) continue;
         vw_reading readings[READINGS];
         read_rest_voltage(filter, motion, x, c, is_given, readings);
         vw_real sums[VW_STARTS][3] = {{0}}, total = 0;
@@ -174,6 +188,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
     believe_gain(t, x, gain_v2);
     wander(t, motion, x);
     VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(motion, x, filter->model.slow_pair, c);
+    VW_EACH_CELL(c) x->unsettled_v2[c] -= motion->settled_share * x->unsettled_v2[c];
     VW_EACH_CELL(c)
     {
         const vw_real slope = x->gain_slope[0][c], z = x->soc[c] + slope * x->fused_gain[c];
@@ -201,7 +216,8 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         moved /= sum;
         const vw_real fused_v2 = v2 / sum + vw_max(square / sum - vw_square(moved), 0);
         x->fused_soc[c] = z + moved;
-        x->fused_v2[c] = fused_v2;
+        /* what has not settled is off in both, so neither is the surer one for it */
+        x->fused_v2[c] = fused_v2 + x->unsettled_v2[c] / work->slope_v2[c];
         x->conflict[c] += motion->conflict_share * (vw_square(moved) / (filter_v2 + fused_v2) - x->conflict[c]);
     }
 }
@@ -220,6 +236,10 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
  *   u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
+ *
+ * Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,
+ * and are off by the same u, which decays within rest_lasts_s: v grows by u^2 / slope^2. Under current both learn
+ * otherwise: a rest that is not whole leaves no u.
  *
  * Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see conflict_s.
  */

@@ -29,8 +29,10 @@ typedef struct {
     vw_real rest_share, rest_lever; /* of this sample in a rest from the start on: in its mean [1], in its moment [s^2] */
     vw_real read_rest_s;         /* length of a rest that is to be read now; 0 = none [s] */
     int is_rest_on;              /* it is not over: what it says now is used once and not kept */
+    int is_rest_cut;             /* it ended before it was whole: whoever gave no SOC wakes up in a drive */
     int is_whole_rest;           /* it lasts on: a shorter one is heard about a SOC that was given only */
     vw_real check_share, bias_share, wander_share, conflict_share;
+    vw_real settled_share;       /* of what a rest at the start had left to relax, since the last look */
 } vw_motion;
 
 /* What is known of a block of cells within a step; what a part writes, the parts after it read. */

@@ -126,7 +126,7 @@ static void forget(const vw_filter *filter, vw_cells *restrict x)
 {
     VW_EACH_CELL(c)
     {
-        x->hysteresis[c] = x->refused_s[c] = x->wander_v2[c] = x->rest_moment[c] = 0;
+        x->hysteresis[c] = x->refused_s[c] = x->wander_v2[c] = x->rest_moment[c] = x->unsettled_v2[c] = 0;
         x->gain_v2[c] = vw_square(filter->tuning.gain_sigma);
         for (int u = 0; u < VW_STATES_MAX; u++) x->gain_slope[u][c] = 0;
         x->gain[c] = x->fused_gain[c] = x->drawn[c] = x->conflict[c] = 0;

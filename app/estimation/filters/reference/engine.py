@@ -39,9 +39,12 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
     soc, variance = state.soc, soc_variance(setup, state, output)
     state = watch_rest(setup, state, motion, measured)
     starts = state.start_soc, state.start_v2, state.start_weight
-    if motion.read_rest_s > 0.0:
+    is_fused = setup.kind is Kind.SIGMA_FUSED
+    if motion.read_rest_s > 0.0 and (is_fused or not motion.is_rest_on):
         state = read_rest(setup, state, motion, measured)
-    if setup.kind is Kind.SIGMA_FUSED:
+    if motion.is_rest_cut:
+        state = replace(state, unsettled_v2=np.zeros_like(state.unsettled_v2))
+    if is_fused:
         state, soc, variance = fuse(setup, state, motion, measured, output, variance)
     if motion.is_rest_on:  # it will be read as a whole
         state = replace(state, start_soc=starts[0], start_v2=starts[1], start_weight=starts[2])

@@ -58,6 +58,10 @@ def fuse(
         u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
+    Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,
+    and are off by the same u, which decays within `rest_lasts_s`: v grows by u^2 / slope^2. Under current both learn
+    otherwise: a rest that is not whole leaves no u.
+
     Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see `conflict_s`.
 
     Args:
@@ -70,7 +74,10 @@ def fuse(
     """
     if motion.look_s > 0.0:
         lasting_soc_v2 = lasting_v2(setup, state, motion, measured) / slope_v2(setup, state, output)
-        state = weigh(setup, state, motion, filter_v2, lasting_soc_v2)
+        left_v2 = state.unsettled_v2 * (1.0 - motion.look_share(setup.tuning.rest_lasts_s / 2.0))
+        state = weigh(setup, replace(state, unsettled_v2=left_v2), motion, filter_v2, lasting_soc_v2)
+        # what has not settled is off in both, so neither is the surer one for it
+        state = replace(state, fused_v2=state.fused_v2 + left_v2 / slope_v2(setup, state, output))
     return state, state.fused_soc, np.minimum(state.fused_v2 * np.maximum(1.0, state.conflict), SOC_VARIANCE_MAX)
 
 
@@ -177,6 +184,20 @@ def read_rest_voltage(
     return read + state.drawn, v2, np.array((odds, np.ones_like(odds))) / (1.0 + odds)
 
 
+def unsettled_v2(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> FloatArray:
+    """Return (n,) mean square by which a voltage may be off that is seen to relax [V^2].
+
+    u^2 = min(rest_unsettled^2 max(a^2 - (3 n)^2, 0), (2 p)^2),  a, n and the p of a cell that was driven as in
+    `read_rest_voltage`
+    """
+    tuning, per_moment = setup.tuning, 12.0 / motion.read_rest_s**3
+    noise_v2 = (tuning.rest_tail_s * tuning.rest_noise_v) ** 2 * per_moment * motion.dt_s
+    seen_v2 = np.maximum((tuning.rest_tail_s * per_moment * state.rest_moment) ** 2 - 9.0 * noise_v2, 0.0)
+    driven_a = tuning.rest_driven_c * setup.cell.model.capacity_ah
+    driven_v2 = (state.resistance * measured.doubt[LASTING_DROP] * driven_a) ** 2
+    return np.asarray(np.minimum(tuning.rest_unsettled**2 * seen_v2, 4.0 * driven_v2))
+
+
 def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
     """Return the state after a rest from the start on: its voltage is a witness of the SOC given, and a hypothesis.
 
@@ -209,6 +230,9 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
         start_soc=np.where(heard, soc, state.start_soc),
         start_v2=np.where(heard, np.vstack((kept_v2, v2)), state.start_v2),
         start_weight=np.where(heard, weight / weight.sum(axis=0), state.start_weight),
+        unsettled_v2=np.where(
+            measured.is_measured & ~given, unsettled_v2(setup, state, motion, measured), state.unsettled_v2
+        ),
     )
 
 

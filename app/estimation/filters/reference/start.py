@@ -86,6 +86,7 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         anchor_v2=cov[0, 0].copy(),
         rest_mean_v=np.where(seen, measured.voltage_v, 0.0),
         rest_moment=zeros,
+        unsettled_v2=zeros,
         drawn=zeros,
         start_soc=np.tile(z, (N_STARTS, 1)),
         start_v2=np.full((N_STARTS, z.size), SOC_VARIANCE_MAX),

@@ -52,6 +52,7 @@ class State:
         anchor_v2: variance of the SOC where the count began.
         rest_mean_v: mean voltage of a rest from the start on [V].
         rest_moment: integral of voltage times time, both less their means, over it [V s^2].
+        unsettled_v2: mean square by which that rest is off: it still relaxes and no SOC was given [V^2].
         drawn: charge taken out since the start, over the capacity.
         start_soc: (4, n) SOC at the start: as given, as exact as was said; the same, roughly; as read at rest, settled;
             the same, relaxing.
@@ -86,6 +87,7 @@ class State:
     anchor_v2: FloatArray
     rest_mean_v: FloatArray
     rest_moment: FloatArray
+    unsettled_v2: FloatArray
     drawn: FloatArray
     start_soc: FloatArray
     start_v2: FloatArray
@@ -180,6 +182,7 @@ class Motion:
         rest_lever: and in its moment [s^2].
         read_rest_s: length of a rest that is to be read now; 0 = none [s].
         is_rest_on: whether it is not over: what it says now is used once and not kept.
+        is_rest_cut: whether it ended before it was whole: whoever gave no SOC wakes up in a drive.
         is_whole_rest: whether it lasts on: a shorter one is heard about a SOC that was given only.
     """
 
@@ -193,6 +196,7 @@ class Motion:
     rest_lever: float
     read_rest_s: float
     is_rest_on: bool
+    is_rest_cut: bool
     is_whole_rest: bool
 
     def share(self, time_s: float) -> float:
@@ -233,6 +237,7 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, since_s: float 
         rest_lever=rest_s * dt_s / 2.0 if rests else 0.0,
         read_rest_s=rested_s if is_whole or is_on else rest_s if is_broken else 0.0,
         is_rest_on=is_on,
+        is_rest_cut=has_rested and not rests,
         is_whole_rest=is_whole,
     )
 

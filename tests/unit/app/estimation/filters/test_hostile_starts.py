@@ -1,5 +1,7 @@
 """Promises at the edges: samples that are missing or impossible, empty records, pauses, ends of the tables."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,56 @@ def test_a_pause_with_whatever_relaxation_leaves_numbers_and_a_sigma(dt_s, lasts
     found = estimator.step(dt_s, 10.0, ocv, DEGC)
     assert np.isfinite(found.soc[0])
     assert 0.0 < found.soc_sigma[0] <= 0.5
+
+
+def relaxing(told, left_s, tuning=TUNING):
+    """Return the estimates of 5 minutes from a start at 60 %, where what 1C drops is left and relaxes within left_s."""
+    estimator, ocv = make_estimator("fused", MODEL, 1, tuning), MODEL.ocv.voltage(np.array([0.6]))
+    left_v = MODEL.drop_per_c_v * np.exp(-0.1 * np.arange(3000) / left_s)[:, None]
+    estimator.start(ocv - left_v[0], DEGC, 0.0, told)
+    n = len(left_v)
+    return estimator.run(np.full(n, 0.1), np.zeros(n), ocv - left_v, np.full((n, 1), 25.0))
+
+
+@pytest.mark.parametrize("left_s", [30.0, 60.0, 120.0])
+def test_who_wakes_up_while_a_cell_relaxes_knows_that_its_voltage_is_no_ocv(left_s):
+    found = relaxing(None, left_s)
+    assert (np.abs(found.soc - 0.6) < 3.0 * found.soc_sigma).all()
+
+
+def test_a_soc_that_was_given_is_no_less_sure_for_what_a_rest_may_have_left():
+    never = replace(TUNING, rest_unsettled=0.0)
+    np.testing.assert_array_equal(relaxing(0.6, 120.0).soc_sigma, relaxing(0.6, 120.0, never).soc_sigma)
+
+
+def test_a_pause_that_ends_at_once_leaves_no_doubt_about_its_voltage():
+    ocv, left_v = MODEL.ocv.voltage(np.array([0.6])), 0.05 * np.exp(-0.3 * np.arange(20))
+    sigma = []
+    for tuning in (TUNING, replace(TUNING, rest_unsettled=0.0)):
+        estimator = make_estimator("fused", MODEL, 1, tuning)
+        estimator.start(ocv - left_v[0], DEGC, 0.0)
+        for volts in ocv - left_v:
+            paused = estimator.step(0.1, 0.0, np.full(1, volts), DEGC).soc_sigma[0]
+        driven = [estimator.step(0.1, 10.0, ocv - 0.1, DEGC).soc_sigma[0] for _ in range(20)][-1]
+        sigma.append((paused, driven))
+    (doubting, after), (trusting, never) = sigma
+    assert doubting > 1.2 * trusting
+    assert after == never
+
+
+@pytest.mark.parametrize("dt_s", [0.1, 1.0])
+def test_a_car_that_is_switched_on_at_rest_is_no_less_sure_for_the_noise_of_its_sensors(dt_s):
+    n, n_cells = round(60.0 / dt_s), 96
+    noise_v = TUNING.rest_noise_v * np.random.default_rng(5).normal(size=(n + 1, n_cells))
+    volts, degc = MODEL.ocv.voltage(np.array([0.6])) + noise_v, np.full((n + 1, n_cells), 25.0)
+    sigma = []
+    for tuning in (TUNING, replace(TUNING, rest_unsettled=0.0)):
+        estimator = make_estimator("fused", MODEL, n_cells, tuning)
+        estimator.start(volts[0], degc[0], 0.0)
+        sigma.append(estimator.run(np.full(n, dt_s), np.zeros(n), volts[1:], degc[1:]).soc_sigma)
+    doubting, trusting = sigma
+    np.testing.assert_allclose(doubting.mean(axis=1), trusting.mean(axis=1), rtol=0.02)
+    assert 3.0 * doubting[round(16.0 / dt_s) :].max() < 0.1, "a number, not a range"
 
 
 def test_the_longer_a_settled_rest_lasts_the_surer_is_a_start_that_it_confirms():
