@@ -17,7 +17,7 @@ export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help run test pictures campaign check lint types imports generated-check frontend-check bench mutation generated lock audit clean frontend browser wheels site
+.PHONY: help run test pictures campaign check lint types imports generated-check c-check frontend-check bench mutation generated lock audit clean frontend browser wheels site
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -36,7 +36,7 @@ pictures: $(VENV)/.dev-installed frontend browser ## take the pictures anew that
 campaign: $(VENV)/.site-installed frontend browser ## kills, power cuts, noise, a day of racing, every route, within 30 minutes; SHORT=1 for a part of each, LONG=1 for hours
 	@$(PY) .ci/campaign.py $(if $(SHORT),--short) $(if $(LONG),--long) $(if $(ONLY),--only $(ONLY))
 
-check: lint types imports generated-check frontend-check ## formatting, lint, workflows, types, import rules, generated files; changes nothing
+check: lint types imports generated-check c-check frontend-check ## formatting, lint, workflows, types, import rules, generated files, the C library; changes nothing
 
 lint: $(VENV)/.dev-installed
 	$(PY) -m ruff format --check
@@ -53,6 +53,9 @@ imports: $(VENV)/.dev-installed
 
 generated-check: $(VENV)/.dev-installed
 	$(PY) .ci/generated.py --check
+
+c-check: $(VENV)/.dev-installed
+	$(PY) -m pytest -q -n 0 tests/static
 
 frontend-check: $(VENV)/.dev-installed
 	$(PY) hatch_build.py npm run --silent format:check

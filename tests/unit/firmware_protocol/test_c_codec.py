@@ -1,9 +1,7 @@
 """The C reference codec, compiled with gcc, against the shared vectors and against Python on random streams."""
 
 import random
-import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -91,22 +89,6 @@ def test_codec_has_no_heap_and_no_writable_globals(codec):
     used = {line.split()[-1] for line in symbols if " U " in line}
     assert {name for name in used if not name.startswith("vw_")} <= {"memcpy", "memset", "memcmp", "__stack_chk_fail"}
     assert not [line for line in symbols if line[17:18] in tuple("bBdDC")]
-
-
-def test_the_worst_case_stack_is_known_and_small(gcc):
-    """Summed over gcc's call graph: no recursion, no alloca, and less than a quarter of the smallest usual stack."""
-    script = C_FOLDER.parents[1] / "benchmarks" / "firmware" / "cost.py"
-    done = subprocess.run([sys.executable, script, "--cc", "gcc"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    stacks = dict(re.findall(r"-Os stack (\w+): (\d+) bytes", done.stdout))
-    assert stacks.keys() == {
-        *("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received"),
-        *("vw_slaves_start", "vw_slaves_read_voltages", "vw_slaves_read_temperatures", "vw_slaves_self_check"),
-        *("vw_measuring_samples", "vw_measuring_run"),
-        *("vw_master_init", "vw_master_step", "vw_master_command"),
-        *("vw_filter_start", "vw_filter_step"),
-    }
-    assert max(map(int, stacks.values())) < 1024
 
 
 def test_shared_vectors(host_test):
