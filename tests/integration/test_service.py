@@ -214,6 +214,18 @@ def test_a_session_is_recorded_by_itself_listed_marked_and_exported(service):
         assert restarted["name"] == "second"
 
 
+def test_who_stops_a_session_whose_file_was_deleted_is_told_and_the_new_one_goes_on(service):
+    with service.client() as client:
+        recording = client.get("/snapshot").json()["recording"]
+        lost = recording["session_id"] if recording else client.post("/sessions").json()["id"]
+        (service.data / "sessions" / f"{lost}.sqlite").unlink()
+        following = service.wait_for(lambda s: s["recording"] and s["recording"]["session_id"] != lost)
+        answer = client.post(f"/sessions/{lost}/stop")
+        assert answer.status_code == 507
+        assert f"recording goes on as {following['recording']['session_id']}" in answer.json()["detail"]
+        assert client.get(f"/sessions/{following['recording']['session_id']}").json()["recording"]
+
+
 def test_events_are_logged_and_acknowledged(service):
     with service.client() as client:
         events = client.get("/events").json()["events"]

@@ -124,6 +124,8 @@ def _recording_id(recorder: RecorderPart) -> str | None:
 
 def _require_recording(catalogue: CataloguePart, recorder: RecorderPart, session_id: str) -> None:
     if _recording_id(recorder) != session_id:
+        if (loss := recorder.file_loss(session_id)) is not None:
+            raise Problem(507, "storage", loss)
         with catalogue.open(session_id):  # 404 where there is none
             raise Problem(409, "not-now", Message("not-being-recorded", session=session_id))
 
