@@ -7,10 +7,11 @@ from pathlib import Path
 
 from app.errors import NotNow
 from app.sessions.catalogue_index import Known, State, load_index, save_index
-from app.sessions.errors import SessionError, SessionNotFound
+from app.sessions.errors import NotASession, SessionError, SessionNotFound
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import FETCHED, SUFFIX, is_in_use, merge_log, remove, sha256
+from app.words import Message
 
 TRASH = ".trash"
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
@@ -144,8 +145,17 @@ class Catalogue:
 
 
 def _info(path: Path, before: Known, known: Known) -> SessionInfo:
-    """What there is to say about a session; of a closed one put into `known`, out of `before` where it is there."""
-    stat = path.stat()
+    """What there is to say about a session; of a closed one put into `known`, out of `before` where it is there.
+
+    Raises:
+        SessionError: it cannot be read, or by no address.
+    """
+    if not _ID.fullmatch(path.stem):
+        raise NotASession(str(path), Message("session-file-name"))
+    try:
+        stat = path.stat()
+    except OSError as error:  # deleted meanwhile, a link to nowhere
+        raise NotASession(str(path), error.strerror or str(error)) from error
     state = (stat.st_mtime_ns, stat.st_size)
     row = before.get(path.stem)
     if row is None or row[0] != state:

@@ -1,4 +1,5 @@
 import os
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -29,6 +30,21 @@ def test_sessions_are_listed_newest_first_and_damaged_files_apart(recorder: Reco
     assert [info.id for info in sessions] == ids[::-1]
     assert len(problems) == 1
     assert "broken" in str(problems[0])
+
+
+def test_a_file_that_no_address_leads_to_and_a_link_to_nowhere_are_told_apart(recorder: Recorder, folder: Path) -> None:
+    good = recorder.start()
+    recorder.stop()
+    recorder.flush()
+    for name in ("Ås test", "new\nline", "x" * 129):
+        shutil.copy(good.path, folder / f"{name}.sqlite")
+    (folder / "gone.sqlite").symlink_to(folder / "nowhere")
+    catalogue = Catalogue(folder)
+    sessions, problems = catalogue.survey()
+    assert [info.id for info in sessions] == [good.id]
+    assert sorted("rename it" in str(problem) for problem in problems) == [False, True, True, True]
+    [expired] = catalogue.expired(good.started_wall_ns + 10**18, older_than_s=0)
+    assert expired.id == good.id
 
 
 def test_a_flipped_bit_in_the_names_of_its_tables_makes_one_session_unreadable(
