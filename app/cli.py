@@ -9,7 +9,7 @@ from io import TextIOWrapper
 
 from app import __version__
 from app.commands.console.progress import leave_no_line
-from app.commands.console.terminal import RED, coloured
+from app.commands.console.terminal import RED, coloured, printable
 from app.errors import AppError
 
 INTERRUPTED = 130  # as shells count a process that SIGINT ended
@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(args.do(args))
     except AppError as error:
         leave_no_line()
-        print(coloured(f"voltwall {only}:", RED, sys.stderr), error, file=sys.stderr)
+        print(coloured(f"voltwall {only}:", RED, sys.stderr), printable(str(error)), file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         leave_no_line()
@@ -81,7 +81,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:  # of a file that was named; where more can be said, the command says it
         leave_no_line()
         place = "" if error.filename is None else f"{error.filename}: "
-        print(coloured(f"voltwall {only}:", RED, sys.stderr), f"{place}{error.strerror or error}", file=sys.stderr)
+        told = printable(f"{place}{error.strerror or error}")
+        print(coloured(f"voltwall {only}:", RED, sys.stderr), told, file=sys.stderr)
         return 2
 
 

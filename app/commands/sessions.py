@@ -10,7 +10,7 @@ from typing import Any
 
 from app.clock import Clock
 from app.commands.console.progress import Progress
-from app.commands.console.terminal import GREEN, RED, coloured, print_table
+from app.commands.console.terminal import GREEN, RED, coloured, print_table, printable
 from app.commands.session_commands.selection import (
     catalogue,
     find_session,
@@ -75,7 +75,7 @@ def list_sessions(args: argparse.Namespace) -> int:
         ]
         print_table(("id", "started", "length", "frames", "MB", "state", "name"), rows, "<<>>><<")
     for problem in problems:
-        print(problem, file=sys.stderr)
+        print(printable(str(problem)), file=sys.stderr)
     return 0
 
 
@@ -105,11 +105,11 @@ def _show(session: SessionFile, in_use: bool, as_json: bool) -> None:
         if isinstance(value, list) and value and isinstance(value[0], dict):
             print(f"{name}:")
             for each in value:
-                print("  " + "  ".join(str(part) for part in each.values() if part is not None))
+                print(printable("  " + "  ".join(str(part) for part in each.values() if part is not None)))
         elif isinstance(value, list):
-            print(f"{name}: {' '.join(value)}")
+            print(printable(f"{name}: {' '.join(value)}"))
         else:
-            print(f"{name}: {value}")
+            print(printable(f"{name}: {value}"))
 
 
 def _marker_facts(session: SessionFile) -> list[dict[str, object]]:
@@ -154,7 +154,7 @@ def check_sessions(args: argparse.Namespace) -> int:
         sessions, unreadable = catalogue(args).survey()
         paths = [info.path for info in sessions]
     for problem in unreadable:
-        print(problem, file=sys.stderr if args.json else sys.stdout)
+        print(printable(str(problem)), file=sys.stderr if args.json else sys.stdout)
     checked: list[dict[str, object]] = []
     progress = Progress()
     for k, path in enumerate(paths):
@@ -224,7 +224,7 @@ def prune_sessions(args: argparse.Namespace) -> int:
             sessions.delete(info.id)
         if not args.json:
             done = "deleted" if args.yes else "kept without --yes"
-            print(f"{info.id}  {info.size_bytes / 1e6:.1f} MB  {info.name}: {done}")
+            print(printable(f"{info.id}  {info.size_bytes / 1e6:.1f} MB  {info.name}: {done}"))
     if args.json:
         print(json.dumps(facts, indent=2))
     return 0

@@ -1,6 +1,7 @@
 """Tables that fit the terminal, and colours where somebody looks and wants them."""
 
 import os
+import re
 import shutil
 import sys
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from typing import TextIO
 BOLD, RED, GREEN, YELLOW = "1", "31", "32", "33"
 _GAP = 2
 _LEAST = 4  # characters of a column that is shortened
+_OBEYED = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")  # not: tab, new line
 _MODERN = ("WT_SESSION", "ANSICON", "TERM")  # one of them is set where a Windows console understands colours
 
 
@@ -21,6 +23,14 @@ def coloured(text: str, colour: str, stream: TextIO | None = None) -> str:
     return f"\x1b[{colour}m{text}\x1b[0m"
 
 
+def printable(text: str) -> str:
+    """Return text without what a terminal would obey: in a name of a foreign file, in bytes of another program.
+
+    Control characters, those that turn the direction of writing, and halves of characters become `\ufffd`.
+    """
+    return _OBEYED.sub("\ufffd", text)
+
+
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], aligned: str = "") -> None:
     """Print rows under their heads; on a terminal no wider than it is.
 
@@ -30,7 +40,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], aligned: st
         aligned: a character a column: `<` text, shortened with … where the terminal is narrow; `>` a number, never.
             Without it, all are texts.
     """
-    shown = [*([heads] if heads else []), *rows]
+    shown = [*([heads] if heads else []), *([" ".join(printable(text).split("\n")) for text in row] for row in rows)]
     if not shown:
         return
     aligned = aligned or "<" * len(shown[0])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.commands.console.progress import Progress
+from app.commands.console.terminal import printable
 from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
@@ -84,7 +85,7 @@ def show_columns(args: argparse.Namespace) -> int:
         return 0
     for i, each in enumerate(columns, 1):
         span = "empty" if each["lowest"] is None else f"{each['lowest']:.6g} to {each['highest']:.6g}"
-        print(f"{i:>4}  {each['name']}: {span}")
+        print(printable(f"{i:>4}  {each['name']}: {span}"))
     for note in table.notes:
         print(f"# {render(note)}")
     print("# guessed profile\n" + profile_text(guess(table)), end="")

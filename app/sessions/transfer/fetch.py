@@ -29,6 +29,7 @@ PAUSE_S = 0.5  # before the second attempt; twice as long before each further on
 PIECE_BYTES = 1 << 16
 MOST_PIECES = 1_000_000  # of a session: 115 days
 LIST_BYTES = 32 << 20  # of a list of sessions; a season's has less than one
+LIST_S = 120  # for all of an answer that is no session
 _HEAD = {  # what a head has to hold
     "id": str, "name": str, "voltwall": str, "map_hash": str, "metadata": dict, "start_mono_ns": int,
     "start_wall_ns": int, "closed": bool, "recording": bool, "pieces": int, "bytes": int, "frames": int,
@@ -68,6 +69,7 @@ class Remote:
         password: str | None = None,
         trust: str | None = None,
         sleep: Callable[[float], None] = time.sleep,
+        monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
         """Only keep what is given; nothing is asked yet.
 
@@ -77,6 +79,7 @@ class Remote:
             password: its viewer's or engineer's, or a token.
             trust: its certificate, where the system does not know it: a file or fingerprints, see `context_for`.
             sleep: waits between attempts.
+            monotonic_s: the clock by which an answer is too slow.
 
         Raises:
             ConfigError: the URL, the label or `trust` cannot be one.
@@ -91,6 +94,7 @@ class Remote:
         self._password = password
         self._opener = opener(trust)
         self._sleep = sleep
+        self._monotonic_s = monotonic_s
 
     def sessions(self) -> list[RemoteSession]:
         """Return what it has, newest first.
@@ -100,7 +104,7 @@ class Remote:
         """
         try:
             with self._open("sessions", {}) as answer:
-                found = json.loads(answer.read(LIST_BYTES))["sessions"]
+                found = json.loads(self._whole(answer))["sessions"]
             return [
                 RemoteSession(
                     str(each["id"]), str(each["name"]), float(each["started"]), float(each["duration_s"] or 0),
@@ -234,11 +238,28 @@ class Remote:
     def _json(self, path: str) -> Any:
         try:
             with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
-                return json.loads(answer.read(LIST_BYTES))
+                return json.loads(self._whole(answer))
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, reason_of(error)) from error
         except (ValueError, RecursionError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
+
+    def _whole(self, answer: Any) -> bytes:
+        """Read an answer to its end.
+
+        Raises:
+            FetchFailed: it takes too long; each byte alone may come in time.
+            ValueError: it is too long.
+        """
+        until_s = self._monotonic_s() + LIST_S
+        found = bytearray()
+        while piece := answer.read1(PIECE_BYTES):
+            found += piece
+            if len(found) > LIST_BYTES:
+                raise ValueError(len(found))
+            if self._monotonic_s() > until_s:
+                raise FetchFailed(self.url, Message("answer-too-slow", seconds=LIST_S))
+        return bytes(found)
 
     def _failed(self, session: RemoteSession, reason: Text) -> FetchFailed:
         return FetchFailed(self.url, Message("of-source", source=session.id, reason=reason))

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from app.commands.console.terminal import RED, coloured, print_table
+from app.commands.console.terminal import RED, coloured, print_table, printable
 
 pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
 HEADS = ("id", "frames", "name")
@@ -88,3 +88,16 @@ def test_an_empty_table_is_its_heads(capsys):
     print_table(HEADS, [])
     print_table((), [])
     assert capsys.readouterr().out == "id  frames  name\n"
+
+
+def test_a_name_in_a_foreign_file_cannot_command_the_terminal(capsys):
+    name = "run\x1b]0;owned\x07\x9b2J\u202e\nnext"
+    print_table(("id", "name"), [("1", name)])
+    head, row, *rest = capsys.readouterr().out.split("\n")
+    assert (head, rest) == ("id  name", [""])
+    assert row == "1   run\ufffd]0;owned\ufffd\ufffd2J\ufffd next"
+
+
+def test_every_script_and_sign_is_printed_as_it_is():
+    text = "Łukasz\tÅse 电池 سيارة 🏎️ 1.2 mΩ\n±0.1"
+    assert printable(text) == text

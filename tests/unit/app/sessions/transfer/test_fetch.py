@@ -104,6 +104,15 @@ def test_a_list_without_end_in_depth_is_refused(serve):
         Remote(server.url).sessions()
 
 
+def test_a_list_that_comes_byte_by_byte_ends(serve):
+    server = serve()
+    server.answers["sessions"] = listing(json.dumps({"sessions": [LISTED]}))
+    assert [session.id for session in Remote(server.url).sessions()] == ["s1"]
+    clock_s = iter((0.0, 121.0))
+    with pytest.raises(FetchFailed, match="more than 120 s"):
+        Remote(server.url, monotonic_s=lambda: next(clock_s)).sessions()
+
+
 @pytest.mark.parametrize("headers", [{"Repr-Digest": "sha-256=:A=AA:"}, {"Content-Length": "three"}])
 def test_a_digest_or_length_that_is_none_ends_the_fetch(serve, tmp_path, headers):
     server = serve()
