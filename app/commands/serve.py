@@ -30,7 +30,7 @@ from app.errors import ConfigError
 from app.service import log
 from app.service.folder_lock import locked_folder
 from app.service.health.watchdog import keep_alive, notify
-from app.service.host import HighListener, raise_descriptor_limit
+from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.sources.beside import FOLDER, BesideBattery, beside
@@ -111,6 +111,7 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
     Raises:
         ConfigError: the port is taken, the folder cannot be used or is used by another service.
     """
+    give_freed_memory_back()
     sys.setswitchinterval(0.001)  # a frame on its way to the pages does not wait 5 ms for the recorder's thread
     with contextlib.ExitStack() as stack:
         stack.enter_context(locked_folder(settings.data))
