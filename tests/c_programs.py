@@ -15,7 +15,7 @@ from filelock import FileLock
 
 C_FOLDER = Path(__file__).parents[1] / "firmware_protocol" / "c"
 ENGINE = Path(__file__).parents[1] / "app" / "estimation" / "filters" / "engine"
-FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
+FLAGS = ("-std=c99", "-O1", "-g1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", "-I", str(ENGINE))  # how a microcontroller has the engine
 ESTIMATOR = (*sorted(ENGINE.glob("vw_*.c")), C_FOLDER / "estimator" / "vw_estimator.c")
 MASTER = sorted((C_FOLDER / "master").glob("vw_*.c"))
