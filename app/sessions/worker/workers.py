@@ -16,6 +16,7 @@ AT_ONCE = 2  # a long import and what somebody looks at meanwhile
 WAITING = 8
 KEPT_S = 180.0  # somebody who looks at the season reads for minutes between two answers
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_LITTLE_MEMORY = {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "2"}  # its own pool maps 1 GB at once
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -28,7 +29,7 @@ class _Worker:
             command_of("app.sessions.worker.process"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | _ONE_THREAD,
+            env=os.environ | _ONE_THREAD | _LITTLE_MEMORY,
         )
         self.is_late = False
 
