@@ -14,7 +14,7 @@ from app.commands.cell_commands.charts import check_picture_name, draw_estimate
 from app.commands.cell_commands.filter_run import Run, gap_notes, outside_notes, run_filter
 from app.commands.cell_commands.power import power_columns, power_of, power_summary, print_power
 from app.commands.cell_commands.recordings import check_table_name, read_recording, write_table
-from app.commands.console.progress import Progress
+from app.commands.console.progress import Progress, leave_no_line
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
         if args.plot is not None:
             draw_estimate(args.plot, recording, result)
     except (DatasetError, EstimatorError, OSError) as exc:
+        leave_no_line()
         print(f"voltwall estimate: {exc}", file=sys.stderr)
         return 2
     if args.json:

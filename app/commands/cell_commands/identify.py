@@ -11,7 +11,7 @@ import numpy as np
 
 from app.commands.cell_commands.charts import check_picture_name, draw_identification
 from app.commands.cell_commands.recordings import read_recording
-from app.commands.console.progress import Progress
+from app.commands.console.progress import Progress, leave_no_line
 from app.estimation.cell_model.cell_file import save_cell
 from app.estimation.errors import DatasetError, EstimatorError
 from app.estimation.identification.identify import Identification, identify
@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
         if args.plot is not None:
             draw_identification(args.plot, found)
     except (DatasetError, EstimatorError, OSError) as exc:
+        leave_no_line()
         print(f"voltwall identify: {exc}", file=sys.stderr)
         return 2
     read_notes = [(r.source, note) for r in (*slow, *pulses, *drives) for note in r.notes]

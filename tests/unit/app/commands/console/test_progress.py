@@ -1,4 +1,5 @@
 import io
+from pathlib import Path
 
 import pytest
 
@@ -63,3 +64,54 @@ def test_what_an_interrupted_job_says_stands_in_a_line_of_its_own(
     shown = terminal.getvalue().removesuffix("\n").rpartition("\r")
     assert "run.log" in shown[0]
     assert shown[2] == "voltwall dbc: interrupted"
+
+
+def test_an_error_of_an_identification_halfway_stands_in_a_line_of_its_own(
+    now: list[float], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fails(*arguments: object) -> None:
+        on_progress = arguments[-1]
+        assert isinstance(on_progress, Progress)
+        now[0] += 5.0
+        on_progress(2, 10)
+        raise OSError("no space")
+
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setattr("app.commands.cell_commands.identify.read_recording", lambda *_: None)
+    monkeypatch.setattr("app.commands.cell_commands.identify.identify", fails)
+    words = ["identify", "--ocv", "slow.csv", "--pulses", "pulses.csv", "--out", str(tmp_path / "mine.json")]
+    assert main(words) == 2
+    shown = terminal.getvalue().removesuffix("\n").rpartition("\r")
+    assert "mine  20.0 %" in shown[0]
+    assert shown[2] == "voltwall identify: no space"
+
+
+def test_an_error_of_the_filter_halfway_stands_in_a_line_of_its_own(
+    now: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Cell:
+        capacity_ah = 2.5
+
+    class Read:
+        source = "run"
+
+    def fails(*arguments: object) -> None:
+        on_progress = arguments[-1]
+        assert isinstance(on_progress, Progress)
+        now[0] += 5.0
+        on_progress(2, 10)
+        raise OSError("no space")
+
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setattr("app.commands.cell_commands.estimate.check_outputs", lambda *_: None)
+    monkeypatch.setattr("app.commands.cell_commands.estimate.load_cell", lambda *_: Cell())
+    monkeypatch.setattr("app.commands.cell_commands.estimate.make_estimator", lambda *_: None)
+    monkeypatch.setattr("app.commands.cell_commands.estimate.read_recording", lambda *_: None)
+    monkeypatch.setattr("app.commands.cell_commands.estimate.believable", lambda *_: Read())
+    monkeypatch.setattr("app.commands.cell_commands.estimate.run_filter", fails)
+    assert main(["estimate", "run.csv", "--cell", "mine"]) == 2
+    shown = terminal.getvalue().removesuffix("\n").rpartition("\r")
+    assert "run  20.0 %" in shown[0]
+    assert shown[2] == "voltwall estimate: no space"
