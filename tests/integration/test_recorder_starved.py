@@ -73,11 +73,7 @@ def test_a_starved_service_loses_at_most_half_a_second_by_a_kill(tmp_path):
             service = Service(tmp_path / str(number), ["--serial", line.path]).start()
             with service.client() as client:
                 until(lambda: client.get("/recorder").json()["state"] == "recording")
-                service.wait_for(
-                    lambda snapshot: (
-                        snapshot["prediction"] is not None and snapshot["prediction"]["power"] or snapshot["seq"] > 100
-                    )
-                )
+                service.wait_for(lambda snapshot: (snapshot["prediction"] or {}).get("power") or snapshot["seq"] > 100)
             with starved(service.process.pid, SHARE) as how:
                 began_s = time.monotonic()
                 time.sleep(random.Random(number).uniform(*STARVED_S))

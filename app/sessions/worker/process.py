@@ -80,7 +80,7 @@ def _work(
 def _limit(cpu_s: int | None, memory_bytes: int | None) -> None:
     """Set both limits on top of what is used by now; None takes one away.
 
-    Memory is what is written to (RLIMIT_DATA; Linux 4.7): allocators reserve gigabytes of addresses that they never use.
+    Memory is what can be written to (RLIMIT_DATA; Linux 4.7): allocators reserve gigabytes of addresses for nothing.
     """
     if resource is None:
         return
