@@ -15,7 +15,8 @@ log = logging.getLogger(__name__)
 BOUND_S = 0.4  # from a frame's arrival to its commit; 0.5 s is what a kill may cost
 WELL_S = 0.35  # below this it takes back the last step
 HARDER_S = 0.5  # between two steps down
-EASIER_S = 5.0  # between two steps back
+EASIER_S = 5.0  # between two steps back; twice as long each time that one had to be taken again
+MOST_EASIER_S = 80.0
 
 
 class Shed(IntEnum):
@@ -29,12 +30,20 @@ class Shed(IntEnum):
 class Load:
     """Asked by the pipeline's thread with each item; `problem` by any."""
 
-    def __init__(self, delay_s: Callable[[], float | None], clock: Clock) -> None:
-        """Watch `delay_s`: how long the last frames took to be committed; None while nothing is recorded."""
+    def __init__(
+        self, delay_s: Callable[[], float | None], clock: Clock, wait_for_commit: Callable[[float], None]
+    ) -> None:
+        """Watch `delay_s`: how long the last frames took to be committed; None while nothing is recorded.
+
+        `wait_for_commit` returns when the commit that is due is done, or after so many seconds.
+        """
         self._delay_s = delay_s
+        self._wait_for_commit = wait_for_commit
         self._clock = clock
         self._shed = Shed.NOTHING
         self._changed_s = clock.monotonic_s()
+        self._easier_s = EASIER_S
+        self._eased_s: float | None = None  # when the last step back was
 
     def now(self) -> Shed:
         """Return what to leave out."""
@@ -42,12 +51,22 @@ class Load:
         before, since_s = self._shed, now_s - self._changed_s
         if delay_s > BOUND_S and before < Shed.PAGES and since_s >= HARDER_S:
             self._shed = Shed(before + 1)
-        elif delay_s < WELL_S and before > Shed.NOTHING and since_s >= EASIER_S:
+            if self._eased_s is not None:
+                is_soon = now_s - self._eased_s < MOST_EASIER_S
+                self._easier_s = min(2 * self._easier_s, MOST_EASIER_S) if is_soon else EASIER_S
+                self._eased_s = None
+        elif delay_s < WELL_S and before > Shed.NOTHING and since_s >= self._easier_s:
             self._shed = Shed(before - 1)
+            self._eased_s = now_s
         if self._shed != before:
             self._changed_s = now_s
             log.warning("a frame takes %.2f s to the disk: left out is %s", delay_s, self._shed.name.lower())
         return self._shed
+
+    def give_way(self) -> None:
+        """Let a commit that is due go first, where something is left out: it shares the interpreter with the caller."""
+        if self._shed > Shed.NOTHING:
+            self._wait_for_commit(BOUND_S)
 
     @property
     def problem(self) -> Message | None:

@@ -204,7 +204,10 @@ class PipelineThread:
             except Exception as error:  # noqa: BLE001  what fails here is estimated all the same
                 self._failures.add(error)
         now_ns = self._clock.monotonic_ns()
-        shed = Shed.NOTHING if self._load is None else self._load.now()
+        shed = Shed.NOTHING
+        if self._load is not None:
+            shed = self._load.now()
+            self._load.give_way()
         if self._is_ending:
             return  # the recorder has it
         shown_s = SHED_SHOWN_S if shed >= Shed.PAGES else LATE_SHOWN_S

@@ -275,7 +275,7 @@ def make_service(
     def keep_black_box(output: Output, t_mono_ns: int) -> None:
         black_boxes.take(output.events, output.snapshot, t_mono_ns)
 
-    load = Load(lambda: recorder.commit_delay_s, clock)
+    load = Load(lambda: recorder.commit_delay_s, clock, recorder.wait_for_commit)
     live = PipelineThread(
         pipeline,
         inbox,

@@ -104,6 +104,10 @@ class AutoRecorder:
         """How long the newest frames took to the disk, or wait already; None while nothing is recorded."""
         return self._recorder.commit_delay_s
 
+    def wait_for_commit(self, timeout_s: float) -> None:
+        """Return when a commit that is due is done, or after so long: see `Recorder.wait_for_commit`."""
+        self._recorder.wait_for_commit(timeout_s)
+
     def start(self, name: str | None = None) -> SessionInfo:
         """Begin a session now.
 

@@ -36,6 +36,7 @@ logger = logging.getLogger(__name__)
 
 COMMIT_S = 0.3  # the time that the last commits took included; at most 0.5 s of a session are not on the disk
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
+DUE_S = 0.15  # what waits longer is committed next
 PAUSE_S = 0.05  # between two commits at least
 STUCK_S = 10.0  # a disk that has taken nothing for so long, and not said why
 _CONTENT = ("frames", "can_frames", "markers")
@@ -195,6 +196,13 @@ class Recorder:
                 return None
             waiting = oldest_frame_ns(self._waiting.oldest)
         return self._delay.now_s(waiting, self._clock.monotonic_ns())
+
+    def wait_for_commit(self, timeout_s: float) -> None:
+        """Return when a commit that runs or is due has ended, at once where none is, or after so long."""
+        with self._progress:
+            waiting = oldest_frame_ns(self._waiting.oldest)
+            if waiting is not None and self._clock.monotonic_ns() - waiting > DUE_S * 1e9:
+                self._progress.wait(timeout_s)
 
     def file_loss(self, session_id: str) -> Message | None:
         """Return what to say of a session whose file was deleted or replaced while it was recorded."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.live.load import BOUND_S, EASIER_S, HARDER_S, WELL_S, Load, Shed
+from app.live.load import BOUND_S, EASIER_S, HARDER_S, MOST_EASIER_S, WELL_S, Load, Shed
 from app.words import render
 from tests.fake_clock import FakeClock
 
@@ -18,8 +18,13 @@ def recorder():
 
 
 @pytest.fixture
-def load(recorder, clock):
-    made = Load(lambda: recorder["delay_s"], clock)
+def waits():
+    return []
+
+
+@pytest.fixture
+def load(recorder, clock, waits):
+    made = Load(lambda: recorder["delay_s"], clock, waits.append)
     clock.advance(EASIER_S)
     return made
 
@@ -60,6 +65,44 @@ def test_between_the_two_bounds_it_stays_as_it_is(load, recorder, clock):
     recorder["delay_s"] = (BOUND_S + WELL_S) / 2
     clock.advance(10 * EASIER_S)
     assert load.now() is Shed.PREDICTION
+
+
+def test_what_was_taken_back_too_early_stays_left_out_longer_each_time(load, recorder, clock):
+    took_s = []
+    for _ in range(6):
+        clock.advance(HARDER_S)
+        recorder["delay_s"] = BOUND_S + 0.01
+        assert load.now() is Shed.PREDICTION
+        recorder["delay_s"], began_s = 0.0, clock.monotonic_s()
+        while load.now() is Shed.PREDICTION:
+            clock.advance(1.0)
+        took_s.append(clock.monotonic_s() - began_s)
+    assert took_s == [EASIER_S, 2 * EASIER_S, 4 * EASIER_S, 8 * EASIER_S, MOST_EASIER_S, MOST_EASIER_S]
+
+
+def test_it_forgets_that_once_it_went_well_for_long(load, recorder, clock):
+    for _ in range(3):
+        recorder["delay_s"] = BOUND_S + 0.01
+        load.now()
+        recorder["delay_s"] = 0.0
+        clock.advance(MOST_EASIER_S)
+        assert load.now() is Shed.NOTHING
+    clock.advance(MOST_EASIER_S)
+    recorder["delay_s"] = BOUND_S + 0.01
+    load.now()
+    recorder["delay_s"] = 0.0
+    clock.advance(EASIER_S)
+    assert load.now() is Shed.NOTHING
+
+
+def test_commits_go_first_only_where_something_is_left_out(load, recorder, waits):
+    load.now()
+    load.give_way()
+    assert waits == []
+    recorder["delay_s"] = 3.0
+    load.now()
+    load.give_way()
+    assert waits == [BOUND_S]
 
 
 def test_it_says_what_is_left_out_and_why(load, recorder, clock):

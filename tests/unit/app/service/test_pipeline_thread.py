@@ -176,12 +176,13 @@ def test_at_the_end_a_full_inbox_is_recorded_to_the_last_item_though_nothing_is_
     ("shed", "shown", "judged"), [(Shed.NOTHING, 5, 5), (Shed.PREDICTION, 5, 0), (Shed.PAGES, 1, 0)]
 )
 def test_what_is_left_out_for_the_recorder_is_never_an_estimate(bench, clock, master, monkeypatch, shed, shown, judged):
-    asked = []
+    asked, waits = [], []
     monkeypatch.setattr(bench.pipeline, "predict", lambda: asked.append(True))
-    monkeypatch.setattr(bench.live, "_load", SimpleNamespace(now=lambda: shed))
+    monkeypatch.setattr(bench.live, "_load", SimpleNamespace(now=lambda: shed, give_way=lambda: waits.append(True)))
     for _ in range(5):
         clock.advance(0.1)
         bench.feed(master.frame())
     assert sum(output.snapshot is not None for output in bench.outputs) == shown
     assert sum(output.estimates is not None for output in bench.outputs) == 5
     assert len(asked) == judged
+    assert len(waits) == len(bench.items)  # each lets a commit go first

@@ -2,6 +2,7 @@ import json
 import logging
 import sqlite3
 import threading
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -43,6 +44,17 @@ def test_what_comes_without_a_session_is_not_recorded(recorder: Recorder, stream
     with SessionFile(info.path) as session:
         assert session.info.frames == 0
         assert session.info.is_closed
+
+
+def test_who_waits_for_a_commit_goes_on_when_it_is_done(recorder: Recorder) -> None:
+    recorder.start()
+    recorder.flush()
+    began_s = time.monotonic()
+    recorder.wait_for_commit(60.0)  # nothing waits
+    recorder.frame(MONO_NS - 10**9, WALL_NS - 10**9, 0, b"\x05old", True)
+    while recorder.status.queued_items:
+        recorder.wait_for_commit(60.0)
+    assert time.monotonic() - began_s < 50.0
 
 
 def test_a_second_start_is_refused_and_changes_nothing(recorder: Recorder) -> None:
