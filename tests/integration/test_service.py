@@ -211,6 +211,7 @@ def test_a_session_is_recorded_by_itself_listed_marked_and_exported(service):
         beyond = client.get(f"/sessions/{session_id}/series?signal=i_fs&signal=v[96]").json()
         assert beyond["detail"] == "signal = v[96]: index 96 is beyond 95"
         restarted = client.post("/sessions", json={"name": "second"}).json()
+        assert restarted["id"] in [each["id"] for each in client.get("/sessions").json()["sessions"]]
         assert restarted["name"] == "second"
 
 

@@ -147,9 +147,11 @@ def sessions(
 
 @router.post("/sessions", status_code=201, response_model=SessionOut)
 def start(events: EventsPart, recorder: RecorderPart, user: UserDep, body: NewSession | None = None) -> dict[str, Any]:
-    """Start recording."""
+    """Start recording; the session is in the list by now, unless the disk takes nothing."""
     info = recorder.start(body.name if body else None)
     events.note("info", "recording", Message("recording-started-by-hand"), user.name)
+    with suppress(SessionError):  # a full disk: the recorder tries again, and its status says why
+        recorder.flush()
     return session_json(info, info.id)
 
 
