@@ -34,11 +34,12 @@ from firmware_protocol.memory_map import (
 )
 
 MAX_CHARACTERS = 1_000_000
-_MESSAGE = re.compile(r"^\s*BO_\s+(\d{1,10})\s+(\w+)\s*:\s*(\d{1,4})\s+(\w+)")
+_MESSAGE = re.compile(r"\s*+BO_\s++(\d{1,10})\s++(\w++)\s*+:\s*+(\d{1,4})\s++(\w++)")
 _SIGNAL = re.compile(
-    r"^\s*SG_\s+(\w+)\s*(m\d*M?|M)?\s*:\s*(\d{1,4})\|(\d{1,4})@([01])([+-])\s*\(\s*([^,()]{1,40}),\s*([^,()]{1,40})\)"
+    r"\s*+SG_\s++(\w++)\s*+(?:(m\d*+M?|M)\s*+)?:\s*+(\d{1,4})\|(\d{1,4})@([01])([+-])"
+    r"\s*+\(\s*+([^,()]{1,40}),\s*+([^,()]{1,40})\)"
 )
-_ATTRIBUTE = re.compile(r'^\s*BA_\s+"(\w+)"\s+BO_\s+(\d{1,10})\s+(-?\d{1,10})\s*;')
+_ATTRIBUTE = re.compile(r'\s*+BA_\s++"(\w++)"\s++BO_\s++(\d{1,10})\s++(-?\d{1,10})\s*+;')
 M = TypeVar("M", TxMessage, RxMessage)
 _INDEPENDENT = "VECTOR__INDEPENDENT_SIG_MSG"
 

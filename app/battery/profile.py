@@ -227,8 +227,8 @@ def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
         table.check_names()
         found.append(
             CellSignals(
-                signal=table.text("signal"),
-                message=table.text("message", "*"),
+                signal=table.pattern("signal"),
+                message=table.pattern("message", "*"),
                 numbers=table.parts("numbers"),
                 base=table.bases("base"),
                 group_cells=table.count("group_cells", 1),

@@ -5,6 +5,8 @@ from typing import Literal
 
 from app.battery.battery import SignalName
 
+MOST_PLACEHOLDERS = 6  # of a pattern of names, stars among them: three parts and what is between them
+LONGEST_PATTERN = 128  # characters, as many as a name of a DBC may have
 PARTS = ("segment", "group", "cell")  # what numbers a cell: of names `{cell}`, or of signals in the frame
 VOLTAGE_UNITS = {"V": 1.0, "mV": 1e-3, "0.1mV": 1e-4, "0.01V": 1e-2, "0.1V": 0.1}
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3, "0.1A": 0.1, "0.01A": 0.01}

@@ -6,7 +6,7 @@ from typing import Any
 
 from app.battery.battery import Limit, SignalName
 from app.battery.fields import Field
-from app.battery.source import PARTS
+from app.battery.source import LONGEST_PATTERN, MOST_PLACEHOLDERS, PARTS
 from app.battery.toml_lines import line_of
 from app.errors import ConfigError
 from app.words import Message, Text
@@ -64,6 +64,14 @@ class TableReader:
             raise self.error(name, _short(value), Message("kind-text"))
         if field.one_of and value and value not in field.one_of:
             raise self.error(name, value, Message("one-of-these", names=field.one_of))
+        return value
+
+    def pattern(self, name: str, default: str = "") -> str:
+        """Return a pattern of names, within what a name is compared with in little time."""
+        value = self.text(name, default)
+        if len(value) > LONGEST_PATTERN or value.count("*") + value.count("{") > MOST_PLACEHOLDERS:
+            limit = Message("pattern-too-long", most=LONGEST_PATTERN, placeholders=MOST_PLACEHOLDERS)
+            raise self.error(name, _short(value), limit)
         return value
 
     def texts(self, name: str) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 import re
 
-_TABLE = re.compile(r"\s*(\[\[?)\s*([\w.\-\" ]+?)\s*\]\]?\s*(?:#.*)?$")
-_KEY = re.compile(r"\s*([\w\-\"]+(?:\s*\.\s*[\w\-\"]+)*)\s*=")
+_TABLE = re.compile(r"\s*+(\[\[?)([\w.\-\" \t]++)\]\]?\s*+(?:#.*)?$")
+_KEY = re.compile(r"\s*+([\w.\-\" \t]++)=")
+_LONGEST = 300  # characters of a path: none of a profile's is a tenth as long
 
 
 def lines_of_keys(text: str) -> dict[str, int]:
@@ -12,18 +13,18 @@ def lines_of_keys(text: str) -> dict[str, int]:
     counts: dict[str, int] = {}
     table = ""
     for number, line in enumerate(text.splitlines(), 1):
-        head = _TABLE.match(line)
+        head, key = _TABLE.match(line), _KEY.match(line)
+        path = _clean(head[2] if head else key[1] if key else "")
+        if not 0 < len(path) <= _LONGEST:
+            continue
         if head:
-            table = _within(_clean(head[2]), counts)
+            table = _within(path, counts)
             if head[1] == "[[":
                 counts[table] = counts.get(table, -1) + 1
                 table = f"{table}[{counts[table]}]"
             found.setdefault(table, number)
-            continue
-        key = _KEY.match(line)
-        if key:
-            path = f"{table}.{_clean(key[1])}" if table else _clean(key[1])
-            found.setdefault(path, number)
+        else:
+            found.setdefault(f"{table}.{path}" if table else path, number)
     return found
 
 
@@ -32,7 +33,7 @@ def line_of(lines: dict[str, int], path: str) -> int | None:
     while path:
         if path in lines:
             return lines[path]
-        path = re.sub(r"(\.[^.\[]+|\[\d+\]|^[^.\[]+)$", "", path)
+        path = path[: max(path.rfind("."), path.rfind("["), 0)]
     return None
 
 

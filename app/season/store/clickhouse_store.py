@@ -28,7 +28,7 @@ from app.season.store.store import (
 from app.words import Message
 
 Run = Callable[[str, Mapping[str, str]], bytes]  # a statement and its settings; the answer as an Arrow stream
-_SELECT: Final = re.compile(r"(\s|--[^\n]*\n|/\*.*?\*/)*(SELECT|WITH)\b", re.IGNORECASE | re.DOTALL)
+_SELECT: Final = re.compile(r"(?:\s|--[^\n]*+\n|(?>/\*.*?\*/))*+(SELECT|WITH)\b", re.IGNORECASE | re.DOTALL)
 _ALWAYS: Final = {  # as DuckDB does: null where there is nothing, columns of all files
     "aggregate_functions_null_for_empty": "1",
     "join_use_nulls": "1",

@@ -20,7 +20,7 @@ from app.words import Message
 from firmware_protocol.memory_map import CHIP_MISSING, T_MISSING, V_MISSING
 from firmware_protocol.older_maps import fields_of
 
-_NAME = re.compile(r"(?P<field>.+?)(?P<indices>(\[\d+\])*)$")
+_NAME = re.compile(r"(?P<field>[^\[]++(?:\[\d{1,9}\][^\[]++)*+)(?P<indices>(?:\[\d{1,9}\])*+)\Z")
 FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_max", "t_avg", "soc", "dod", "v", "t")
 
 

@@ -168,7 +168,7 @@ def _cell_lanes(
                 if named_parts is not None:
                     lanes.append(_cell_lane(kind, entry, message, signal, {**of_message, **named_parts}, segments))
     except PatternError as error:
-        troubles.append(Trouble(entry.line, f"{path}.signal", Message("no-such-placeholder", name=str(error))))
+        troubles.append(Trouble(entry.line, f"{path}.signal", error.args[0]))
         return []
     except LookupError as error:
         troubles.append(Trouble(entry.line, path, Message("signal-not-in-dbc", name=str(error.args[0]))))

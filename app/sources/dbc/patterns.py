@@ -2,48 +2,55 @@
 
 import re
 from functools import cache
+from typing import Final
 
-from app.battery.source import PARTS
+from app.battery.source import LONGEST_PATTERN, MOST_PLACEHOLDERS, PARTS
+from app.words import Message
 
-_PLACEHOLDER = re.compile(r"\{(\w+)(:a)?\}|\*")
+_DIGITS: Final = 9  # of a number
+_PLACEHOLDER = re.compile(r"\{(\w{1,20})(:a)?\}|\*")
+_STAR: Final = "*"
+_Token = tuple[str, str]  # a part and "a" or "0"; _STAR and ""; "" and a text that stands for itself
+_Texts = tuple[tuple[str, str], ...]  # parts as they are written
 
 
 class PatternError(ValueError):
-    """A placeholder that is none of the parts of a cell's number."""
+    """A placeholder that is none of the parts of a cell's number, or a pattern that is too long: a `Message`."""
 
 
 @cache
-def compiled(pattern: str) -> re.Pattern[str]:
-    """Return a pattern as a regular expression over whole names.
+def tokens(pattern: str) -> tuple[_Token, ...]:
+    """Return what a pattern consists of, in order.
 
     Raises:
-        PatternError: a placeholder is none of the parts.
+        PatternError: a placeholder is none of the parts, or the pattern is too long.
     """
-    text, at, seen = "", 0, set[str]()
-    for found in _PLACEHOLDER.finditer(pattern):
-        text += re.escape(pattern[at : found.start()])
-        at = found.end()
-        name = found[1]
-        if name is None:
-            text += ".*"
-        elif name not in PARTS:
-            raise PatternError(name)
-        elif name in seen:
-            text += f"(?P={name})"
-        else:
-            seen.add(name)
-            text += f"(?P<{name}>[A-Za-z])" if found[2] else rf"(?P<{name}>\d+)"
-    return re.compile(text + re.escape(pattern[at:]) + r"\Z")
+    placeholders = list(_PLACEHOLDER.finditer(pattern))
+    if len(pattern) > LONGEST_PATTERN or len(placeholders) > MOST_PLACEHOLDERS:
+        raise PatternError(Message("pattern-too-long", most=LONGEST_PATTERN, placeholders=MOST_PLACEHOLDERS))
+    found: list[_Token] = []
+    at = 0
+    for each in placeholders:
+        found.append(("", pattern[at : each.start()]))
+        at = each.end()
+        if each[1] is not None and each[1] not in PARTS:
+            raise PatternError(Message("no-such-placeholder", name=each[1]))
+        found.append((_STAR, "") if each[1] is None else (each[1], "a" if each[2] else "0"))
+    return (*found, ("", pattern[at:]))
 
 
 def numbers_in(pattern: str, name: str, base: dict[str, int]) -> dict[str, int] | None:
-    """Return the numbers of a name by part, None where the pattern does not fit; the letter A is the base."""
-    found = compiled(pattern).match(name)
-    if found is None:
+    """Return the numbers of a name by part, None where the pattern does not fit; the letter A is the base.
+
+    Raises:
+        PatternError: as `tokens`.
+    """
+    texts = _matched(pattern, name)
+    if texts is None:
         return None
     return {
         part: int(text) if text.isdigit() else ord(text.upper()) - ord("A") + base.get(part, 0)
-        for part, text in found.groupdict().items()
+        for part, text in texts.items()
     }
 
 
@@ -54,5 +61,43 @@ def filled(pattern: str, numbers: dict[str, str]) -> str:
 
 def texts_in(pattern: str, name: str) -> dict[str, str]:
     """Return the parts of a name as they are written."""
-    found = compiled(pattern).match(name)
-    return found.groupdict() if found else {}
+    return _matched(pattern, name) or {}
+
+
+def _matched(pattern: str, name: str) -> dict[str, str] | None:
+    """The parts of a name that fits as a whole, each placeholder as long as it can be; None where it does not fit."""
+    parts = tokens(pattern)
+    if len(name) > LONGEST_PATTERN:
+        return None
+    failed: set[tuple[int, int, _Texts]] = set()  # where no rest of the pattern fits: each is tried once
+
+    def rest(index: int, at: int, texts: _Texts) -> _Texts | None:
+        if index == len(parts):
+            return texts if at == len(name) else None
+        if (index, at, texts) in failed:
+            return None
+        kind, what = parts[index]
+        for end in ends(kind, what, at, texts):
+            more = texts if kind in ("", _STAR) else tuple({**dict(texts), kind: name[at:end]}.items())
+            fits = rest(index + 1, end, more)
+            if fits is not None:
+                return fits
+        failed.add((index, at, texts))
+        return None
+
+    def ends(kind: str, what: str, at: int, texts: _Texts) -> range | tuple[int, ...]:
+        """Where a token that begins there can end, the longest first."""
+        if kind == _STAR:
+            return range(len(name), at - 1, -1)
+        before = what if kind == "" else dict(texts).get(kind)
+        if before is not None:
+            return (at + len(before),) if name.startswith(before, at) else ()
+        if what == "a":
+            return (at + 1,) if name[at : at + 1].isascii() and name[at : at + 1].isalpha() else ()
+        end = at
+        while end < min(len(name), at + _DIGITS) and name[end].isdecimal():
+            end += 1
+        return range(end, at, -1)
+
+    found = rest(0, 0, ())
+    return None if found is None else dict(found)

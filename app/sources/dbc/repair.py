@@ -9,24 +9,26 @@ from app.words import Message
 
 _PSEUDO_IDS = (0xC0000000, 0x80000000)  # Vector's message of signals without a message, and the empty 29-bit id
 _MOST_29_BITS = 0x1FFFFFFF
-_MESSAGE = re.compile(r"\s*BO_\s+(\d+)\s+([^\s:]+)\s*:?\s*(\d+)\s*(\S*)")
+# What an expression took it never gives back (`++`, `*+`): a line costs time in proportion to its length.
+_MESSAGE = re.compile(r"\s*+BO_\s++(\d{1,10}+)\s++([^\s:]++)\s*+:?\s*+(\d{1,10}+)\s*+(\S*+)")
 _SIGNAL = re.compile(
-    r"\s*SG_\s+(?P<name>[^\s:]+)\s*(?P<mux>M|m\d+M?)?\s*:\s*(?P<start>\d+)\s*\|\s*(?P<length>\d+)\s*@\s*"
-    r"(?P<order>[01])\s*(?P<sign>[+-])\s*\(\s*(?P<factor>[^,\s]+)\s*,\s*(?P<offset>[^)\s]+)\s*\)\s*"
-    r"(?:\[\s*(?P<low>[^|\s]*)\s*\|\s*(?P<high>[^\]\s]*)\s*\])?\s*\"?(?P<unit>[^\"]*)\"?\s*(?P<receivers>.*)$"
+    r"\s*+SG_\s++(?P<name>[^\s:]++)\s*+(?:(?P<mux>M|m\d++M?)\s*+)?:\s*+(?P<start>\d{1,5}+)\s*+\|"
+    r"\s*+(?P<length>\d{1,5}+)\s*+@\s*+(?P<order>[01])\s*+(?P<sign>[+-])"
+    r"\s*+\(\s*+(?P<factor>[^,\s]++)\s*+,\s*+(?P<offset>[^)\s]++)\s*+\)"
+    r"\s*+(?:\[\s*+(?P<low>[^|\s]*+)\s*+\|\s*+(?P<high>[^\]\s]*+)\s*+\]\s*+)?\"?(?P<unit>[^\"]*+)"
 )
 _SELECTS = re.compile(r"mux|multiplex|page|index|group|(?:^|_)id(?:$|_)|select", re.IGNORECASE)
-_DEFINITION = re.compile(r"\s*BA_DEF_\s*(?:BU_|BO_|SG_|EV_)?\s*\"([^\"]+)\"")
-_ATTRIBUTE = re.compile(r"\s*(?:BA_|BA_DEF_DEF_)\s+\"([^\"]+)\"")
+_DEFINITION = re.compile(r"\s*+BA_DEF_\s*+(?:(?:BU_|BO_|SG_|EV_)\s*+)?\"([^\"]++)\"")
+_ATTRIBUTE = re.compile(r"\s*+(?:BA_|BA_DEF_DEF_)\s++\"([^\"]++)\"")
 _WITH_SEMICOLON = ("VAL_ ", "VAL_TABLE_ ", "CM_ ", "BA_ ", "BA_DEF_ ", "BA_DEF_DEF_ ")
-_NOTED = re.compile(r"\s*(VAL_|CM_|BA_|SIG_VALTYPE_|SG_MUL_VAL_|SIG_GROUP_|BO_TX_BU_)\s")
+_NOTED = re.compile(r"\s*+(VAL_|CM_|BA_|SIG_VALTYPE_|SG_MUL_VAL_|SIG_GROUP_|BO_TX_BU_)\s")
 _OF_ID = re.compile(
-    r"\s*(?:VAL_\s+(\d+)\s|CM_\s+(?:BO_|SG_)\s+(\d+)\s|BA_\s+\"[^\"]*\"\s+(?:BO_|SG_)\s+(\d+)\s"
-    r"|SIG_VALTYPE_\s+(\d+)\s|SG_MUL_VAL_\s+(\d+)\s|SIG_GROUP_\s+(\d+)\s|BO_TX_BU_\s+(\d+)\s)"
+    r"\s*+(?:VAL_|CM_\s++(?:BO_|SG_)|BA_\s++\"[^\"]*+\"\s++(?:BO_|SG_)|SIG_VALTYPE_|SG_MUL_VAL_|SIG_GROUP_|BO_TX_BU_)"
+    r"\s++(\d{1,10}+)\s"
 )
 _OF_SIGNAL = re.compile(
-    r"\s*(?:VAL_\s+(\d+)\s+(\w+)\s+\d|CM_\s+SG_\s+(\d+)\s+(\w+)\s|BA_\s+\"[^\"]*\"\s+SG_\s+(\d+)\s+(\w+)\s"
-    r"|SIG_VALTYPE_\s+(\d+)\s+(\w+)\s|SG_MUL_VAL_\s+(\d+)\s+(\w+)\s)"
+    r"\s*+(?:VAL_(?=\s++\d++\s++\w++\s++\d)|CM_\s++SG_|BA_\s++\"[^\"]*+\"\s++SG_|SIG_VALTYPE_|SG_MUL_VAL_)"
+    r"\s++\d++\s++(\w++)\s"
 )
 
 
@@ -47,8 +49,8 @@ class _Mending:
         self._defined = {found[1] for line in self._lines if (found := _DEFINITION.match(line))}
         self._multiplexers = _unmarked_multiplexers(self._lines)
         self.oddities: list[Oddity] = []
-        self._ids: dict[int, set[str]] = {}
-        self._names: set[str] = set()
+        self._ids: dict[int, dict[str, int]] = {}  # of messages: the names of their signals, as `_unique` counts them
+        self._names: dict[str, int] = {}
         self._message: int | None = None
         self._is_dropping = False
 
@@ -99,7 +101,7 @@ class _Mending:
         found = _OF_ID.match(line)
         if found is None:
             return line
-        can_id = int(next(part for part in found.groups() if part))
+        can_id = int(found[1])
         if can_id not in self._ids:
             what = Message("dbc-of-pseudo-message", id=_hex(can_id))
             if can_id not in _PSEUDO_IDS:
@@ -108,7 +110,7 @@ class _Mending:
             return None
         of_signal = _OF_SIGNAL.match(line)
         if of_signal is not None:
-            name = [part for part in of_signal.groups() if part][1]
+            name = of_signal[1]
             if name not in self._ids[can_id]:
                 self._note(number, Message("dbc-of-unknown-signal", name=name, id=_hex(can_id)))
                 return None
@@ -131,7 +133,7 @@ class _Mending:
             self._note(number, Message("dbc-id-twice", name=name, id=_hex(can_id)))
             return None
         clean = self._unique(number, name, self._names)
-        self._ids[can_id] = set()
+        self._ids[can_id] = {}
         self._message, self._is_dropping = can_id, False
         return f"BO_ {can_id} {clean}: {length} {_identifier(sender) if sender else 'Vector__XXX'}"
 
@@ -161,16 +163,18 @@ class _Mending:
             f' ({numbers[0]},{numbers[1]}) [{low}|{high}] "{unit}" Vector__XXX'
         )
 
-    def _unique(self, number: int, name: str, taken: set[str]) -> str:
+    def _unique(self, number: int, name: str, taken: dict[str, int]) -> str:
+        """The name as an identifier that is not in `taken`, which counts by name how often it was wanted."""
         clean = _identifier(name)
         if clean != name:
             self._note(number, Message("dbc-name-mended", name=name, as_name=clean))
         if clean in taken:
-            base, count = clean, 2
+            base = clean
             while clean in taken:
-                clean, count = f"{base}_{count}", count + 1
+                taken[base] += 1
+                clean = f"{base}_{taken[base]}"
             self._note(number, Message("dbc-name-twice", name=name, as_name=clean))
-        taken.add(clean)
+        taken[clean] = 1
         return clean
 
 

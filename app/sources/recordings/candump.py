@@ -11,7 +11,7 @@ ERROR_FRAME, REMOTE = 0x20000000, "R"
 CANDUMP_LINE = re.compile(
     r"\s*\((?P<time>[^)]+)\)\s+\S+\s+(?:[TR]X\s+(?:[-BE]\s+)*)?(?P<id>[0-9A-Fa-f]{3,8})"
     r"(?:#(?P<flags>#[0-9A-Fa-f])?(?P<data>R\d?|(?:[0-9A-Fa-f]{2}\.?){0,64})(?:_[0-9A-Fa-f])?(?:\s+[RT])?"
-    r"|\s+\[\s*(?P<length>\d+)\]\s*(?P<bytes>(?:[0-9A-Fa-f]{2}\s*){0,64}|remote request.*)(?:'.*)?)\s*$"
+    r"|\s+\[\s*(?P<length>\d{1,3})\]\s*+(?P<bytes>(?:[0-9A-Fa-f]{2}\s*+){0,64}+|remote request.*)(?:'.*)?)\s*$"
 )
 _PLAIN = re.compile(r"\((\d{1,10}\.\d+)\) \S+ ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8})\n")  # nearly all of them
 _SHORT_ID = 3  # digits of an 11-bit id

@@ -36,7 +36,7 @@ NO_TABLES = {
 }
 OF_SIGNALS = ("mf4", "mcap", "ld")
 NEWARE = ("nda", "ndax")
-_PLACE = {"n": r"(?P<n>\d+)", "p": r"(?P<p>\d+)"}
+_PLACE = {"n": r"(?P<n>\d{1,9})", "p": r"(?P<p>\d{1,9})"}
 
 
 @dataclass(frozen=True, slots=True)

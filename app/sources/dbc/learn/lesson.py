@@ -1,8 +1,9 @@
 """A lesson: a bus or a log is heard, a profile suggested, corrected line by line, and checked, values beside it."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from app.sources.dbc.listening import BusListener
 from app.words import Message
 
 PROFILE = "profile.toml"
+Run = Callable[..., Any]  # calls a function with arguments that can be pickled, here or in a limited process
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +47,10 @@ class Correction:
     choices: Mapping[str, Choice] = field(default_factory=dict)
 
 
+def _here(function: Callable[..., Any], *arguments: object) -> Any:
+    return function(*arguments)
+
+
 class Lesson:
     """What was heard at its begin says what is suggested; a bus goes on to be heard for the running values."""
 
@@ -62,31 +68,42 @@ class Lesson:
         self._name = name
         self.listener: BusListener | None = None  # hears the bus of which the frames are
         self._last: tuple[Correction, Learned | None, list[Doubt]] | None = None
+        self._checked: tuple[str, list[Doubt]] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: all but the open bus."""
+        return self.__dict__ | {"listener": None}
 
     def close(self) -> None:
         """Give the bus free."""
         if self.listener is not None:
             self.listener.close()
 
-    def learned(self, correction: Correction) -> tuple[Learned | None, list[Doubt]]:
+    def learned(self, correction: Correction, run: Run = _here) -> tuple[Learned | None, list[Doubt]]:
         """Return the suggestion as corrected, None where no cell voltages are found; and what is doubtful of it."""
         if self._last is None or self._last[0] != correction:
-            name = correction.name or self._name
-            found = learn(
-                self.survey,
-                self._frames,
-                name,
-                self._files,
-                correction.choices,
-                correction.segments,
-                correction.parallel,
-            )
-            doubts = [] if found is None else self.check(profile_text(found))
-            self._last = correction, found, doubts
+            self._last = correction, *run(Lesson._suggestion, self, correction)
         return self._last[1], self._last[2]
 
-    def check(self, text: str) -> list[Doubt]:
+    def check(self, text: str, run: Run = _here) -> list[Doubt]:
         """Return every doubt of a profile's text by the definitions and what was heard."""
+        if self._checked is None or self._checked[0] != text:
+            self._checked = text, run(Lesson._doubts, self, text)
+        return self._checked[1]
+
+    def _suggestion(self, correction: Correction) -> tuple[Learned | None, list[Doubt]]:
+        found = learn(
+            self.survey,
+            self._frames,
+            correction.name or self._name,
+            self._files,
+            correction.choices,
+            correction.segments,
+            correction.parallel,
+        )
+        return found, [] if found is None else self._doubts(profile_text(found))
+
+    def _doubts(self, text: str) -> list[Doubt]:
         try:
             errors, profile = errors_of(read_document(text, PROFILE, lambda _: Document("", {}, {})))
         except ProfileError as error:
