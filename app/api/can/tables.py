@@ -19,10 +19,12 @@ from app.api.web.dependencies import (
     InForcePart,
     LivePart,
     UserDep,
+    WorkersPart,
 )
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from app.configuration.safe_write import Draft
+from app.sessions.worker import DEFINITIONS
 from app.words import Message
 from firmware_protocol.can_tables import (
     RxMessage,
@@ -175,14 +177,18 @@ def dbc(in_force: InForcePart) -> Response:
 
 @router.post("/dbc", response_model=ImportedTablesOut, openapi_extra=_DBC_BODY, dependencies=[NEEDS_MASTER])
 async def import_dbc(
-    request: Request, in_force: InForcePart, node: Annotated[str, Query(max_length=64, pattern=r"^\w+$")] = MASTER_NODE
+    request: Request,
+    in_force: InForcePart,
+    workers: WorkersPart,
+    node: Annotated[str, Query(max_length=64, pattern=r"^\w+$")] = MASTER_NODE,
 ) -> dict[str, Any]:
     """Return the tables in force with a DBC's messages in them, and what of it did not fit. Nothing is written.
 
     What `node` sends becomes tx, everything else rx; signals are found by the names that our own DBC gives them.
     """
+    text = (await request.body()).decode(errors="replace")
     try:
-        imported = from_dbc((await request.body()).decode(errors="replace"), node)
+        imported = await run_in_threadpool(workers.run, DEFINITIONS, from_dbc, text, node)
     except DecodeError as error:
         raise invalid("body", "DBC", str(error)) from error
     image, notes = into_tables(in_force.image() or default_image(), imported)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,7 @@ from app.api.schemas.setup import LearnedOut
 from app.api.web.dependencies import ImportsPart, SetupPart, WorkersPart
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
-from app.sessions.worker import DEFINITIONS, INSPECTION
+from app.sessions.worker import DEFINITIONS, INSPECTION, Workers
 from app.sources.dbc.check import Doubt
 from app.sources.dbc.frames import Frames, frames_of
 from app.sources.dbc.learn.from_files import lesson_from_files
@@ -80,11 +81,11 @@ def learn_profile(body: LearnIn, setup: SetupPart, imports: ImportsPart, workers
             listener.close()
         raise
     lesson.listener = listener
-    return _lesson_json(setup.begin_lesson(lesson), lesson, Correction(), None)
+    return _lesson_json(setup.begin_lesson(lesson), lesson, Correction(), None, workers)
 
 
 @router.post("/learn/{lesson_id}", response_model=LearnedOut)
-def correct_profile(lesson_id: str, body: CorrectionIn, setup: SetupPart) -> dict[str, Any]:
+def correct_profile(lesson_id: str, body: CorrectionIn, setup: SetupPart, workers: WorkersPart) -> dict[str, Any]:
     """The suggestion as corrected, its doubts, and what each line reads now."""
     if setup.lesson is None or setup.lesson[0] != lesson_id:
         raise not_found("lesson", lesson_id)
@@ -95,13 +96,16 @@ def correct_profile(lesson_id: str, body: CorrectionIn, setup: SetupPart) -> dic
         for key, each in body.choices.items()
     }
     correction = Correction(body.name, tuple(body.segments), body.parallel, choices)
-    return _lesson_json(lesson_id, setup.lesson[1], correction, body.profile)
+    return _lesson_json(lesson_id, setup.lesson[1], correction, body.profile, workers)
 
 
-def _lesson_json(lesson_id: str, lesson: Lesson, correction: Correction, edited: str | None) -> dict[str, Any]:
-    learned, doubts = lesson.learned(correction)
+def _lesson_json(
+    lesson_id: str, lesson: Lesson, correction: Correction, edited: str | None, workers: Workers
+) -> dict[str, Any]:
+    run = partial(workers.run, INSPECTION)
+    learned, doubts = lesson.learned(correction, run)
     if edited is not None:
-        doubts = lesson.check(edited)
+        doubts = lesson.check(edited, run)
     found = lesson.survey
     return {
         "id": lesson_id,

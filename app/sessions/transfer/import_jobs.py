@@ -52,12 +52,14 @@ class ImportState:
     error: Text | None = None
 
 
-def columns_of(path: Path) -> tuple[tuple[str, ...], ImportProfile]:
-    """Return the columns of a table's file and what they seem to be.
+def columns_of(path: Path) -> tuple[tuple[str, ...], ImportProfile] | None:
+    """Return the columns of a table's file and what they seem to be; None of a CAN log.
 
     Raises:
         ImportFailed: there is no table in it.
     """
+    if is_can_log(path):
+        return None
     table = read_table(path)
     return tuple(table.columns), guess(table)
 
@@ -112,16 +114,17 @@ class ImportJobs:
         Raises:
             ImportFailed: it is no table.
         """
-        is_definition = path.name.lower().endswith((".toml", *DEFINITION_ENDINGS))
-        is_can = not is_definition and is_can_log(path)
-        upload = Upload(number, path.name, path, is_can)
-        if not is_can and not is_definition:
+        upload = Upload(number, path.name, path, is_can=False)
+        if not path.name.lower().endswith((".toml", *DEFINITION_ENDINGS)):
             try:
-                columns, guessed = self._workers.run(INSPECTION, columns_of, path)
+                found = self._workers.run(INSPECTION, columns_of, path)
             except AppError:
                 self.discard(path)
                 raise
-            upload = replace(upload, columns=columns, guessed=guessed)
+            if found is None:
+                upload = replace(upload, is_can=True)
+            else:
+                upload = replace(upload, columns=found[0], guessed=found[1])
         with self._lock:
             self._uploads[number] = upload
             while len(self._uploads) > MAX_UPLOADS:
