@@ -2,7 +2,7 @@
 
 `run` is the program with what its pages offer and a logger needs, `build` makes the wheel, `dev` holds both and all
 tools, `site` makes the documentation's site. The extra `pybamm` is in none: 800 MB
-for one benchmark; nor is `clickhouse`: 534 MB for one test.
+for one benchmark.
 Versions already locked stay; `--upgrade` takes the newest that pyproject.toml allows.
 """
 

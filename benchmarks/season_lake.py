@@ -6,7 +6,6 @@ all of Voltwall uses. Seconds are of processor time over all threads and by the 
 """
 
 import argparse
-import importlib.util
 import os
 import shutil
 import statistics
@@ -25,7 +24,7 @@ from app.analysis.session_survey import survey_session
 from app.season.lake.build import build_lake
 from app.season.lake.place import Place
 from app.season.lake.schema import SAMPLES, WHOLE
-from app.season.store import SeasonStore, open_store
+from app.season.store import SeasonStore
 from app.sessions.reading.reader import SessionFile
 from benchmarks.analysis import record
 from tests.recorded.scenario import ScenarioRecorder
@@ -129,17 +128,13 @@ def main() -> None:
         for k in range(arguments.sessions):
             paths.append(folder / f"s-{k}.sqlite")
             os.link(path, paths[-1]) if path.stat().st_dev == folder.stat().st_dev else shutil.copyfile(path, paths[-1])
-        engines = ["duckdb", *(["chdb"] if importlib.util.find_spec("chdb") else [])]
-        stores: dict[str, SeasonStore] = {engine: open_store(season, engine) for engine in engines}
+        store = SeasonStore(season)
         files = from_files(paths)
         print(f"{arguments.sessions} sessions: processor time / by the clock [s]")
         for question, sql in QUESTIONS.items():
-            told = []
-            for engine, store in stores.items():
-                cpu_s, wall_s = measured(partial(store.query, sql), arguments.runs)
-                told.append(f"{engine} {cpu_s:.2f} / {wall_s:.2f}")
+            asked_cpu_s, asked_s = measured(partial(store.query, sql), arguments.runs)
             cpu_s, wall_s = measured(files[question], 1)
-            print(f"{question}: {', '.join(told)}, session files {cpu_s:.1f} / {wall_s:.1f}")
+            print(f"{question}: lake {asked_cpu_s:.2f} / {asked_s:.2f}, session files {cpu_s:.1f} / {wall_s:.1f}")
 
 
 if __name__ == "__main__":

@@ -7,18 +7,17 @@ from pathlib import Path
 
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
-from app.season.store import Limits, open_store
+from app.season.store import Limits, SeasonStore
 from app.season.store.questions import ask, questions
 from app.words import render
 from voltwall.tables import Closing, Table
 
 
-def season(where: str | Path, *, store: str = "duckdb") -> Season:
+def season(where: str | Path) -> Season:
     """Open a season lake.
 
     Args:
         where: the lake, a folder or a URL of fsspec; or the data folder of a service, whose lake it is then.
-        store: what answers: `duckdb`, `chdb`, or `clickhouse://HOST:8123`.
 
     Raises:
         VoltwallError: a package is missing, or the place is not understood.
@@ -27,22 +26,21 @@ def season(where: str | Path, *, store: str = "duckdb") -> Season:
     if "://" not in text:
         folder = Path(text).expanduser()
         text = str(folder / "lake" if (folder / "sessions").is_dir() else folder)
-    return Season(text, store)
+    return Season(text)
 
 
 class Season(Closing):
     """The lake of many sessions: the tables `sessions`, `laps`, `cells`, `events` and `samples`."""
 
-    def __init__(self, lake: str, store: str) -> None:
+    def __init__(self, lake: str) -> None:
         self.lake = lake
-        self._store = open_store(lake, store)
+        self._store = SeasonStore(lake)
 
     def __repr__(self) -> str:
         return f"<voltwall.Season {self.lake}>"
 
     def close(self) -> None:
-        """Let go of the store."""
-        self._store.close()
+        """Nothing is open between two questions."""
 
     def sql(self, query: str, /, **parameters: str | int | float) -> Table:
         """Answer one SELECT.

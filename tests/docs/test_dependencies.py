@@ -18,7 +18,6 @@ LOCKS = ("run", "build", "dev", "site")
 
 # Needed although no module of ours imports them.
 LOADED_BY_OTHERS = {"websockets": "uvicorn's websocket protocol", "msgpack": "python-can's udp_multicast bus"}
-PARTS = {"chdb-core": "chdb"}  # packages that come with another, which is the one to name
 FOR_BENCHMARKS = {"pybamm"}
 PERMISSIVE = re.compile(r"MIT|BSD|0BSD|Apache|PSF|Python Software Foundation|ISC|Zlib|CC0|MPL-2\.0|HPND|Unlicense")
 WEAK_COPYLEFT = {"python-can": "LGPL-3.0, used unchanged as a library"}
@@ -71,8 +70,7 @@ def test_no_module_of_ours_is_named_by_text() -> None:
 def imported() -> set[str]:
     distributions = importlib.metadata.packages_distributions()
     names = {name for _, name in imports_of_the_program()} - OURS - set(sys.stdlib_module_names)
-    found = {normal(distributions[name][0]) if name in distributions else name for name in names}
-    return {PARTS.get(name, name) for name in found}
+    return {normal(distributions[name][0]) if name in distributions else name for name in names}
 
 
 def locked(lock: str) -> dict[str, str]:

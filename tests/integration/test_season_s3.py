@@ -7,7 +7,7 @@ import pytest
 
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
-from app.season.store import open_store
+from app.season.store import SeasonStore
 from app.season.store.questions import ask
 from tests.campaign import SIZE, campaign, tell_figure
 from tests.recorded.season import make_season
@@ -41,7 +41,7 @@ def test_a_lake_on_s3_answers_as_one_in_a_folder(bucket, tmp_path):
     sessions = session_files([make_season(tmp_path / "sessions")])
     build_lake(Place(tmp_path / "lake"), sessions)
     assert len(build_lake(Place(LAKE), sessions).made) == 2
-    local, remote = open_store(tmp_path / "lake"), open_store(LAKE)
+    local, remote = SeasonStore(tmp_path / "lake"), SeasonStore(LAKE)
     for question, given in (("lowest_voltage", {}), ("resistance", {}), ("signal", {"signal": "v[36]"})):
         there, here = (ask(store, question, **given).rows() for store in (remote, local))
         assert there == here
@@ -59,4 +59,4 @@ def test_on_s3_only_what_has_changed_is_built_again(bucket, tmp_path):
     assert (again.made, again.current) == ([sessions[0].stem], [sessions[1].stem])
     bucket.pipe(next(name for name in bucket.find("season/lake") if name.endswith("sessions.parquet")), b"damaged")
     assert len(build_lake(Place(LAKE), sessions).made) == 1
-    assert ask(open_store(LAKE), "resistance").rows()
+    assert ask(SeasonStore(LAKE), "resistance").rows()

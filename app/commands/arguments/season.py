@@ -64,13 +64,6 @@ def _add_query(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     query.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of a question")
     query.add_argument("--show", action="store_true", help="print the SQL of a question instead of its answer")
     add_lake_argument(query)
-    query.add_argument(
-        "--store",
-        metavar="ENGINE",
-        default="duckdb",
-        help="what answers: duckdb; clickhouse[s]://[USER[:PASSWORD]@]HOST[:PORT][/DATABASE],\n"
-        "which sees the lake under the same path; chdb, ClickHouse in this process (default: %(default)s)",
-    )
     query.add_argument("--limit-rows", type=int, default=1000, metavar="N", help="rows at most (default: %(default)s)")
     query.add_argument(
         "--limit-s", type=float, default=60.0, metavar="S", help="seconds at most (default: %(default)s)"

@@ -10,7 +10,7 @@ from app.commands.console.terminal import print_table
 from app.commands.season.lake import lake_of
 from app.errors import ConfigError
 from app.season.lake.place import Place
-from app.season.store import Answer, Limits, open_store
+from app.season.store import Answer, Limits, SeasonStore
 from app.season.store.questions import find_question, parameters_of, questions
 
 
@@ -41,11 +41,7 @@ def answer_question(args: argparse.Namespace) -> int:
     lake = lake_of(args)
     if args.lake:
         Place(lake).check_there()
-    store = open_store(lake, args.store)
-    try:
-        answer = store.query(sql, values, limits)
-    finally:
-        store.close()
+    answer = SeasonStore(lake).query(sql, values, limits)
     _print(args, answer)
     if answer.is_cut and not getattr(args, "json", False):
         print(f"cut after {args.limit_rows} rows: --limit-rows", file=sys.stderr)

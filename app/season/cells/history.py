@@ -19,7 +19,7 @@ from app.battery.battery import Battery
 from app.errors import ConfigError
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
-from app.season.store import SeasonStore, open_store
+from app.season.store import SeasonStore
 from app.season.store.questions import ask
 from app.sessions.info import SessionInfo
 from app.words import Message
@@ -124,11 +124,7 @@ class SeasonSource:
             ExtraMissing: the extra `season` is not installed.
             QueryFailed: a file of the lake is damaged, or a limit is passed.
         """
-        store = open_store(self.lake)
-        try:
-            found = histories_of(store, self)
-        finally:
-            store.close()
+        found = histories_of(SeasonStore(self.lake), self)
         if not car:
             return found
         chosen = [history for history in found if history.car == car]

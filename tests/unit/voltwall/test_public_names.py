@@ -25,7 +25,7 @@ NAMES = {
 FUNCTIONS = {
     "connect": ["url", "password", "name", "rate", "trust"],
     "open": ["where", "password", "trust"],
-    "season": ["where", "store"],
+    "season": ["where"],
 }
 OF_INSTANCES = {"Live": {"url"}, "Season": {"lake"}}
 

@@ -52,7 +52,6 @@ def test_what_was_cut_is_said(query):
         (["hot_laps", "--set", "degc"], "NAME=VALUE"),
         (["hot_laps", "--set", "degc=warm"], "a number"),
         (["SELECT 1", "--limit-s", "0"], "limit-s = 0"),
-        (["SELECT 1", "--store", "mysql://x"], "clickhouse"),
         (["DELETE FROM cells"], "one SELECT"),
     ],
 )

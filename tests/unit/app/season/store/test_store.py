@@ -1,31 +1,18 @@
-"""One suite for every engine: each has to give the same answers and the same refusals."""
-
-import importlib.util
 import time
-from pathlib import Path
 
 import pytest
 
 from app.errors import ConfigError
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
-from app.season.store import Limits, QueryFailed, SeasonStore, open_store
+from app.season.store import Limits, QueryFailed, SeasonStore
 from app.season.store.questions import ask, find_question, questions
 from app.season.store.store import TABLE_NAMES, with_parameters
 
-NEEDS_CHDB = pytest.mark.skipif(
-    importlib.util.find_spec("chdb") is None, reason="chdb is not installed: pip install 'voltwall[clickhouse]'"
-)
-
-
-@pytest.fixture(scope="module", params=["duckdb", pytest.param("chdb", marks=NEEDS_CHDB)])
-def engine(request) -> str:
-    return request.param
-
 
 @pytest.fixture(scope="module")
-def store(engine, lake) -> SeasonStore:
-    return open_store(lake, engine)
+def store(lake) -> SeasonStore:
+    return SeasonStore(lake)
 
 
 def rows(store: SeasonStore, sql: str, **parameters) -> list[list[object]]:
@@ -38,8 +25,8 @@ def test_every_table_is_there(store):
     assert counts[4] > 700
 
 
-def test_every_table_of_an_empty_lake_is_empty(engine, tmp_path):
-    store = open_store(tmp_path / "nothing", engine)
+def test_every_table_of_an_empty_lake_is_empty(tmp_path):
+    store = SeasonStore(tmp_path / "nothing")
     for table in TABLE_NAMES:
         assert rows(store, f"SELECT count(*) FROM {table}") == [[0]]
         assert rows(store, f"SELECT session FROM {table}") == []
@@ -113,7 +100,7 @@ def test_an_error_of_the_engine_is_said(store):
 
 def test_a_value_that_python_does_not_know_is_said(lake):
     with pytest.raises(QueryFailed, match="range"):
-        open_store(lake).query("SELECT DATE '290000-01-01' AS day").rows()
+        SeasonStore(lake).query("SELECT DATE '290000-01-01' AS day").rows()
 
 
 def test_a_question_that_takes_too_long_is_stopped(store):
@@ -166,8 +153,8 @@ def test_an_unknown_question_or_parameter_is_named(store):
         ask(store, "hot_laps", degc="warm")
 
 
-def test_what_is_built_meanwhile_is_in_the_next_answer(engine, season, tmp_path):
-    store = open_store(tmp_path / "lake", engine)
+def test_what_is_built_meanwhile_is_in_the_next_answer(season, tmp_path):
+    store = SeasonStore(tmp_path / "lake")
     assert rows(store, "SELECT count(*) FROM sessions") == [[0]]
     build_lake(Place(tmp_path / "lake"), session_files([season])[:1])
     assert rows(store, "SELECT count(*) FROM sessions") == [[1]]
@@ -192,14 +179,14 @@ def test_duckdb_reaches_nothing_but_the_lake(lake, tmp_path, sql):
     outside.write_bytes(next(lake.rglob("cells.parquet")).read_bytes())
     before = sorted(lake.rglob("*"))
     with pytest.raises(QueryFailed):
-        open_store(lake).query(sql.format(root=lake, outside=outside))
+        SeasonStore(lake).query(sql.format(root=lake, outside=outside))
     assert sorted(lake.rglob("*")) == before
 
 
 def test_duckdb_reads_a_lake_by_url(season):
     place = Place("memory://store/lake")
     build_lake(place, session_files([season]))
-    store = open_store("memory://store/lake")
+    store = SeasonStore("memory://store/lake")
     assert rows(store, "SELECT count(*) FROM cells") == [[768]]
     with pytest.raises(QueryFailed):
         store.query("SELECT * FROM read_text('/etc/hostname')")
@@ -207,10 +194,10 @@ def test_duckdb_reads_a_lake_by_url(season):
 
 def test_memory_is_limited(lake):
     with pytest.raises(QueryFailed, match="memory"):
-        open_store(lake).query("SELECT list(a.cell), list(b.cell) FROM cells a, cells b", limits=Limits(memory_mb=16))
+        SeasonStore(lake).query("SELECT list(a.cell), list(b.cell) FROM cells a, cells b", limits=Limits(memory_mb=16))
 
 
-def test_sessions_of_different_batteries_stand_in_one_table(lake, season, tmp_path, engine):
+def test_sessions_of_different_batteries_stand_in_one_table(lake, season, tmp_path):
     """Columns that one has not are null."""
     import pyarrow.parquet as pq
 
@@ -223,7 +210,7 @@ def test_sessions_of_different_batteries_stand_in_one_table(lake, season, tmp_pa
     row = pq.read_table(mark, partitioning=None)
     at = row.schema.get_field_index("layout")
     pq.write_table(row.set_column(at, row.schema.field(at), [["another"]]), mark)
-    store = open_store(folder, engine)
+    store = SeasonStore(folder)
     found = rows(store, 'SELECT count("v[95]"), count("other"), count("v[0]") FROM samples')
     assert found[0][0] + found[0][1] == found[0][2]
     assert min(found[0]) > 0
@@ -242,9 +229,3 @@ def test_a_question_says_what_it_answers_and_what_it_takes():
         assert each.meaning.endswith("."), each.name
         assert set(each.values({})) == {parameter.name for parameter in each.parameters}
     assert find_question("nothing") is None
-
-
-@pytest.mark.parametrize("url", ["clickhouse:", "mysql://host", "http://host"])
-def test_an_engine_that_is_none_is_refused(tmp_path: Path, url):
-    with pytest.raises(ConfigError, match="clickhouse"):
-        open_store(tmp_path, url)
