@@ -102,7 +102,6 @@ class Settings(BaseSettings):
     mqtt_ca: Path | None = Field(
         default=None, description="certificate authority of an mqtts broker, where the system does not know it"
     )
-    mqtt_discovery: bool = Field(default=False, description="announce the car to Home Assistant by MQTT discovery")
     mqtt_password: SecretStr | None = Field(default=None, description="the password of the MQTT user")
     recorder: str | None = Field(
         default=None,

@@ -20,10 +20,9 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.service.mqtt.broker import parse_broker
-from app.service.mqtt.publisher import MqttPublisher, configured_publisher
-from app.service.settings import Settings
+from app.service.mqtt.publisher import MqttPublisher
 from app.sources.items import CanItem, LinkChange
-from app.sources.loaded_battery import load_battery, team_battery
+from app.sources.loaded_battery import load_battery
 from app.sources.master.source import MasterSource
 from app.telemetry import Event
 from app.telemetry.service_state import Recording
@@ -144,30 +143,6 @@ def test_state_is_retained_and_complete(broker, closing, snapshots):
     assert late.json("pit/links")["rs232"]["state"] == "live"
     assert late.json("pit/alarms") == []
     assert late.json("pit/recording")["session_id"] == "s1"
-
-
-def test_a_car_is_announced_to_home_assistant_where_that_is_asked_for(broker, closing, snapshots, tmp_path):
-    def announced(**more: Any) -> MqttPublisher:
-        settings = Settings(mqtt=f"mqtt://127.0.0.1:{broker.port}/pit", data=tmp_path, car="red", **more)
-        found = configured_publisher(settings, lambda: RECORDING, Clock(), "serial", team_battery().battery)
-        assert found is not None
-        found.start()
-        return found
-
-    closing(announced())
-    listener = closing(Listener(broker.port))
-    listener.wait(lambda x: "pit/red/about" in x.heard)
-    assert not any(topic.startswith("homeassistant/") for topic in listener.heard)
-    sender = closing(announced(mqtt_discovery=True))
-    listener.wait(lambda x: "homeassistant/device/voltwall_pit_red/config" in x.heard)
-    sender.offer(snapshots())
-    listener.wait(lambda x: {"pit/red/accumulator", "pit/red/alarms"} <= x.heard.keys())
-    told = listener.json("homeassistant/device/voltwall_pit_red/config")
-    assert told["device"]["name"] == "red"
-    assert told["availability"] == [{"topic": "pit/red/status"}]
-    for name, sensor in told["components"].items():
-        found = listener.json(sensor["state_topic"])
-        assert name == "alarms" or name in found
 
 
 def test_216_cells_of_a_battery_by_dbc_are_published_whole(broker, closing, tmp_path):

@@ -17,7 +17,6 @@ from app.battery.battery import Battery
 from app.clock import Clock, ClockRun
 from app.service.host import addresses_of
 from app.service.mqtt.broker import KEEPALIVE_S, Broker, new_client, parse_broker
-from app.service.mqtt.home_assistant import discovery
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot, Source
 from app.telemetry.aging import aged, is_stale
@@ -50,7 +49,6 @@ class MqttPublisher:
         source: Source = "serial",
         about: Mapping[str, object] | None = None,
         period_s: float = PERIOD_S,
-        discovery: tuple[str, Mapping[str, object]] | None = None,
     ) -> None:
         """Prepare the connection.
 
@@ -61,7 +59,6 @@ class MqttPublisher:
             source: where values and events come from.
             about: what this car is, for the page of a fleet.
             period_s: seconds between two messages of a topic.
-            discovery: topic and payload that announce the car to Home Assistant.
 
         Raises:
             ConfigError: paho-mqtt is not installed, or the CA file is none.
@@ -71,7 +68,6 @@ class MqttPublisher:
         self._clock = clock
         self._source = source
         self._about = None if about is None else encode(dict(about) | car_of(source))
-        self._discovery = None if discovery is None else (discovery[0], encode(dict(discovery[1])))
         self._clock_run = ClockRun(clock)
         self._period_s = period_s
         self._snapshot: Snapshot | None = None
@@ -135,8 +131,6 @@ class MqttPublisher:
         self._client.publish(self._topic("status"), b"online", qos=1, retain=True)
         if self._about is not None:
             self._client.publish(self._topic("about"), self._about, qos=1, retain=True)
-        if self._discovery is not None:
-            self._client.publish(*self._discovery, qos=1, retain=True)
         self._client.subscribe(self._topic("accumulator"), qos=0)  # to hear whether somebody else speaks there
         self._is_connected.set()
 
@@ -232,10 +226,7 @@ def configured_publisher(
         "segments": list(battery.segments),
         "version": __version__,
     }
-    announced = None
-    if settings.mqtt_discovery:
-        announced = discovery(broker.prefix, settings.car or battery.name, settings.url or _own_url(settings))
-    return MqttPublisher(broker, recording, clock, source=source, about=about, discovery=announced)
+    return MqttPublisher(broker, recording, clock, source=source, about=about)
 
 
 def _own_url(settings: Settings) -> str | None:
