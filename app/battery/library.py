@@ -51,13 +51,17 @@ def file_name_of(battery: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", battery.lower()).strip("-") or "battery"
 
 
-def profile_files(name: str) -> dict[str, bytes]:
+def profile_files(name: str, *, own_folder: bool = False) -> dict[str, bytes]:
     """Return a profile, what it includes and its DBCs, each by the name under which it is named; its own comes first.
 
     A name like `2x6` is a battery of that shape, whose files are made.
 
+    Args:
+        name: of a bundled profile, or the path of a file.
+        own_folder: it comes from a request: it may name files of its own folder, and bundled ones, alone.
+
     Raises:
-        ProfileError: one cannot be read, or two files have the same name.
+        ProfileError: one cannot be read, two files have the same name, or one is not of its own folder.
     """
     by_shape = files_of_shape(name)
     if by_shape is not None:
@@ -74,7 +78,12 @@ def profile_files(name: str) -> dict[str, bytes]:
         text, inner, file = _read(name, folder, included_by)
         keep(included_by or file, name if included_by else file, text.encode())
         values = read_document(text, file, lambda _: Document("", {}, {})).values
-        for each in dict.fromkeys(name for table in _speakers(values) for name in _texts(table, "dbc")):
+        dbcs = dict.fromkeys(name for table in _speakers(values) for name in _texts(table, "dbc"))
+        cell = values.get("battery", {}).get("cell", "") if isinstance(values.get("battery"), dict) else ""
+        for each in (*dbcs, *_texts(values, "include"), str(cell)):
+            if own_folder and Path(each).name != each:
+                raise ProfileError(file, None, "battery", each, Message("battery-own-folder"))
+        for each in dbcs:
             try:
                 keep(file, each, _found(inner, each).read_bytes())
             except OSError as error:

@@ -120,7 +120,7 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
         if settings.fleet is not None:
             return _run(create_fleet_app(settings), listener, settings, certificate)
         name_cells_by(load_battery(settings.battery).battery.segments)
-        source, serial_url, can_url, car = _source(settings, stack, replay)
+        source, serial_url, can_url, car = _source(settings, stack, replay, by_operator=is_fixed)
         in_force = Connections(settings.serial, settings.can, settings.battery)
         setup = Setup(settings.data, in_force, fixed=is_fixed)
         others = beside(settings.battery, settings.also or "")
@@ -207,7 +207,7 @@ def _serve_beside(
     settings = first.beside(other.slug, other.connections)
     stack.enter_context(locked_folder(settings.data))
     with naming_cells(other.segments):  # in what is made here, and in its threads
-        source, serial_url, can_url, car = _source(settings, stack, None)
+        source, serial_url, can_url, car = _source(settings, stack, None, by_operator=True)
         create(
             settings,
             source,
@@ -219,12 +219,15 @@ def _serve_beside(
 
 
 def _source(
-    settings: Settings, stack: contextlib.ExitStack, replay: Replay | None
+    settings: Settings, stack: contextlib.ExitStack, replay: Replay | None, *, by_operator: bool
 ) -> tuple[Source, str | None, str | None, SimulatorProcess | None]:
-    """Return (source, RS232 URL, CAN bus, simulator); the simulator is started where no hardware is named."""
+    """Return (source, RS232 URL, CAN bus, simulator); the simulator is started where no hardware is named.
+
+    What a page kept, `by_operator` false, may name no more than a request.
+    """
     if replay is not None:
         return "replay", None, None, None
-    Connections(settings.serial, settings.can, settings.battery).check()
+    Connections(settings.serial, settings.can, settings.battery).check(by_operator=by_operator)
     speaks_can = load_battery(settings.battery).speaks_dbc is not None
     if not settings.simulates:
         return "serial" if settings.serial else "can", settings.serial, settings.can, None

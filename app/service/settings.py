@@ -32,7 +32,7 @@ class Settings(BaseSettings):
     serial: str | None = Field(
         default=None,
         min_length=1,
-        description="RS232 of the master: any pySerial URL, as /dev/ttyUSB0, COM6, socket://host:port",
+        description="RS232 of the master: a device such as /dev/ttyUSB0 or COM6, socket://host:port or rfc2217://host:port",
     )
     can: str | None = Field(
         default=None,

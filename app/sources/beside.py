@@ -41,6 +41,6 @@ def beside(first: str, also: str) -> list[BesideBattery]:
             raise ConfigError("also", each, Message("also-same-name", name=loaded.battery.name))
         taken.add(slug)
         connections = Connections(None, bus or None, profile)
-        connections.check()
+        connections.check(by_operator=True)
         found.append(BesideBattery(slug, loaded.battery.segments, connections))
     return found

@@ -14,13 +14,14 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.battery.by_shape import files_of_shape
 from app.battery.library import bundled_profiles
 from app.battery.shape import TEAM_PROFILE
 from app.errors import ConfigError, NotNow
 from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
-from app.sources.links.serial import check_url
-from app.sources.loaded_battery import LoadedBattery, load_battery
+from app.sources.links.serial_url import check_url
+from app.sources.loaded_battery import LoadedBattery, load_battery, load_uploaded
 from app.sources.whole_file import replace_file
 from app.words import Message
 
@@ -40,20 +41,23 @@ class Connections:
     can: str | None = None
     battery: str = TEAM_PROFILE  # file, or name of a bundled one
 
-    def check(self) -> None:
-        """Refuse links that do not fit the battery, or are none.
+    def check(self, *, by_operator: bool = False) -> None:
+        """Refuse links that do not fit the battery, are none, or are none that a request may name.
+
+        Args:
+            by_operator: the command line or the environment names them, no request.
 
         Raises:
             ConfigError, ProfileError: names the setting and what it has to be.
             ImportFailed, ExtraMissing: a DBC of the battery cannot be read.
         """
-        speaks_can = load_battery(self.battery).speaks_dbc is not None
+        speaks_can = load_battery(self.battery, own_folder=not by_operator).speaks_dbc is not None
         if speaks_can and self.serial is not None:
             raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
         if self.serial is not None:
-            check_url(self.serial)
+            check_url(self.serial, by_operator=by_operator)
         for bus in buses_of(self.can):
-            parse_bus(bus)
+            parse_bus(bus, by_operator=by_operator)
 
 
 def buses_of(urls: str | None) -> list[str]:
@@ -90,7 +94,26 @@ def load_connections(folder: Path) -> Connections | None:
         raise ConfigError("data", path, str(error)) from error
     if not is_choice:
         raise ConfigError("data", path, Message("connections-file", names=NAMES))
-    return Connections(**values)
+    found = Connections(**values)
+    check_battery(folder, found.battery)
+    return found
+
+
+def check_battery(folder: Path, battery: str) -> None:
+    """Refuse a battery that a request may not name: a file that was not uploaded into the data folder.
+
+    Raises:
+        ConfigError: it is neither a bundled nor an uploaded one, nor a shape to simulate.
+        ProfileError: a shape without cells, or with too many.
+    """
+    if battery in bundled_profiles() or files_of_shape(battery) is not None:
+        return
+    if Path(battery).absolute() not in [path.absolute() for path in _uploaded(folder)]:
+        raise ConfigError("battery", battery, Message("battery-not-offered"))
+
+
+def _uploaded(folder: Path) -> list[Path]:
+    return sorted((folder / BATTERIES).glob("*/*.toml"))
 
 
 def save_connections(folder: Path, connections: Connections) -> None:
@@ -147,6 +170,8 @@ class Setup:
         """
         if self.fixed:
             raise NotNow(Message("named-on-command-line"))
+        if connections.battery != self.in_force.battery:
+            check_battery(self._folder, connections.battery)
         connections.check()
         self.end_lesson()
         save_connections(self._folder, connections)
@@ -154,14 +179,14 @@ class Setup:
 
     def batteries(self) -> dict[str, LoadedBattery]:
         """Return bundled, uploaded and present batteries by what `--battery` takes, without those that are wrong."""
-        uploaded = sorted((self._folder / BATTERIES).glob("*/*.toml"))
         found = {}
-        for name in (*bundled_profiles(), *map(str, uploaded), self.in_force.battery):
+        uploaded = [str(path) for path in _uploaded(self._folder)]
+        for name in (*bundled_profiles(), *uploaded, self.in_force.battery):
             with contextlib.suppress(Exception):
-                found[name] = load_battery(name)
+                found[name] = load_battery(name, own_folder=name in uploaded)
         return found
 
-    def upload(self, files: dict[str, bytes], load: Callable[[str], object] = load_battery) -> str:
+    def upload(self, files: dict[str, bytes], load: Callable[[str], object] = load_uploaded) -> str:
         """Keep a profile and its DBCs in the data folder; return the name by which it can be chosen.
 
         Args:

@@ -49,14 +49,18 @@ class LoadedBattery:
         return any(message.length > CLASSIC_BYTES for each in spoken for message in each.messages)
 
 
-def load_battery(name: str) -> LoadedBattery:
+def load_battery(name: str, *, own_folder: bool = False) -> LoadedBattery:
     """Return a bundled battery by its name, or the one of a profile's file.
+
+    Args:
+        name: of a bundled battery, or the path of a profile.
+        own_folder: it comes from a request: no file outside of its own folder is read.
 
     Raises:
         ProfileError: the profile, or a file that it names, cannot be read, or is wrong.
         ImportFailed, ExtraMissing: a DBC cannot be read.
     """
-    loaded = battery_from_files(profile_files(name))
+    loaded = battery_from_files(profile_files(name, own_folder=own_folder))
     cell = Path(name).parent / loaded.battery.cell
     if not cell.is_file():
         return loaded
@@ -88,6 +92,11 @@ def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
 
     witnesses = tuple(LoadedWitness(w.name, w.bus, w.source, definitions(w.source)) for w in profile.witnesses)
     return LoadedBattery(profile.battery, profile.source, definitions(profile.source), files, witnesses)
+
+
+def load_uploaded(profile: str) -> LoadedBattery:
+    """Return the battery of an uploaded profile; see `load_battery`."""
+    return load_battery(profile, own_folder=True)
 
 
 @cache

@@ -16,7 +16,7 @@ from app.battery.shape import TEAM_PROFILE
 from app.sessions.worker import DEFINITIONS
 from app.sources.connections import BATTERIES, Connections, Setup
 from app.sources.links.connected import LOOK_S, Look, can_adapters, look_at_can, look_at_serial, serial_ports
-from app.sources.loaded_battery import load_battery
+from app.sources.loaded_battery import load_uploaded
 from app.telemetry.events import LinkName
 from app.words import Message, Text
 
@@ -132,4 +132,4 @@ def choose(
 def upload(body: UploadIn, setup: SetupPart, workers: WorkersPart) -> dict[str, Any]:
     """Keep a profile and its DBCs in the data folder."""
     files = {name: text.encode() for name, text in body.files.items()}
-    return {"id": setup.upload(files, lambda profile: workers.run(DEFINITIONS, load_battery, profile))}
+    return {"id": setup.upload(files, lambda profile: workers.run(DEFINITIONS, load_uploaded, profile))}

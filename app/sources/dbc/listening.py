@@ -18,18 +18,19 @@ _MOST_FRAMES = 300_000  # two minutes of a full bus
 class BusListener:
     """Hears a bus in a thread, and keeps the newest of what it heard; ends by itself where nobody asks any more."""
 
-    def __init__(self, url: str, idle_s: float = 30.0) -> None:
+    def __init__(self, url: str, idle_s: float = 30.0, *, by_operator: bool = False) -> None:
         """Open the bus.
 
         Args:
             url: a python-can interface and channel, INTERFACE:CHANNEL.
+            by_operator: the command line names it, see `parse_bus`.
             idle_s: how long after the last question it ends.
 
         Raises:
             ConfigError: the bus is not INTERFACE:CHANNEL.
             LinkLost: the bus cannot be opened.
         """
-        arguments = parse_bus(url)
+        arguments = parse_bus(url, by_operator=by_operator)
         try:
             self._bus = open_bus(arguments)
         except Exception as error:  # every driver raises its own
@@ -79,7 +80,7 @@ def bus_frames(url: str, duration_s: float) -> Frames:
         ConfigError: the bus is not INTERFACE:CHANNEL.
         LinkLost: the bus cannot be opened.
     """
-    listener = BusListener(url)
+    listener = BusListener(url, by_operator=True)
     try:
         return listener.wait(duration_s)
     except KeyboardInterrupt:

@@ -11,6 +11,7 @@ from app.errors import ConfigError, LinkLost, message_of
 from app.sources.items import BUS_SHIFT, CanFault, CanItem, Item, LinkChange
 from app.sources.links.backoff import Backoff
 from app.sources.links.can_controller import ControllerWatch
+from app.sources.links.can_request import Value, check_channel, check_request
 from app.sources.links.python_can import can
 from app.sources.links.slcan_lines import open_bus
 from app.words import Message, Text
@@ -23,11 +24,16 @@ DEFAULT_BIT_RATE = 500_000
 FD_BY_A_FLAG = ("socketcan", "udp_multicast")
 
 
-def parse_bus(text: str) -> dict[str, str | int | float | bool]:
+def parse_bus(text: str, *, by_operator: bool = False) -> dict[str, Value]:
     """Return python-can's arguments for INTERFACE:CHANNEL[?key=value&...]; numbers and true/false are converted.
 
+    Args:
+        text: of the bus.
+        by_operator: the command line or the environment names it: any interface and any option.
+
     Raises:
-        ConfigError: no colon, an interface that python-can does not have, or a part that is not key=value.
+        ConfigError: no colon, an interface that python-can does not have, a part that is not key=value, the channel
+            of a serial adapter that is no serial port, or what a request may not name.
     """
     interface, colon, rest = text.partition(":")
     if not colon or not interface or not rest:
@@ -35,23 +41,24 @@ def parse_bus(text: str) -> dict[str, str | int | float | bool]:
     if interface not in can.VALID_INTERFACES:
         raise ConfigError("can", text, Message("can-interface", names=tuple(sorted(can.VALID_INTERFACES))))
     channel, _, query = rest.partition("?")
-    arguments: dict[str, str | int | float | bool] = {"bitrate": DEFAULT_BIT_RATE}
     try:
         pairs = parse_qsl(query, strict_parsing=True) if query else []
     except ValueError as error:
         raise ConfigError("can", text, Message("can-options")) from error
-    for key, value in pairs:
-        arguments[key] = _convert(value)
-    return {**arguments, "interface": interface, "channel": channel}
+    options = {key: _convert(value) for key, value in pairs}
+    if not by_operator:
+        check_request(text, interface, channel, options)
+    check_channel(text, interface, channel, by_operator=by_operator)
+    return {"bitrate": DEFAULT_BIT_RATE, **options, "interface": interface, "channel": channel}
 
 
 def bit_rate_of(url: str | None) -> int | None:
     """Return the bit rate that a bus is named with, None where it is not [bit/s]."""
-    told = None if url is None or not re.search(r"[?&]bitrate=", url) else parse_bus(url)["bitrate"]
+    told = None if url is None or not re.search(r"[?&]bitrate=", url) else parse_bus(url, by_operator=True)["bitrate"]
     return told if type(told) is int and told > 0 else None
 
 
-def _convert(value: str) -> str | int | float | bool:
+def _convert(value: str) -> Value:
     if value.lower() in ("true", "false"):
         return value.lower() == "true"
     for kind in (int, float):
@@ -75,7 +82,7 @@ class CanLink:
         """
         self.url = url
         self._number = bus
-        self._arguments = parse_bus(url)
+        self._arguments = parse_bus(url, by_operator=True)  # of a request it was checked before
         if fd and self._arguments["interface"] in FD_BY_A_FLAG:
             self._arguments.setdefault("fd", True)
         self._sink = sink

@@ -4,16 +4,16 @@ import contextlib
 import time
 from dataclasses import dataclass
 
-import serial
 from serial.tools import list_ports
 
 from app.errors import message_of
 from app.sources.links.can import parse_bus
 from app.sources.links.python_can import can
-from app.sources.links.serial import check_url, reason_of
+from app.sources.links.serial import reason_of
+from app.sources.links.serial_url import check_url, open_port
 from app.sources.links.slcan_lines import open_bus
 from app.words import Message, Text
-from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, Frame, FrameDecoder
+from firmware_protocol.framing import START_STREAM, STOP_STREAM, Frame, FrameDecoder
 
 LOOK_S = 1.5
 _POLL_S = 0.1
@@ -61,17 +61,15 @@ def can_adapters() -> list[Found]:
 
 
 def look_at_serial(url: str) -> Look:
-    """Open a port as the service would, and count what arrives.
+    """Open a port that a request names as the service would, and count what arrives.
 
     Raises:
-        ConfigError: it is no pySerial URL.
+        ConfigError: it is none that a request may name.
     """
     check_url(url)
     decoder, heard, frames = FrameDecoder(), 0, 0
     try:
-        port = serial.serial_for_url(
-            url, baudrate=BAUD_RATE, parity=serial.PARITY_EVEN, timeout=_POLL_S, write_timeout=1.0, exclusive=True
-        )
+        port = open_port(url, _POLL_S)
     except Exception as error:  # noqa: BLE001  drivers raise their own
         reason = reason_of(error)
         code = reason.code if isinstance(reason, Message) else ""
@@ -102,10 +100,10 @@ _ADVICE = {"port-denied": Message("advice-denied"), "port-in-use": Message("advi
 
 
 def look_at_can(url: str) -> Look:
-    """Open a bus as the service would, and count its frames.
+    """Open a bus that a request names as the service would, and count its frames.
 
     Raises:
-        ConfigError: it is no INTERFACE:CHANNEL.
+        ConfigError: it is none that a request may name.
     """
     arguments = parse_bus(url)
     heard = frames = 0

@@ -1,4 +1,4 @@
-"""The RS232 link: any pySerial URL, read in a thread of its own, opened again for ever.
+"""The RS232 link, read in a thread of its own, opened again for ever.
 
 `x` is sent on opening and after every second of silence, so that a master that was reset streams again.
 """
@@ -12,36 +12,23 @@ from collections.abc import Callable
 import serial
 
 from app.clock import Clock
-from app.errors import ConfigError, LinkLost, message_of
+from app.errors import LinkLost, message_of
 from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.backoff import Backoff
+from app.sources.links.serial_url import check_url, open_port
 from app.words import Message, Text
-from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, FrameDecoder
+from firmware_protocol.framing import START_STREAM, STOP_STREAM, FrameDecoder
 
 SILENCE_S = 1.0
 _POLL_S = 0.1
 _BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in time leaves less at once
 
 
-def check_url(url: str) -> None:
-    """Refuse what no port can ever be opened from; a device that is not there yet is none of that.
-
-    Raises:
-        ConfigError: an unknown scheme, or a network address without its port.
-    """
-    try:
-        port = serial.serial_for_url(url, do_not_open=True)
-        if url.startswith(("socket://", "rfc2217://")):
-            port.from_url(url)  # type: ignore[attr-defined]  # these two have it
-    except (ValueError, TypeError, LookupError, serial.SerialException) as error:
-        raise ConfigError("serial", url, Message("serial-url")) from error
-
-
 class SerialLink:
     """Delivers frames to `sink`, from its own thread."""
 
     def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock, backoff: Backoff | None = None) -> None:
-        check_url(url)
+        check_url(url, by_operator=True)  # of a request it was checked before
         self.url = url
         self.streams = True  # false: the crew asked for silence, `x` is not repeated
         self._sink = sink
@@ -91,14 +78,7 @@ class SerialLink:
         while not self._stopping.is_set():
             self.beat_ns = self._clock.monotonic_ns()
             try:
-                port = serial.serial_for_url(
-                    self.url,
-                    baudrate=BAUD_RATE,
-                    parity=serial.PARITY_EVEN,
-                    timeout=_POLL_S,
-                    write_timeout=1.0,
-                    exclusive=True,  # two readers would each get half of the bytes
-                )
+                port = open_port(self.url, _POLL_S)
             except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
                 self._report("lost", reason_of(error))
                 self._stopping.wait(self._backoff.next_s())

@@ -214,3 +214,40 @@ def test_a_choice_that_is_refused_leaves_the_lesson(tmp_path):
     with pytest.raises(ConfigError):
         setup.choose(Connections(can="can0"))
     assert lesson.closed == 0
+
+
+@pytest.mark.parametrize("battery", ["two.toml", "/dev/zero", "../{folder}/two.toml", "{folder}/two.toml"])
+def test_a_choice_names_no_file_that_was_not_uploaded(tmp_path, battery):
+    (tmp_path / "two.toml").write_bytes(PROFILE)
+    (tmp_path / "two.dbc").write_bytes(DBC)
+    chosen = Connections(battery=battery.format(folder=tmp_path))
+    setup = Setup(tmp_path, Connections(), fixed=False)
+    with pytest.raises(ConfigError, match=r"battery = .*upload"):
+        setup.choose(chosen)
+    save_connections(tmp_path, chosen)
+    with pytest.raises(ConfigError, match=r"battery = .*upload"):
+        load_connections(tmp_path)
+
+
+def test_a_choice_names_uploaded_ones_shapes_and_the_one_in_force(tmp_path):
+    (tmp_path / "two.toml").write_bytes(PROFILE)
+    (tmp_path / "two.dbc").write_bytes(DBC)
+    in_force = str(tmp_path / "two.toml")
+    setup = Setup(tmp_path / "data", Connections(battery=in_force), fixed=False)
+    for battery in (in_force, "5x18", setup.upload({"two.dbc": DBC, "two.toml": PROFILE})):
+        setup.choose(Connections(battery=battery))
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        PROFILE.replace(b'"two.dbc"', b'"../../two.dbc"'),
+        PROFILE.replace(b'"two.dbc"', b'["two.dbc", "/etc/passwd"]'),
+        b'include = "/etc/passwd"\n' + PROFILE,
+        PROFILE.replace(b"[battery]", b'[battery]\ncell = "../two.toml"'),
+    ],
+)
+def test_an_uploaded_profile_names_no_file_outside_of_its_folder(tmp_path, hostile):
+    (tmp_path / "two.dbc").write_bytes(DBC)
+    with pytest.raises(ConfigError, match="own folder"):
+        Setup(tmp_path, Connections(), fixed=False).upload({"two.dbc": DBC, "two.toml": hostile})

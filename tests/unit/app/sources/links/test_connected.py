@@ -156,7 +156,6 @@ def test_what_to_do_depends_on_why_the_port_cannot_be_opened(monkeypatch, number
     def refuse(*_, **__):
         raise serial.SerialException(number, os.strerror(number))
 
-    monkeypatch.setattr(connected, "check_url", lambda url: None)
     monkeypatch.setattr(serial, "serial_for_url", refuse)
     look = look_at_serial("/dev/ttyUSB0")
     assert look.error is not None
@@ -177,7 +176,6 @@ def test_a_port_that_is_lost_while_it_is_looked_at_says_so_and_is_closed(monkeyp
             self.is_open = False
 
     port = Pulled()
-    monkeypatch.setattr(connected, "check_url", lambda url: None)
     monkeypatch.setattr(serial, "serial_for_url", lambda *_, **__: port)
     look = look_at_serial("/dev/ttyUSB0")
     assert (look.frames, look.advice.code) == (0, "advice-no-port")
