@@ -19,7 +19,7 @@ from app.commands.guided.station import Station
 from app.commands.guided.walk import walk
 from app.commands.session_commands.selection import data_folder, find_session
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.cell_file import bundled_cells, format_cell, load_cell
 from app.estimation.errors import EstimatorError
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
@@ -64,12 +64,12 @@ def _steps(args: argparse.Namespace) -> set[str]:
 
 def _station(args: argparse.Namespace, url: str, *, is_simulated: bool) -> Station:
     try:
-        load_cell(args.cell)
+        cell = args.cell if args.cell in bundled_cells() else format_cell(load_cell(args.cell))
     except EstimatorError as error:
         raise ConfigError("cell", args.cell, str(error)) from error
     station = Station(url, data_folder(args) / "sessions", __version__, Clock())
     cycles = Cycles(args.voltage_cycle, args.temperature_cycle, args.wire_cycle)
-    metadata = {"cycles": asdict(cycles), "is_simulated": is_simulated, "url": url, "cell": args.cell}
+    metadata = {"cycles": asdict(cycles), "is_simulated": is_simulated, "url": url, "cell": cell}
     station.start("reaction test", {"source": "simulator" if is_simulated else "serial", METADATA: metadata})
     return station
 

@@ -63,9 +63,9 @@ class Pipelines:
         chain = self._chain
         is_another = battery is not None and battery.files != chain.battery.files
         if filter_name is not None or cell_name is not None or is_another:
-            if cell is None and cell_name is not None and cell_name not in self.cells:
+            cell_name = cell_name or (battery.battery.cell if battery is not None and is_another else self._cell_name)
+            if cell is None and cell_name not in self.cells:  # also that of a session from elsewhere: it may be a path
                 raise ConfigError("cell", cell_name, Message("one-of-cells", choices=tuple(bundled_cells())))
-            cell_name = cell_name or (None if is_another else self._cell_name)
             chain = PipelineFactory(filter_name or self._filter_name, cell_name, battery or chain.battery, cell)
         return chain.pipeline(
             source,

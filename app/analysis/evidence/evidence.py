@@ -18,7 +18,7 @@ from app.analysis.evidence.steps import STEPS, Cycles, Step
 from app.analysis.evidence.timing import ClockRate, Limits, Missing, Timing, clock_rate, measure
 from app.battery.shape import CELLS_PER_PACK
 from app.errors import AppError
-from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.cell_file import bundled_cells, load_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.sessions.info import Marker
 from app.sessions.reading.reader import SessionFile
@@ -122,12 +122,21 @@ class Evidence:
     bytes: Bytes
 
 
+def cell_of_test(kept: str, source: str) -> CellModel:
+    """Return the cell that a session keeps: a bundled name or a cell file's text, never a path of this machine.
+
+    Raises:
+        EstimatorError: it is neither.
+    """
+    return load_cell(kept) if kept in bundled_cells() else parse_cell(kept, source)
+
+
 def evidence_of(session: SessionFile) -> Evidence:
     """Return the evidence in a session that `voltwall evidence` recorded.
 
     Raises:
         NoEvidence: it is another session, or holds no configuration or no frames.
-        EstimatorError: the cell file that it names is not here.
+        EstimatorError: the cell file that it keeps is wrong.
     """
     info = session.info
     metadata: Any = info.metadata.get(METADATA)
@@ -136,7 +145,8 @@ def evidence_of(session: SessionFile) -> Evidence:
     fast = [each for each in seen if each.values is not None]
     if not isinstance(metadata, dict) or not configs or not fast:
         raise NoEvidence(info.id)
-    image, cycles, cell = configs[0].image, Cycles(**metadata["cycles"]), load_cell(str(metadata["cell"]))
+    image, cycles = configs[0].image, Cycles(**metadata["cycles"])
+    cell = cell_of_test(str(metadata["cell"]), info.id)
     rate = clock_rate([each for each in seen if each.boot == seen[0].boot])
     markers = [each for each in session.markers() if each.kind == MARKER]
     ready_ns = markers[0].t_mono_ns if markers else fast[-1].arrived_ns

@@ -3,10 +3,10 @@
 import pytest
 
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import bundled_cells
+from app.estimation.cell_model.cell_file import bundled_cells, format_cell
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
-from app.sources.loaded_battery import team_battery
+from app.sources.loaded_battery import battery_from_files, team_battery
 
 
 @pytest.fixture
@@ -39,6 +39,17 @@ def test_only_bundled_cells_and_the_services_own_can_be_chosen(pipelines, tmp_pa
 def test_imports_go_through_a_pipeline_of_their_own(pipelines):
     assert pipelines.for_import(team_battery()).source == "replay"
     assert pipelines.for_import(team_battery()) is not pipelines.for_import(team_battery())
+
+
+def test_a_battery_from_elsewhere_names_no_cell_file_of_this_machine(pipelines, tmp_path):
+    path = tmp_path / "cell.toml"
+    path.write_text(format_cell(pipelines.cell))
+    files = dict(team_battery().files)
+    own = next(iter(files))
+    files[own] = files[own].replace(b'"samsung-25r-10p"', f'"{path}"'.encode(), 1)
+    assert battery_from_files(files).battery.cell == str(path)
+    with pytest.raises(ConfigError, match="one of"):
+        pipelines.for_import(battery_from_files(files))
 
 
 def test_a_cell_that_is_none_stops_the_start(tmp_path):

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from app.analysis.evidence.evidence import NoEvidence, coverage, evidence_of, judge, limit_rows
+from app.analysis.evidence.evidence import NoEvidence, cell_of_test, coverage, evidence_of, judge, limit_rows
 from app.analysis.evidence.looks import Values
 from app.analysis.evidence.steps import STEPS
 from app.analysis.evidence.timing import Timing, Unmeasured
-from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.cell_file import format_cell, load_cell
+from app.estimation.errors import EstimatorError
 from app.sessions.reading.reader import SessionFile
 from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.messages import EventCode
@@ -84,3 +85,10 @@ def test_coverage_counts_the_pack_with_the_fewest(seen, least, is_enough):
 def test_another_session_is_no_evidence(make_session):
     with SessionFile(make_session([], [])) as session, pytest.raises(NoEvidence, match="voltwall evidence"):
         evidence_of(session)
+
+
+def test_a_session_names_no_cell_file_of_this_machine(tmp_path):
+    (tmp_path / "cell.toml").write_text(format_cell(CELL))
+    assert cell_of_test("samsung-25r-10p", "s").name == cell_of_test(format_cell(CELL), "s").name == CELL.name
+    with pytest.raises(EstimatorError):
+        cell_of_test(str(tmp_path / "cell.toml"), "s")
