@@ -39,6 +39,7 @@ from app.api.web.fan_out import FanOut
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
 from app.api.web.readers import Readers
+from app.api.web.request_framing import RequestFraming
 from app.api.web.static import serve_front_end
 from app.clock import Clock
 from app.service.host import ClockWatch
@@ -189,6 +190,7 @@ def _serve_web(app: FastAPI, routes: Sequence[BaseRoute], page: str, authenticat
     app.add_middleware(HeadAsGet)
     app.add_middleware(BodyLimit)
     app.add_middleware(AuthenticationMiddleware, authentication=authentication)
+    app.add_middleware(RequestFraming)
     app.add_middleware(SecurityHeaders, has_name=not authentication.settings.is_loopback)
 
 
