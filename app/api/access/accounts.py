@@ -19,7 +19,7 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from filelock import FileLock
 
 from app.api.access.roles import MOST_DAYS, ROLES, Role
-from app.errors import ConfigError
+from app.errors import AppError, ConfigError
 from app.service.settings import MOST_CHARACTERS, check_password
 from app.sources.whole_file import replace_file
 from app.words import Message
@@ -62,6 +62,10 @@ class Token:
 class _Held:
     accounts: dict[str, Account] = field(default_factory=dict)  # by folded name
     tokens: dict[str, Token] = field(default_factory=dict)  # by digest
+
+
+class ChiefNeeded(AppError):
+    """This is not the first chief's account; a chief has to change it."""
 
 
 class Accounts:
@@ -116,10 +120,17 @@ class Accounts:
         found = self._read().tokens.get(_digest(secret))
         return found if found is not None and now_s < found.ends_s else None
 
-    def put(self, name: str, role: Role, password: str | None) -> Account:
+    def put(self, name: str, role: Role, password: str | None, *, is_first: bool = False) -> Account:
         """Add an account or change it; without a password it keeps the one that it has.
 
+        Args:
+            name: of the person, whatever its case.
+            role: from now on.
+            password: a new one.
+            is_first: nobody who may manage accounts does this: only while there is no chief, and to no account.
+
         Raises:
+            ChiefNeeded: `is_first`, and there is a chief or such an account.
             ConfigError: name or password cannot be one, or nobody would be chief.
         """
         name = name.strip()
@@ -134,6 +145,8 @@ class Accounts:
 
         def change(held: _Held) -> Account:
             before = held.accounts.get(_folded(name))
+            if is_first and (before is not None or any(each.role == "chief" for each in held.accounts.values())):
+                raise ChiefNeeded(Message("chief-manages"))
             if hashed is None and before is None:
                 raise ConfigError("password", Message("not-given"), Message("field-required"))
             if before is None and len(held.accounts) >= MOST:

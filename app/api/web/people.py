@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Path, Request
 from pydantic import BaseModel, Field
 
+from app.api.access.accounts import ChiefNeeded
 from app.api.access.roles import MOST_DAYS, Role
 from app.api.web.authentication import Authentication, User
 from app.api.web.dependencies import AuthenticationPart, UserDep
@@ -108,13 +109,15 @@ def put_account(name: Name, body: AccountIn, authentication: AuthenticationPart,
     """
     is_person = user.role == "engineer" and user.token_id is None
     is_first = body.role == "chief" and is_person and not authentication.accounts.has_chief
-    if is_first and authentication.accounts.exist:
-        is_first = authentication.accounts.find(name) is None  # nobody's password is taken over
     if not is_first:
         _need_chief(user)
+    accounts = authentication.accounts
     password = "" if body.password is None else ", new password"
     with authentication.log.changed(user.name, f"account {name.strip()}: {body.role}{password}"):
-        authentication.accounts.put(name, body.role, body.password)
+        try:
+            accounts.put(name, body.role, body.password, is_first=is_first)
+        except ChiefNeeded as error:  # another became the first meanwhile
+            raise Problem(403, "chief-required", error.message) from error
     authentication.log.account_changed(user.name, name.strip())
     return _people(authentication)
 

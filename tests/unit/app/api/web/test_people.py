@@ -1,5 +1,7 @@
 """Accounts over HTTP, as an outsider, a viewer, an engineer and a chief see them."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 from app.api.access.accounts import Accounts
@@ -166,6 +168,29 @@ def test_the_first_chief_is_made_by_whoever_sets_it_up_and_nobody_after(make_cli
     assert client.put("/api/v1/accounts/cora", json={"role": "chief", "password": CHIEF}).status_code == 200
     assert client.put("/api/v1/accounts/eve", json={"role": "chief", "password": CHIEF}).status_code == 401
     assert log_in(client, "cora", CHIEF).json()["role"] == "chief"
+
+
+def test_of_ten_first_chiefs_at_once_there_is_one(make_client, tmp_path):
+    client = make_client()
+
+    def put(number):
+        body = {"role": "chief", "password": f"{CHIEF} {number}"}
+        return number, client.put(f"/api/v1/accounts/cora{number}", json=body).status_code
+
+    with ThreadPoolExecutor(10) as pool:
+        found = dict(pool.map(put, range(10)))
+    made = [number for number, status in found.items() if status == 200]
+    assert len(made) == 1, found
+    assert {*found.values()} <= {200, 401, 403}  # 401: it came when there was one already
+    assert [each.name for each in Accounts(tmp_path).all()] == [f"cora{made[0]}"]
+
+
+def test_the_first_chief_takes_over_nobodys_account(make_client, tmp_path):
+    client = make_client(password=SHARED)
+    Accounts(tmp_path).put("vera", "viewer", VIEWER)
+    body = {"role": "chief", "password": CHIEF}
+    assert client.put("/api/v1/accounts/Vera", json=body, auth=("any", SHARED)).status_code == 403
+    assert client.put("/api/v1/accounts/cora", json=body, auth=("any", SHARED)).status_code == 200
 
 
 def test_guessing_at_a_person_from_everywhere_locks_nobody_out(make_client, people):
