@@ -58,6 +58,17 @@ describe('a table as CSV', () => {
   });
 });
 
+it.each(['=1+1', "+cmd|'/C calc'!A0", '-2+3', '@SUM(A1)', '\t=1', '\r=1', '\n=1', '-', '-1+A!b'])(
+  'a spreadsheet does not run %j',
+  (text) => {
+    expect(csv([[text]]).replace(/^"/, '')).toMatch(/^'/);
+  },
+);
+
+it.each(['-3.2', '+5', '-1e-9', '-3.2 A', '+3 %', '−0.5 %'])('%s stays a number', (text) => {
+  expect(csv([[text]])).toBe(`${text}\r\n`);
+});
+
 it('a row fits when it has all words in any order', () => {
   expect(hasWords('trip Cell voltage low Pack 3', 'low trip')).toBe(true);
   expect(hasWords('trip Cell voltage low', 'low watch')).toBe(false);

@@ -13,6 +13,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import Recording
+from app.sessions.export.csv_row import csv_row
 from app.sources.recordings.dataset import load_recording, parse_map
 
 
@@ -46,7 +47,7 @@ def write_table(path: Path, columns: Mapping[str, FloatArray]) -> None:
         return
     buffer = StringIO()
     np.savetxt(buffer, np.column_stack(list(columns.values())), fmt="%.9g", delimiter=",")
-    text = ",".join(columns) + "\n" + buffer.getvalue().replace("nan", "")
+    text = csv_row(columns) + buffer.getvalue().replace("nan", "")
     raw = text.encode()
     path.write_bytes(gzip.compress(raw, mtime=0) if path.name.endswith(".gz") else raw)
 

@@ -17,6 +17,7 @@ from app.estimation.arrays import FloatArray
 from app.season.matching.groups import RANDOM_BUILDS, Build, match_groups, random_groups, sorted_groups
 from app.season.matching.places import Placing, place, without
 from app.season.modules import Modules, modules_of
+from app.sessions.export.csv_row import csv_row
 
 COLUMNS = ("cell", "capacity_ah", "resistance_ohm")
 
@@ -62,8 +63,8 @@ def match_cells(args: argparse.Namespace) -> int:
     }
     best = builds["matched"]
     if args.out is not None:
-        lines = [f"{names[cell]},{group + 1}" for group, cells in enumerate(best.cells.tolist()) for cell in cells]
-        args.out.write_text("cell,group\n" + "\n".join(lines) + "\n", encoding="utf-8")
+        rows = [(names[cell], group + 1) for group, cells in enumerate(best.cells.tolist()) for cell in cells]
+        args.out.write_text("".join(map(csv_row, [("cell", "group"), *rows])), encoding="utf-8")
     if args.json:
         shown = {name: _figures(build) for name, build in builds.items()}
         groups = [[names[cell] for cell in cells] for cells in best.cells.tolist()]
@@ -90,8 +91,8 @@ def _place(args: argparse.Namespace) -> int:
         found = {car: _placed(modules, args.rise) for car, modules in modules_of(source.histories(args.car)).items()}
         moves = {car: _moves(placing) for car, placing in found.items()}
         if args.out is not None:
-            lines = [f"{car},{short_place(module)},{short_place(at)}" for car in found for module, at in moves[car]]
-            args.out.write_text("car,module,to\n" + "".join(f"{line}\n" for line in lines), encoding="utf-8")
+            rows = [(car, short_place(module), short_place(at)) for car in found for module, at in moves[car]]
+            args.out.write_text("".join(map(csv_row, [("car", "module", "to"), *rows])), encoding="utf-8")
         if args.json:
             shown = [{"car": car, "moves": moves[car]} | _kelvin(placing) for car, placing in found.items()]
             json.dump(shown, sys.stdout, allow_nan=False)

@@ -1,7 +1,6 @@
 """`voltwall season query`: SQL over a season, or one of the questions that come along."""
 
 import argparse
-import csv
 import json
 import sys
 from dataclasses import asdict
@@ -12,6 +11,7 @@ from app.errors import ConfigError
 from app.season.lake.place import Place
 from app.season.store import Answer, Limits, SeasonStore
 from app.season.store.questions import find_question, parameters_of, questions
+from app.sessions.export.csv_row import csv_row
 
 
 def answer_question(args: argparse.Namespace) -> int:
@@ -60,7 +60,7 @@ def _print(args: argparse.Namespace, answer: Answer) -> None:
     if getattr(args, "json", False):
         print(json.dumps({"columns": names, "rows": rows, "is_cut": answer.is_cut}, default=str))
     elif args.csv:
-        csv.writer(sys.stdout, lineterminator="\n").writerows([names, *rows])
+        sys.stdout.writelines(map(csv_row, [names, *rows]))
     else:
         print_table(names, [[_cell(value) for value in row] for row in rows])
 

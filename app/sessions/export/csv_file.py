@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
+from app.sessions.export.csv_row import csv_row
 from app.sessions.export.table import SignalTable
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
 
@@ -18,7 +19,7 @@ Bytes = NDArray[np.uint8]  # (rows, bytes), texts filled up with zeros
 def csv_parts(table: SignalTable) -> Iterator[bytes]:
     """Yield the file, piece by piece, in UTF-8."""
     names = [*EXPORT_TIMES, *table.columns, EXPORT_STAMP]
-    yield (",".join(names) + "\n").encode()
+    yield csv_row(names).encode()
     groups = [list(group) for _, group in groupby(range(len(table.signals)), lambda i: table.signals[i].scale)]
     for rows in table.rows():
         times = zip(rows.time_s.tolist(), rows.elapsed_s.tolist(), rows.uptime_s.tolist(), strict=True)

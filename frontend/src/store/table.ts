@@ -55,11 +55,17 @@ export const hasWords = (text: string, words: string): boolean => {
     .every((word) => low.includes(word));
 };
 
+const RUNS = /^[=+\-@\t\r\n]/; // what a spreadsheet takes for a formula
+const PLAIN = /^[+-]?\d[\d\u2009]*(?:\.\d+)?(?:e[+-]?\d+)?\s?[a-zµΩ°%]{0,8}$/i; // a number, perhaps with its unit
+
+/** The text, or behind a ' what a spreadsheet would run. */
+const safe = (text: string): string => (RUNS.test(text) && !PLAIN.test(text) ? `'${text}` : text);
+
 const quoted = (text: string): string => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
 
-/** Rows as CSV of RFC 4180. */
+/** Rows as CSV of RFC 4180; no cell is a formula. */
 export const csv = (rows: readonly (readonly string[])[]): string =>
-  rows.map((row) => row.map(quoted).join(',') + '\r\n').join('');
+  rows.map((row) => row.map(safe).map(quoted).join(',') + '\r\n').join('');
 
 /** A table as CSV: a unit that all numbers of a column share stands in its name, and what is missing is empty. */
 export function tableCsv(names: readonly string[], rows: readonly (readonly string[])[]): string {
