@@ -3,6 +3,7 @@
 import pytest
 from playwright.sync_api import expect
 
+from app.service.mqtt.cars import MOST_BYTES
 from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
 from tests.service_process import Service
 
@@ -64,3 +65,16 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     expect(green.get_by_test_id("alarms")).not_to_contain_text("cell too hot")
     for car in cars[:2]:
         car.vanish()
+
+
+def test_messages_beyond_the_limits_are_shown_as_left_out(fleet, broker, open_page, violations):
+    car = ToldCar(broker.port, "loud")
+    page = open_page(fleet.base_url)
+    expect(page.get_by_test_id("car-loud")).to_be_visible()
+    expect(page.get_by_test_id("left-out")).to_have_count(0)
+    car.publish("alarms", b"[]".ljust(MOST_BYTES + 1))
+    expect(page.get_by_test_id("left-out")).to_contain_text("left out")
+    assert violations(page) == {}
+    page.get_by_test_id("language").select_option("nb")
+    expect(page.get_by_test_id("left-out")).to_contain_text("utelatt")
+    car.vanish()

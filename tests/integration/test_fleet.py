@@ -1,12 +1,18 @@
 """All cars of a real broker, as the service of the fleet's page tells them."""
 
+import json
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import httpx
+import paho.mqtt.client as paho
 import pytest
+from paho.mqtt.enums import CallbackAPIVersion
 
 from app.api.application import create_fleet_app
 from app.errors import ConfigError
+from app.service.mqtt.cars import MOST_BYTES
 from app.service.settings import Settings
 from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
 from tests.service_process import WAIT_S, Service, until
@@ -71,3 +77,44 @@ def test_what_is_no_broker_or_unsafe_is_refused(tmp_path):
         create_fleet_app(Settings(data=tmp_path, host="0.0.0.0", fleet="mqtt://pit"))
     with pytest.raises(ConfigError, match="fleet"):
         create_fleet_app(Settings(data=tmp_path, fleet="http://pit"))
+
+
+LARGE_ALARM = {"severity": "trip", "text": "t" * 190, "text_words": None, "cell": 7, "active": True, "more": "m" * 5000}
+
+
+def resident_mb(fleet_service) -> float:
+    status = Path(f"/proc/{fleet_service.process.pid}/status").read_text()
+    return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1]) / 1024
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the memory of the process in /proc")
+def test_a_member_of_the_broker_does_not_fill_the_memory(tmp_path):
+    """3,000 retained messages of 250 kB under names of their own."""
+    broker = Mosquitto(tmp_path).start()
+    service = Service(tmp_path / "fleet", ["--fleet", f"mqtt://127.0.0.1:{broker.port}"]).start()
+    member = paho.Client(CallbackAPIVersion.VERSION2)
+    try:
+        with service.client() as client:
+            red = ToldCar(broker.port, "red")
+            until(lambda: cars(client).get("red", {}).get("state") == "live")
+            before_mb = resident_mb(service)
+            member.max_inflight_messages_set(1)
+            member.connect("127.0.0.1", broker.port)
+            member.loop_start()
+            body = json.dumps([LARGE_ALARM] * 48).encode()
+            assert 240_000 < len(body) <= MOST_BYTES
+            for number in range(3000):
+                member.publish(f"voltwall/m{number}/alarms", body, qos=1).wait_for_publish(WAIT_S)
+            for size in (MOST_BYTES + 1, 2 << 20):  # the second the broker does not even deliver
+                member.publish("voltwall/red/alarms", b"[]".ljust(size), qos=1).wait_for_publish(WAIT_S)
+            until(lambda: client.get("/fleet").json()["notice"])
+            assert resident_mb(service) - before_mb < 60
+            answer = client.get("/fleet").json()
+            assert answer["notice_words"]["code"] == "fleet-left-out"
+            assert answer["notice_words"]["args"]["n"] > 1000
+            until(lambda: cars(client)["red"]["state"] == "live")
+            red.vanish()
+    finally:
+        member.loop_stop()
+        service.stop()
+        broker.kill()

@@ -25,4 +25,5 @@ def health(fleet: FleetPart) -> dict[str, Any]:
 @router.get("/fleet", response_model=FleetOut)
 def fleet(fleet: FleetPart) -> dict[str, Any]:
     """Every car, by name; 404 unless the service was started with `--fleet`."""
-    return {"broker": fleet.broker, "cars": fleet.cars(), **message_json("problem", fleet.problem)}
+    texts = message_json("problem", fleet.problem) | message_json("notice", fleet.notice)
+    return {"broker": fleet.broker, "cars": fleet.cars()} | texts

@@ -51,9 +51,11 @@ class CarOut(BaseModel):
 
 
 class FleetOut(BaseModel):
-    """All cars of a broker, by name; `problem` says why none is heard."""
+    """All cars of a broker, by name; `problem` says why none is heard, `notice` that messages were left out."""
 
     broker: str
     problem: str | None
     problem_words: WordsOut | None
+    notice: str | None
+    notice_words: WordsOut | None
     cars: list[CarOut]

@@ -70,8 +70,12 @@ def parse_broker(url: str, password: str | None = None, ca: Path | None = None, 
     return Broker(parts.hostname, port, prefix, parts.scheme == "mqtts", user, password, ca)
 
 
-def new_client(broker: Broker) -> Any:
+def new_client(broker: Broker, *, is_version_5: bool = False) -> Any:
     """Return a paho client that logs in as the broker wants it and connects again for ever; it is not connected.
+
+    Args:
+        broker: where it connects.
+        is_version_5: use MQTT 5, where a client can limit what it is sent, see `limited_to`.
 
     Raises:
         ConfigError: paho-mqtt is not installed, or the CA file is none.
@@ -80,7 +84,8 @@ def new_client(broker: Broker) -> Any:
         paho: Any = import_module("paho.mqtt.client")
     except ImportError as error:
         raise ConfigError("mqtt", str(broker), Message("needs-paho")) from error
-    client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+    version = paho.MQTTv5 if is_version_5 else paho.MQTTv311
+    client = paho.Client(paho.CallbackAPIVersion.VERSION2, protocol=version)
     client.reconnect_delay_set(RETRY_MIN_S, RETRY_MAX_S)
     client.connect_timeout = CONNECT_S
     if broker.user is not None:
@@ -91,3 +96,12 @@ def new_client(broker: Broker) -> Any:
         except (ssl.SSLError, OSError) as error:
             raise ConfigError("mqtt_ca", broker.ca, str(error)) from error
     return client
+
+
+def limited_to(packet_bytes: int) -> Any:
+    """Return properties of an MQTT 5 connection over which the broker sends no larger packet."""
+    properties = import_module("paho.mqtt.properties").Properties(
+        import_module("paho.mqtt.packettypes").PacketTypes.CONNECT
+    )
+    properties.MaximumPacketSize = packet_bytes
+    return properties

@@ -4,7 +4,8 @@ The car's clock is not ours. What it measured is dated by its own monotonic cloc
 least long on its way shows how the two clocks differ. So an age is too small by that shortest way, never by more.
 """
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -21,9 +22,13 @@ NAME_CONFLICT_S = 60.0  # for so long it is told that two services speak under o
 MOST_RUNS = 20
 MOST_ALARMS = 50
 MOST_BYTES = 1 << 18  # of a message
+MOST_KEPT_BYTES = 8 << 20  # as JSON, of what all cars' messages leave; of a car with ten alarms it is 5 kB
+_MOST_TEXT = 200  # characters
+_MOST_WORDS_BYTES = 1000  # of an alarm's arguments
 TOPICS = frozenset({"status", "about", "accumulator", "links", "master", "alarms"})
 _NUMBERS = ("soc", "soc_min", "voltage_v", "current_a", "voltage_min_v", "temperature_max_degc")
 _CELLS = ("soc_min_cell", "voltage_min_cell", "temperature_max_cell")
+_AGES = ("voltage", "current")
 
 
 @dataclass
@@ -52,11 +57,9 @@ class Car:
 
     name: str
     is_online: bool | None = None  # None: it never said
-    about: Mapping[str, Any] = field(default_factory=dict)
-    values: Mapping[str, Any] = field(default_factory=dict)  # of the topic `accumulator`
-    links: Mapping[str, Any] = field(default_factory=dict)
-    master: Mapping[str, Any] = field(default_factory=dict)
-    alarms: tuple[Mapping[str, Any], ...] = ()
+    kept: dict[str, Any] = field(default_factory=dict)  # of each topic, what is shown of its newest message
+    kept_bytes: int = 0  # of all of them, as JSON
+    _bytes_of: dict[str, int] = field(default_factory=dict)
     heard_s: float | None = None  # the newest message that was no retained one
     waited_s: float = 0.0  # the newest values, on their way
     values_s: float | None = None  # when they came; None: they are retained ones, of whenever
@@ -64,43 +67,45 @@ class Car:
     runs: list[object] = field(default_factory=list)  # that were heard, the newest last
     conflict_s: float | None = None  # when an earlier run spoke again
 
-    def take(self, topic: str, body: bytes, now_s: float, *, is_retained: bool) -> None:
-        """Take a message; one that cannot be understood is left out.
+    def take(
+        self, topic: str, body: bytes, now_s: float, *, is_retained: bool, room_bytes: int = MOST_KEPT_BYTES
+    ) -> bool:
+        """Take a message; one that cannot be understood is left out. False: it is beyond a limit.
 
         Args:
             topic: its last level, one of TOPICS.
             body: as it came.
             now_s: when it came.
             is_retained: the broker kept it, nobody knows how long.
+            room_bytes: by which what is kept may grow.
         """
         if not is_retained:
             self.heard_s = now_s
         if topic == "status":
             self.is_online = body == b"online"
-            return
-        try:
-            document = orjson.loads(body) if len(body) <= MOST_BYTES else None
-        except orjson.JSONDecodeError:
-            return
-        if topic == "alarms":
-            if isinstance(document, list):
-                self.alarms = tuple(each for each in document[:MOST_ALARMS] if isinstance(each, dict))
-        elif isinstance(document, dict):
-            if topic == "accumulator":
-                self._take_values(document, now_s, is_retained)
-            else:
-                setattr(self, topic, document)
+            return True
+        if len(body) > MOST_BYTES:
+            return False
+        document = _document(topic, body)
+        sent_s = _sent_s(document) if document is not None and topic == "accumulator" else 0.0
+        if document is None or sent_s is None:
+            return True
+        shown = _SHOWN[topic](document)
+        size = len(orjson.dumps(shown))
+        grown = size - self._bytes_of.get(topic, 0)
+        if grown > room_bytes:
+            return False
+        self.kept[topic], self._bytes_of[topic] = shown, size
+        self.kept_bytes += grown
+        if topic == "accumulator":
+            self._date_values(document.get("sent"), sent_s, now_s, is_retained)
+        return True
 
-    def _take_values(self, document: Mapping[str, Any], now_s: float, is_retained: bool) -> None:
-        sent = document.get("sent")
-        sent_s = _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # of an earlier version
-        if sent_s is None:
-            return
-        self.values = document
+    def _date_values(self, sent: object, sent_s: float, now_s: float, is_retained: bool) -> None:
         if is_retained:
             self.values_s = None
             return
-        run = sent.get("run") if isinstance(sent, dict) else None
+        run = str(sent.get("run"))[:_MOST_TEXT] if isinstance(sent, dict) else None
         self._note_run(run, now_s)
         self.waited_s = self.clock.waited_s(run, sent_s, now_s)
         self.values_s = now_s
@@ -116,8 +121,7 @@ class Car:
 
     def age_s(self, part: str, now_s: float) -> float | None:
         """Seconds since the car measured a part; None where that is not known."""
-        ages = self.values.get("age_s")
-        told_s = _number(ages.get(part)) if isinstance(ages, dict) else None
+        told_s: float | None = self._values.get("age_s", {}).get(part)
         if told_s is None or self.values_s is None:
             return None
         return max(0.0, told_s) + self.waited_s + (now_s - self.values_s)
@@ -141,21 +145,18 @@ class Car:
             "state": state,
             "since": wall_s - age_s if age_s is not None else self._measured_unix_s(),
             "age_s": age_s,
-            **{name: _number(self.values.get(name)) for name in _NUMBERS},
-            **{name: _cell(self.values.get(name)) for name in _CELLS},
-            "links": {
-                name: {"state": str(link.get("state")), "lost": _whole(link.get("lost"))}
-                for name, link in self.links.items()
-                if name in ("rs232", "can") and isinstance(link, dict)
-            },
-            "master": _text(self.master.get("state")),
-            "alarms": self._name_conflict(now_s)
-            + [shown for each in self.alarms if (shown := _alarm(each)) is not None],
-            "url": url if (url := _text(self.about.get("url"))) and url.startswith(("http://", "https://")) else None,
-            "battery": _text(self.about.get("battery")),
-            "segments": _segments(self.about.get("segments")),
-            "simulated": self.values.get("simulated") is True,
+            **{name: self._values.get(name) for name in (*_NUMBERS, *_CELLS)},
+            "links": self.kept.get("links", {}),
+            "master": self.kept.get("master"),
+            "alarms": self._name_conflict(now_s) + self.kept.get("alarms", []),
+            **self.kept.get("about", _about({})),
+            "simulated": self._values.get("simulated", False),
         }
+
+    @property
+    def _values(self) -> Mapping[str, Any]:
+        values: Mapping[str, Any] = self.kept.get("accumulator", {})
+        return values
 
     def _name_conflict(self, now_s: float) -> list[dict[str, Any]]:
         if self.conflict_s is None or now_s - self.conflict_s >= NAME_CONFLICT_S:
@@ -166,7 +167,7 @@ class Car:
 
     def _measured_unix_s(self) -> float | None:
         """By the car's own clock: nothing was heard by which ours could tell."""
-        return _number(self.values.get("time"))
+        return _number(self._values.get("time"))
 
 
 def _number(value: object) -> float | None:
@@ -183,7 +184,7 @@ def _whole(value: object) -> int:
 
 
 def _text(value: object) -> str | None:
-    return value[:200] if isinstance(value, str) else None
+    return value[:_MOST_TEXT] if isinstance(value, str) else None
 
 
 def _segments(value: object) -> list[int]:
@@ -207,5 +208,63 @@ def _alarm(document: Mapping[str, Any]) -> dict[str, Any] | None:
 def _words(document: object) -> dict[str, Any] | None:
     """A code with arguments, as far as it is one: the page falls back to the text."""
     if isinstance(document, dict) and isinstance(document.get("code"), str) and isinstance(document.get("args"), dict):
-        return {"code": document["code"], "args": document["args"]}
+        words = {"code": document["code"], "args": document["args"]}
+        with contextlib.suppress(orjson.JSONEncodeError):  # nested too deep
+            return words if len(orjson.dumps(words)) <= _MOST_WORDS_BYTES else None
     return None
+
+
+def _document(topic: str, body: bytes) -> Any:
+    """A message as JSON of its topic's kind, None where it is none."""
+    try:
+        found = orjson.loads(body)
+    except orjson.JSONDecodeError:
+        return None
+    return found if isinstance(found, list if topic == "alarms" else dict) else None
+
+
+def _sent_s(document: Mapping[str, Any]) -> float | None:
+    sent = document.get("sent")
+    return _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # of an earlier version
+
+
+def _accumulator(document: Mapping[str, Any]) -> dict[str, Any]:
+    ages = document.get("age_s")
+    return {
+        "time": _number(document.get("time")),
+        "age_s": {part: _number(ages.get(part)) for part in _AGES} if isinstance(ages, dict) else {},
+        **{name: _number(document.get(name)) for name in _NUMBERS},
+        **{name: _cell(document.get(name)) for name in _CELLS},
+        "simulated": document.get("simulated") is True,
+    }
+
+
+def _links(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: {"state": str(link.get("state"))[:_MOST_TEXT], "lost": _whole(link.get("lost"))}
+        for name, link in document.items()
+        if name in ("rs232", "can") and isinstance(link, dict)
+    }
+
+
+def _about(document: Mapping[str, Any]) -> dict[str, Any]:
+    url = _text(document.get("url"))
+    return {
+        "url": url if url and url.startswith(("http://", "https://")) else None,
+        "battery": _text(document.get("battery")),
+        "segments": _segments(document.get("segments")),
+    }
+
+
+def _alarms(document: list[Any]) -> list[dict[str, Any]]:
+    found = (_alarm(each) for each in document[:MOST_ALARMS] if isinstance(each, dict))
+    return [each for each in found if each is not None]
+
+
+_SHOWN: Mapping[str, Callable[[Any], Any]] = {
+    "about": _about,
+    "accumulator": _accumulator,
+    "alarms": _alarms,
+    "links": _links,
+    "master": lambda document: _text(document.get("state")),
+}

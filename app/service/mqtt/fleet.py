@@ -4,11 +4,12 @@ import threading
 from typing import Any
 
 from app.clock import Clock
-from app.service.mqtt.broker import CAR_NAME, KEEPALIVE_S, Broker, new_client
-from app.service.mqtt.cars import TOPICS, Car
+from app.service.mqtt.broker import CAR_NAME, KEEPALIVE_S, Broker, limited_to, new_client
+from app.service.mqtt.cars import MOST_BYTES, MOST_KEPT_BYTES, TOPICS, Car
 from app.words import Message, Text
 
 MOST_CARS = 5000
+MOST_PACKET_BYTES = 1 << 20  # the broker delivers none that is larger
 
 
 class Fleet:
@@ -25,8 +26,10 @@ class Fleet:
         self._cars: dict[str, Car] = {}
         self._lock = threading.Lock()
         self._problem: Text | None = Message("mqtt-not-connected")
+        self._kept_bytes = 0
         self.messages = 0
-        client = new_client(broker)
+        self.left_out = 0  # messages beyond a limit
+        client = new_client(broker, is_version_5=True)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         client.on_connect_fail = self._on_connect_fail
         client.on_message = self._on_message
@@ -42,9 +45,18 @@ class Fleet:
         """Why no car is heard, None while the broker answers."""
         return None if self._problem is None else Message("mqtt", broker=str(self._broker), problem=self._problem)
 
+    @property
+    def notice(self) -> Message | None:
+        """What members of the broker published beyond the limits, None for nothing."""
+        if not self.left_out:
+            return None
+        most_kb, all_mb = MOST_BYTES >> 10, MOST_KEPT_BYTES >> 20
+        return Message("fleet-left-out", n=self.left_out, message=most_kb, total=all_mb, cars=MOST_CARS)
+
     def start(self) -> None:
         """Connect, and again for ever."""
-        self._client.connect_async(self._broker.host, self._broker.port, KEEPALIVE_S)
+        limit = limited_to(MOST_PACKET_BYTES)
+        self._client.connect_async(self._broker.host, self._broker.port, KEEPALIVE_S, properties=limit)
         self._client.loop_start()
 
     def stop(self) -> None:
@@ -81,7 +93,11 @@ class Fleet:
             car = self._cars.get(name)
             if car is None:
                 if len(self._cars) >= MOST_CARS:
+                    self.left_out += 1
                     return
                 car = self._cars[name] = Car(name)
             self.messages += 1
-            car.take(topic, message.payload, now_s, is_retained=message.retain)
+            room, before = MOST_KEPT_BYTES - self._kept_bytes, car.kept_bytes
+            if not car.take(topic, message.payload, now_s, is_retained=message.retain, room_bytes=room):
+                self.left_out += 1
+            self._kept_bytes += car.kept_bytes - before

@@ -17,6 +17,7 @@ from app.battery.battery import Battery
 from app.clock import Clock, ClockRun
 from app.service.host import addresses_of
 from app.service.mqtt.broker import KEEPALIVE_S, Broker, new_client, parse_broker
+from app.service.mqtt.cars import MOST_BYTES
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot, Source
 from app.telemetry.aging import aged, is_stale
@@ -136,7 +137,7 @@ class MqttPublisher:
 
     def _on_own_topic(self, _client: Any, _data: Any, message: Any) -> None:
         """Another run on this service's own topic, now: a second service has the same name."""
-        if message.retain:
+        if message.retain or len(message.payload) > MOST_BYTES:
             return
         try:
             run = orjson.loads(message.payload)["sent"]["run"]

@@ -1001,11 +1001,13 @@ export interface Flags {
   load: boolean | null;
 }
 
-/** All cars of a broker, by name; `problem` says why none is heard. */
+/** All cars of a broker, by name; `problem` says why none is heard, `notice` that messages were left out. */
 export interface Fleet {
   broker: string;
   problem: string | null;
   problem_words: Words | null;
+  notice: string | null;
+  notice_words: Words | null;
   cars: Car[];
 }
 

@@ -1,13 +1,14 @@
 """A car of a fleet: what is old is never live, whatever the clocks, the way and the messages are."""
 
 import json
+import pickle
 from itertools import accumulate
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.service.mqtt.cars import DRIFT, LIVE_S, SILENT_S, TOPICS, Car
+from app.service.mqtt.cars import DRIFT, LIVE_S, MOST_BYTES, SILENT_S, TOPICS, Car
 
 ALARM = {"severity": "trip", "text": "cell too hot", "text_words": None, "cell": 7, "active": True}
 
@@ -144,3 +145,43 @@ def test_no_message_breaks_the_page(messages):
     for step, (topic, body, retained) in enumerate(messages):
         car.take(topic, body, float(step), is_retained=retained)
         json.dumps(car.shown(float(step), 1e9), allow_nan=False)
+
+
+FILLED = "x" * 10_000
+DEEP: object = FILLED
+for _ in range(500):
+    DEEP = [DEEP]
+
+
+@pytest.mark.parametrize(
+    ("topic", "document"),
+    [
+        ("about", {"url": f"http://{FILLED}", "battery": FILLED, "segments": [1] * 900, FILLED: FILLED}),
+        (
+            "accumulator",
+            {"sent": {"run": FILLED, "s": 1.0}, "age_s": dict.fromkeys(map(str, range(9000)), 1), "x": DEEP},
+        ),
+        ("links", {"rs232": {"state": FILLED, "lost": 1, "x": DEEP}, FILLED: FILLED}),
+        ("master", {"state": FILLED, "x": [FILLED] * 20}),
+        ("alarms", [ALARM | {"text": FILLED, "text_words": {"code": "a", "args": {"x": FILLED}}, "x": FILLED}] * 8),
+        ("alarms", [ALARM | {"text_words": {"code": "a", "args": {"x": DEEP}}}] * 8),
+    ],
+)
+def test_of_a_message_only_what_is_shown_is_kept(topic, document):
+    car = Car("red")
+    assert car.take(topic, json.dumps(document).encode(), 0.0, is_retained=False)
+    assert 0 < car.kept_bytes < 12_000
+    assert len(pickle.dumps(car)) < 16_000
+    json.dumps(car.shown(1.0, 1e9), allow_nan=False)
+
+
+def test_a_message_beyond_a_limit_is_left_out_and_the_one_before_it_stays():
+    car = Car("red")
+    assert car.take("alarms", json.dumps([ALARM]).encode(), 0.0, is_retained=False)
+    kept = car.kept_bytes
+    many = json.dumps([ALARM] * 20).encode()
+    assert not car.take("alarms", many, 0.0, is_retained=False, room_bytes=1000)
+    assert not car.take("alarms", many.ljust(MOST_BYTES + 1), 0.0, is_retained=False)
+    assert (car.shown(0.0, 0.0)["alarms"], car.kept_bytes) == ([ALARM], kept)
+    assert car.take("alarms", b"[]", 0.0, is_retained=False, room_bytes=0)
+    assert car.kept_bytes < kept

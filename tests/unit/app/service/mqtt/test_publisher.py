@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.service.mqtt.broker import parse_broker
+from app.service.mqtt.cars import MOST_BYTES
 from app.service.mqtt.publisher import NAME_CONFLICT_S, MqttPublisher, event_body, messages
 from app.sources.items import LinkChange
 from app.telemetry import Alarm, Event
@@ -75,6 +76,7 @@ def test_another_service_under_the_same_name_is_told_until_it_is_gone():
     own = of(publisher._clock_run.id)
     told = [hear(own), hear(of("x"), retain=True), hear(b"{"), hear(b"[]"), hear(of("x")), hear(own)]
     assert told == [None] * 6  # one message may be the last word of the run before
+    assert hear(of("x").ljust(MOST_BYTES + 1)) is None  # what is larger than any of ours is not even read
     assert hear(of("x")) == "mqtt-twice"
     clock.advance(NAME_CONFLICT_S + 1)
     assert hear(own) is None
