@@ -269,8 +269,8 @@ def newest_slot(memory: bytes) -> tuple[int, int, bytes] | None:
         if layout == 1:
             image = default_image()[:2] + image[2:226] + image[:2] + image[228:]
         if right and counter:
-            found.append((counter, slot, image))
-    return (max(found)[1], max(found)[0], max(found)[2]) if found else None
+            found.append((slot, counter, image))
+    return max(found, key=lambda each: each[1], default=None)  # of equal counters the first
 
 
 def journal_entry(counter: int, dod: int, soc: int) -> tuple[int, bytes]:

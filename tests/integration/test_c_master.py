@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 from firmware_protocol.config_image import default_image, with_value
-from firmware_protocol.eeprom import newest, plan_store
+from firmware_protocol.eeprom import StoredConfig, encode_slot, newest, plan_store
 from firmware_protocol.framing import Frame, FrameDecoder, encode_frame
 from firmware_protocol.memory_map import CONFIG_SIZE
 from firmware_protocol.messages import (
@@ -207,6 +207,34 @@ def test_what_was_stored_is_there_after_the_power_was_off(line, tmp_path):
     assert again.config() == NEW
     assert again.ask(Read(0x8000, 4)).data == b"VWCF"
     assert [event.code for event in again.events] == [EventCode.BOOT]
+
+
+BLANK = b"\xff" * 32_768
+
+
+@pytest.mark.parametrize(
+    ("slots", "at_start", "slot", "counter"),
+    [
+        (b"", default_image(), 0, 1),
+        (bytes(1024), default_image(), 0, 1),
+        (BLANK[:512] + encode_slot(OLD, 5), OLD, 0, 6),
+        (encode_slot(OLD, 8) + encode_slot(default_image(), 8), OLD, 1, 9),
+    ],
+    ids=["never written", "zeros", "only slot 1", "the same counter in both"],
+)
+def test_a_store_goes_into_the_slot_that_the_specification_names(line, tmp_path, slots, at_start, slot, counter):
+    path = tmp_path / "eeprom.bin"
+    path.write_bytes(slots + BLANK[len(slots) :])
+    before = path.read_bytes()
+    master = line("--eeprom", str(path))
+    assert master.config() == at_start
+    assert result_of(master.ask(Write(0, NEW))) == (Result.DONE, NO_OFFSET)
+    assert result_of(master.ask(Store())) == (Result.DONE, NO_OFFSET)
+    master.close()
+    after = path.read_bytes()
+    assert newest(after) == StoredConfig(NEW, counter, slot)
+    other = slice(512 * (1 - slot), 512 * (2 - slot))
+    assert after[other] == before[other]
 
 
 def test_load_brings_back_what_is_stored(line):

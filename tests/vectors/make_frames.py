@@ -301,6 +301,8 @@ def eeprom_images():
         ("layout 1, of 250 ms", slot(4, image=at_100, layout=1), slot(5, image=at_250, layout=1), 1, 5),
         ("the first store after layout 1", slot(6), slot(5, image=at_250, layout=1), 0, 6),
         ("layout 1 is the newer one", slot(6), slot(7, image=at_10000, layout=1), 1, 7),
+        ("the same counter in both", slot(8), slot(8, image=other), 0, 8),
+        ("the same counter, slot 0 damaged", slot(8, damage=15), slot(8, image=other), 1, 8),
         ("another length", slot(8), slot(9, length=419), 0, 8),
         ("another magic", slot(8, magic=b"VWCX"), slot(7), 1, 7), ("counter 0", slot(0), blank, -1, 0),
         ("both damaged", slot(1, damage=0), slot(2, damage=64), -1, 0),

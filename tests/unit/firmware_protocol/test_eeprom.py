@@ -38,6 +38,30 @@ def test_stores_alternate_between_the_slots_and_the_last_counts():
     assert [(f.image, f.counter, f.slot) for f in found] == [(FIRST, 1, 0), (SECOND, 2, 1), (THIRD, 3, 0)]
 
 
+SAME = eeprom.encode_slot(FIRST, 8) + eeprom.encode_slot(SECOND, 8) + BLANK[2 * eeprom.SLOT_SIZE :]
+
+
+@pytest.mark.parametrize(
+    ("memory", "slot", "counter"),
+    [
+        (BLANK, 0, 1),
+        (bytes(eeprom.EEPROM_SIZE), 0, 1),
+        (BLANK[: eeprom.SLOT_SIZE] + eeprom.encode_slot(FIRST, 5) + BLANK[2 * eeprom.SLOT_SIZE :], 0, 6),
+        (SAME, 1, 9),
+    ],
+    ids=["never written", "zeros", "only slot 1", "the same counter in both"],
+)
+def test_a_store_goes_into_the_slot_that_the_specification_names(memory, slot, counter):
+    after = apply(memory, eeprom.plan_store(memory, THIRD))
+    assert eeprom.newest(after) == eeprom.StoredConfig(THIRD, counter, slot)
+    start = (1 - slot) * eeprom.SLOT_SIZE
+    assert after[start : start + eeprom.SLOT_SIZE] == memory[start : start + eeprom.SLOT_SIZE]
+
+
+def test_of_two_slots_with_the_same_counter_slot_0_counts():
+    assert eeprom.newest(SAME) == eeprom.StoredConfig(FIRST, 8, 0)
+
+
 def test_the_slot_before_stays_as_a_fallback():
     assert [s.image for s in eeprom.valid_slots(stored(FIRST, SECOND, THIRD))] == [THIRD, SECOND]
 
