@@ -49,7 +49,9 @@ from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.service.wiring import make_service
 from app.sessions.replay import Estimates, ReplayOptions
+from app.sessions.worker import DEFINITIONS
 from app.sources.connections import Connections, Setup
+from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
 
 STATIC = Path(__file__).parents[1] / "static"
@@ -129,6 +131,8 @@ def create_app(
     drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)
     if drill is not None:
         service.events.subscribe(drill.on_event)
+    setup = setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery))
+    setup.load = lambda name, **named: service.workers.run(DEFINITIONS, load_battery, name, **named)
     encoder = SnapshotEncoder(service.state, service.clock)
     app.state.parts = WebParts(
         service=service,
@@ -138,7 +142,7 @@ def create_app(
         readers=Readers(clock),
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,
-        setup=setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery)),
+        setup=setup,
         drill=drill,
         served=served,
         certificate=certificate if first is None else first.certificate,

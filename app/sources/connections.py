@@ -21,7 +21,7 @@ from app.errors import ConfigError, NotNow
 from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
 from app.sources.links.serial_url import check_url
-from app.sources.loaded_battery import LoadedBattery, load_battery, load_uploaded
+from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.whole_file import replace_file
 from app.words import Message
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # `voltwall sessions --help` needs no learning
     from app.sources.dbc.learn.lesson import Lesson
 
 FILE = "connections.json"
+Load = Callable[..., LoadedBattery]  # as `load_battery`
 MOST_NAME = 200  # bytes of a file's name; most disks take 255
 BATTERIES = "batteries"  # folder of uploaded profiles, one folder each
 
@@ -41,17 +42,18 @@ class Connections:
     can: str | None = None
     battery: str = TEAM_PROFILE  # file, or name of a bundled one
 
-    def check(self, *, by_operator: bool = False) -> None:
+    def check(self, *, by_operator: bool = False, load: Load = load_battery) -> None:
         """Refuse links that do not fit the battery, are none, or are none that a request may name.
 
         Args:
             by_operator: the command line or the environment names them, no request.
+            load: reads the battery.
 
         Raises:
             ConfigError, ProfileError: names the setting and what it has to be.
             ImportFailed, ExtraMissing: a DBC of the battery cannot be read.
         """
-        speaks_can = load_battery(self.battery, own_folder=not by_operator).speaks_dbc is not None
+        speaks_can = load(self.battery, own_folder=not by_operator).speaks_dbc is not None
         if speaks_can and self.serial is not None:
             raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
         if self.serial is not None:
@@ -134,6 +136,8 @@ class Setup:
         self.fixed = fixed  # command line or environment name it, or nothing could start again
         self.instance = os.urandom(4).hex()  # another one after each start
         self.on_choice: Callable[[], None] = lambda: None  # starts the service again
+        self.load: Load = load_battery  # reads a battery's files; the service does so in a limited process
+        self._loaded: dict[Path, tuple[int, LoadedBattery]] = {}  # uploaded ones, with when they changed [ns]
         self.lesson: tuple[str, Lesson] | None = None  # what is being learned, by its id
 
     def begin_lesson(self, lesson: "Lesson") -> str:
@@ -172,7 +176,7 @@ class Setup:
             raise NotNow(Message("named-on-command-line"))
         if connections.battery != self.in_force.battery:
             check_battery(self._folder, connections.battery)
-        connections.check()
+        connections.check(load=self.load)
         self.end_lesson()
         save_connections(self._folder, connections)
         self.on_choice()
@@ -180,18 +184,27 @@ class Setup:
     def batteries(self) -> dict[str, LoadedBattery]:
         """Return bundled, uploaded and present batteries by what `--battery` takes, without those that are wrong."""
         found = {}
-        uploaded = [str(path) for path in _uploaded(self._folder)]
-        for name in (*bundled_profiles(), *uploaded, self.in_force.battery):
+        for name in (*bundled_profiles(), self.in_force.battery):
             with contextlib.suppress(Exception):
-                found[name] = load_battery(name, own_folder=name in uploaded)
+                found[name] = load_battery(name)
+        for path in _uploaded(self._folder):
+            with contextlib.suppress(Exception):
+                found[str(path)] = self._uploaded_battery(path)
         return found
 
-    def upload(self, files: dict[str, bytes], load: Callable[[str], object] = load_uploaded) -> str:
+    def _uploaded_battery(self, path: Path) -> LoadedBattery:
+        """An uploaded battery, read again where its profile changed."""
+        changed_ns = path.stat().st_mtime_ns
+        known = self._loaded.get(path)
+        if known is None or known[0] != changed_ns:
+            known = self._loaded[path] = changed_ns, self.load(str(path), own_folder=True)
+        return known[1]
+
+    def upload(self, files: dict[str, bytes]) -> str:
         """Keep a profile and its DBCs in the data folder; return the name by which it can be chosen.
 
         Args:
             files: by their names, the profile among them.
-            load: reads a profile with its DBCs, to see whether they can be used.
 
         Raises:
             ConfigError: there is not exactly one profile, a name is no file's, or the profile is wrong.
@@ -211,7 +224,7 @@ class Setup:
         with tempfile.TemporaryDirectory(prefix=".new-", dir=batteries) as fresh:
             for name, data in files.items():
                 (Path(fresh) / name).write_bytes(data)
-            load(str(Path(fresh) / profile))
+            self.load(str(Path(fresh) / profile), own_folder=True)
             shutil.rmtree(folder, ignore_errors=True)
             shutil.copytree(fresh, folder)
         return str(folder / profile)

@@ -94,11 +94,6 @@ def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
     return LoadedBattery(profile.battery, profile.source, definitions(profile.source), files, witnesses)
 
 
-def load_uploaded(profile: str) -> LoadedBattery:
-    """Return the battery of an uploaded profile; see `load_battery`."""
-    return load_battery(profile, own_folder=True)
-
-
 @cache
 def team_battery() -> LoadedBattery:
     """The team's own, which sessions of earlier versions are of."""

@@ -9,14 +9,12 @@ from pydantic import Field
 
 from app.api.encoding.words import message_json
 from app.api.schemas.setup import LookOut, PluggedOut, SetupOut, UploadedOut
-from app.api.web.dependencies import EventsPart, LivePart, SetupPart, SignedPart, UserDep, WorkersPart
+from app.api.web.dependencies import EventsPart, LivePart, SetupPart, SignedPart, UserDep
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from app.battery.shape import TEAM_PROFILE
-from app.sessions.worker import DEFINITIONS
 from app.sources.connections import BATTERIES, Connections, Setup
 from app.sources.links.connected import LOOK_S, Look, can_adapters, look_at_can, look_at_serial, serial_ports
-from app.sources.loaded_battery import load_uploaded
 from app.telemetry.events import LinkName
 from app.words import Message, Text
 
@@ -129,7 +127,7 @@ def choose(
 
 
 @router.post("/batteries", status_code=201, response_model=UploadedOut)
-def upload(body: UploadIn, setup: SetupPart, workers: WorkersPart) -> dict[str, Any]:
+def upload(body: UploadIn, setup: SetupPart) -> dict[str, Any]:
     """Keep a profile and its DBCs in the data folder."""
     files = {name: text.encode() for name, text in body.files.items()}
-    return {"id": setup.upload(files, lambda profile: workers.run(DEFINITIONS, load_uploaded, profile))}
+    return {"id": setup.upload(files)}

@@ -14,7 +14,7 @@ from app.errors import AppError, ImportFailed, NotNow, message_of
 from app.sessions.transfer.import_session import Imported, NewPipeline, import_file
 from app.sessions.worker import DEFINITIONS, INSPECTION, Workers, import_limits
 from app.sources.dbc.dbc_file import DEFINITION_ENDINGS
-from app.sources.loaded_battery import LoadedBattery, load_battery, load_uploaded
+from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.guess import guess
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.preview import Preview, preview
@@ -211,7 +211,7 @@ class ImportJobs:
                     paths.append(self._uploads[number].path)
                 for path in paths:
                     shutil.copy(path, folder)
-            return self._workers.run(DEFINITIONS, load_uploaded, str(Path(folder) / paths[0].name))
+            return self._workers.run(DEFINITIONS, load_battery, str(Path(folder) / paths[0].name), own_folder=True)
 
     def _run(
         self, upload: Upload, profile: ImportProfile, dbc: Path | None, battery: LoadedBattery | None, name: str
