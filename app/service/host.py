@@ -60,6 +60,14 @@ def give_freed_memory_back() -> None:
             mallopt(parameter, value)
 
 
+def return_freed_memory() -> None:
+    """Return to the system at once what is free between blocks in use (glibc); takes up to a tenth of a second."""
+    if not sys.platform.startswith("linux"):
+        return
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 class HighListener(socket.socket):
     """A listening socket whose connections get high descriptors.
 
