@@ -57,6 +57,7 @@ TESTS = (
     "tests/integration/test_bad_radio.py",
     "tests/integration/test_simulator_c_codec.py",
     "tests/integration/test_connection_flood.py",
+    "tests/integration/test_silent_handshakes.py",
     "tests/integration/test_stop_at_once.py",
     "tests/e2e/test_still.py",
     "tests/integration/test_soak.py",

@@ -21,7 +21,7 @@ from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
 from app.api.application import Replay, create_app, create_fleet_app
 from app.api.web.battery_switch import BatterySwitch
-from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
+from app.api.web.connection_limits import ACCEPTED_AT_ONCE, ClientConnections, most_connections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.tls_protocol import tls_protocol
 from app.api.web.websocket_protocol import LiveProtocol
@@ -30,7 +30,7 @@ from app.errors import ConfigError
 from app.service import log
 from app.service.folder_lock import locked_folder
 from app.service.health.watchdog import keep_alive, notify
-from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit
+from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit, return_freed_memory
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.sources.beside import FOLDER, BesideBattery, beside
@@ -42,6 +42,7 @@ from app.words import Message, name_cells_by, naming_cells
 
 logger = logging.getLogger(__name__)
 AGAIN = -1  # instead of an exit code
+_CLOSING_S = 2.0  # from the end of most connections of a crowd to that of the rest
 _WAIT_AT_THE_DOOR = 1024  # connections that the system holds until the service takes them
 
 
@@ -244,6 +245,7 @@ class _Server(uvicorn.Server):
         self, ready: str, config: uvicorn.Config, stalls: Callable[[], list[Message]], renewal: Renewal | None
     ) -> None:
         super().__init__(config)
+        self.server_state.connections = ClientConnections(_return_memory_soon)  # type: ignore[assignment]
         self._renewal = renewal
         self._ready_line = ready
         self._stalls = stalls
@@ -274,6 +276,12 @@ class _Server(uvicorn.Server):
         if not self.is_again:
             notify("STOPPING=1")
         await super().shutdown(sockets)
+
+
+def _return_memory_soon() -> None:
+    """Return the memory of connections to the system once they are closed, in a thread of its own."""
+    loop = asyncio.get_running_loop()
+    loop.call_later(_CLOSING_S, loop.run_in_executor, None, return_freed_memory)
 
 
 def _bind(settings: Settings) -> socket.socket:

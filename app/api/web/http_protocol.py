@@ -15,7 +15,7 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.utils import get_remote_addr
 
-from app.api.web.connection_limits import make_room, may_upgrade, refuse
+from app.api.web.connection_limits import ClientConnections, refuse
 
 if sys.platform == "linux":
     import fcntl
@@ -48,7 +48,7 @@ class HttpProtocol(H11Protocol):
     """Who says nothing, or too slowly, is cut off; one too many is not let in."""
 
     is_websocket = False
-    waits_since_s: float | None = None
+    connections: ClientConnections  # type: ignore[assignment]
     _state: Any = None
     _timer: asyncio.TimerHandle | None = None
     _stall: asyncio.TimerHandle | None = None
@@ -58,18 +58,17 @@ class HttpProtocol(H11Protocol):
     _left_bytes = 0  # of an answer, when it fell behind
     _got_bytes = 0  # of it, while the client was behind, since the last look
     _has_waited = False  # for this side to take its body, since the last look
-    wire: asyncio.Transport | None = None  # below TLS: what the network has not taken waits there
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Let it in, or close it before anything is made for it."""
-        address = (get_remote_addr(transport) or ("", 0))[0]
-        if not make_room(self.connections, address, self.limit_concurrency or 1 << 30):  # type: ignore[arg-type]
+        self.client = get_remote_addr(transport)  # before it is counted
+        address = "" if self.client is None else self.client[0]
+        if not self.connections.make_room(address, self.limit_concurrency or 1 << 30):
             refuse(address, "a connection")
             transport.abort()
             return
         super().connection_made(transport)
-        has_tls = transport.get_extra_info("sslcontext") is not None
-        transport.set_write_buffer_limits(high=1 if has_tls else 0)  # told of all that waits, also of the end
+        transport.set_write_buffer_limits(high=0)  # told of all that waits, also of the end
         self._look()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -100,7 +99,7 @@ class HttpProtocol(H11Protocol):
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
         """Hand the connection on, if there is room."""
         address = "" if self.client is None else self.client[0]
-        if may_upgrade(self.connections, address, self.limit_concurrency or 1 << 30):  # type: ignore[arg-type]
+        if self.connections.may_upgrade(address, self.limit_concurrency or 1 << 30):
             self._forget()
             super().handle_websocket_upgrade(event)
             return
@@ -138,9 +137,10 @@ class HttpProtocol(H11Protocol):
             self._timer.cancel()
             self._timer = None
         self._state = state
-        self.waits_since_s = self.loop.time() if state is h11.IDLE else None
         self._taken_bytes = 0
+        self.connections.stop_waiting(self)
         if state is h11.IDLE:
+            self.connections.start_waiting(self)
             self._timer = self.loop.call_later(REQUEST_S, self._last_look)
         elif state is h11.SEND_BODY:
             self._has_waited = self._waits_for_us()
@@ -183,12 +183,10 @@ class HttpProtocol(H11Protocol):
         self._behind_since_s, self._left_bytes = now_s, left
 
     def _unsent_bytes(self) -> int:
-        lowest = self.wire or self.transport
-        above = 0 if self.wire is None else self.transport.get_write_buffer_size()
-        return above + lowest.get_write_buffer_size() + (self._unsent_in_system() or 0)
+        return self.transport.get_write_buffer_size() + (self._unsent_in_system() or 0)
 
     def _unsent_in_system(self) -> int | None:
-        return unsent_in_system((self.wire or self.transport).get_extra_info("socket"))
+        return unsent_in_system(self.transport.get_extra_info("socket"))
 
     def _answer(self, status: str) -> None:
         self.transport.write(_REFUSAL.format(status).encode())

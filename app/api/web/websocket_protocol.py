@@ -17,6 +17,7 @@ import socket
 from collections.abc import Callable
 from typing import Any, cast
 
+from uvicorn.protocols.utils import get_remote_addr
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.extensions.permessage_deflate import PerMessageDeflate, ServerPerMessageDeflateFactory
 from websockets.frames import Frame, Opcode
@@ -45,7 +46,6 @@ class LiveProtocol(WebSocketsSansIOProtocol):
     is_websocket = True
     is_compressed = False
     on_drained: Callable[[], None] | None = None
-    waits_since_s: float | None = None  # never in the way of another: the server asks it every 20 s whether it lives
     _is_behind = False
     _is_handed_over = False
     _kept_open: asyncio.TimerHandle | None = None
@@ -60,9 +60,9 @@ class LiveProtocol(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep little on the way: who is slow misses messages and gets the newest."""
+        self.client = get_remote_addr(cast(asyncio.Transport, transport))  # before it is counted
         super().connection_made(transport)
-        has_tls = transport.get_extra_info("sslcontext") is not None
-        self.transport.set_write_buffer_limits(high=1 if has_tls else 0)  # TLS is behind from `high` on, TCP above it
+        self.transport.set_write_buffer_limits(high=0)
         made: socket.socket | None = transport.get_extra_info("socket")
         option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
         if made is not None and option is not None:

@@ -43,6 +43,7 @@ def context_of(certificate: Certificate) -> ssl.SSLContext:
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.options |= ssl.OP_NO_RENEGOTIATION
     try:
         context.load_cert_chain(certificate.certificate, certificate.key, password=lambda: "")
     except (OSError, ValueError) as error:

@@ -1,19 +1,34 @@
+import time
 from dataclasses import dataclass
 
 import pytest
 
-from app.api.web.connection_limits import FEWEST, KEPT_ASIDE, MOST, make_room, may_upgrade, most_connections
+from app.api.web.connection_limits import CROWD, FEWEST, KEPT_ASIDE, MOST, ClientConnections, most_connections
 
 
-@dataclass
+@dataclass(eq=False)
 class Open:
     client: tuple[str, int] | None
-    waits_since_s: float | None = None
+    connections: ClientConnections
     is_websocket: bool = False
     is_cut: bool = False
 
     def cut(self):
         self.is_cut = True
+        self.connections.discard(self)
+
+
+@pytest.fixture
+def connections():
+    return ClientConnections()
+
+
+def opened(connections, address, is_waiting=False, **options):
+    made = Open((address, 1), connections, **options)
+    connections.add(made)
+    if is_waiting:
+        connections.start_waiting(made)
+    return made
 
 
 def test_descriptors_are_kept_aside():
@@ -22,27 +37,69 @@ def test_descriptors_are_kept_aside():
     assert most_connections(None) == most_connections(1 << 20) == MOST
 
 
-def test_who_waits_longest_for_a_request_makes_room():
-    held = [Open((f"10.0.0.{i}", 1), waits_since_s=9.0 - i) for i in range(8)]
-    held.append(Open(("10.0.1.1", 1)))  # at work
-    assert make_room(held, "10.0.2.2", 10)
-    assert [each.is_cut for each in held] == [False] * 7 + [True, False]
+def test_who_waits_longest_for_a_request_makes_room(connections):
+    held = [opened(connections, f"10.0.0.{i}", is_waiting=True) for i in range(8)]
+    held.append(opened(connections, "10.0.1.1"))  # at work
+    connections.stop_waiting(held[0])
+    connections.start_waiting(held[1])  # for the next request, after all others
+    assert connections.make_room("10.0.2.2", 10)
+    assert [each.is_cut for each in held] == [False, False, True, *[False] * 6]
 
 
-def test_nobody_at_work_makes_room():
-    held = [Open((f"10.0.0.{i}", 1)) for i in range(9)]
-    assert not make_room(held, "10.0.2.2", 10)
+def test_nobody_at_work_makes_room(connections):
+    for i in range(9):
+        opened(connections, f"10.0.0.{i}")
+    assert not connections.make_room("10.0.2.2", 10)
 
 
-def test_a_flood_from_one_address_leaves_half_to_the_others():
-    held = [Open(("10.0.0.1", i)) for i in range(5)] + [Open(("10.0.0.2", 1), waits_since_s=1.0)]
-    assert not make_room(held, "10.0.0.1", 10)
-    assert make_room(held, "10.0.0.3", 10)
+def test_a_flood_from_one_address_leaves_half_to_the_others(connections):
+    held = [opened(connections, "10.0.0.1") for _ in range(5)] + [opened(connections, "10.0.0.2", is_waiting=True)]
+    assert not connections.make_room("10.0.0.1", 10)
+    assert connections.make_room("10.0.0.3", 10)
     assert not any(each.is_cut for each in held)
 
 
 @pytest.mark.parametrize(("own", "others", "may"), [(14, 0, True), (15, 0, False), (0, 29, True), (0, 30, False)])
-def test_a_quarter_is_kept_for_plain_requests(own, others, may):
-    held = [Open(("10.0.0.1", i), is_websocket=True) for i in range(own)]
-    held += [Open((f"10.0.1.{i}", 1), is_websocket=True) for i in range(others)]
-    assert may_upgrade(held, "10.0.0.1", 40) is may
+def test_a_quarter_is_kept_for_plain_requests(connections, own, others, may):
+    for _ in range(own):
+        opened(connections, "10.0.0.1", is_websocket=True)
+    for i in range(others):
+        opened(connections, f"10.0.1.{i}", is_websocket=True)
+    assert connections.may_upgrade("10.0.0.1", 40) is may
+
+
+def test_one_that_left_counts_no_more_whatever_became_of_its_address(connections):
+    held = [opened(connections, "10.0.0.1", is_waiting=True, is_websocket=True) for _ in range(20)]
+    for each in held:
+        each.client = None  # the system names no address of a connection that is gone
+        connections.discard(each)
+        connections.discard(each)
+    assert len(connections) == 0
+    assert connections.may_upgrade("10.0.0.1", 4)
+    assert connections.make_room("10.0.0.1", 4)
+
+
+def test_a_crowd_that_is_gone_is_reported_once():
+    gone = []
+    connections = ClientConnections(lambda: gone.append(len(connections)))
+    for _ in range(2):
+        held = [opened(connections, "10.0.0.1") for _ in range(CROWD)]
+        for each in held:
+            connections.discard(each)
+    assert gone == [CROWD // 4 - 1] * 2
+    connections.discard(opened(connections, "10.0.0.1"))
+    assert len(gone) == 2
+
+
+def test_room_is_made_as_fast_among_thousands_as_among_a_few():
+    def takes_s(most):
+        connections = ClientConnections()
+        for i in range(most):
+            opened(connections, f"10.0.0.{i % 3}", is_waiting=True)
+        began_s = time.process_time()
+        for i in range(2000):
+            assert connections.make_room(f"10.0.0.{i % 3}", most)
+            opened(connections, f"10.0.0.{i % 3}", is_waiting=True)
+        return time.process_time() - began_s
+
+    assert takes_s(MOST) < 10 * takes_s(MOST // 64)

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import socket
+import ssl
 import sys
 from functools import partial
 
@@ -10,7 +11,9 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
+from app.api.web.connection_limits import ClientConnections
 from app.api.web.http_protocol import ANSWER_BYTES, ANSWER_S, BODY_BYTES, BODY_S, REQUEST_S, HttpProtocol
+from app.api.web.tls_transport import TlsTransport
 
 HIGH_WATER = 65_536  # uvicorn reads no further while more than that waits for the application
 EARLY_S = 0.5  # before a limit is reached
@@ -42,8 +45,8 @@ class Transport:
         self.unsent, self.said, self.is_open, self.is_read, self.protocol = 0, b"", True, True, None
         self.known = {"peername": ("10.0.0.2", 4711), "sockname": ("10.0.0.2", 4711)}
 
-    def get_extra_info(self, name):
-        return self.known.get(name)
+    def get_extra_info(self, name, default=None):
+        return self.known.get(name, default)
 
     def set_write_buffer_limits(self, high):
         assert high == 0  # told of all that waits
@@ -79,7 +82,9 @@ class Wire:
         self.loop, self.transport = Loop(), Transport()
         config = uvicorn.Config(self.app, interface="asgi3", lifespan="off", log_config=None)
         config.load()
-        self.protocol = HttpProtocol(config, ServerState(), {}, _loop=self.loop)
+        state = ServerState()
+        state.connections = ClientConnections()
+        self.protocol = HttpProtocol(config, state, {}, _loop=self.loop)
         self.transport.protocol = self.protocol
         self.may_take, self.taken = asyncio.Event(), 0
         self.protocol.connection_made(self.transport)
@@ -193,7 +198,8 @@ def system(wire):
 def test_an_answer_is_not_cut_off_while_enough_of_it_is_taken(wire, is_secured):
     network = wire.transport
     if is_secured:
-        network = wire.protocol.wire = Transport()
+        wire.protocol.transport = TlsTransport(network, ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER))
+        wire.protocol.transport.set_protocol(wire.protocol)
     wire.say(*GET)
     network.unsent = 10_000_000
     wire.protocol.pause_writing()

@@ -12,6 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from app.api.web import http_protocol, websocket_protocol
+from app.api.web.connection_limits import ClientConnections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.websocket_protocol import LiveProtocol
 from tests.service_process import until
@@ -47,6 +48,7 @@ class Served:
             log_config=None,
         )
         self.server = uvicorn.Server(config)
+        self.server.server_state.connections = ClientConnections()
         listener = socket.create_server(("127.0.0.1", 0))
         self.address = listener.getsockname()
         self.thread = threading.Thread(target=lambda: asyncio.run(self.server._serve([listener])))

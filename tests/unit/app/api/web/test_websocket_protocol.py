@@ -18,8 +18,11 @@ from websockets.sync.client import connect
 
 from app.api.access.certificate import own_certificate
 from app.api.web import websocket_protocol
+from app.api.web.connection_limits import ClientConnections
 from app.api.web.http_protocol import HttpProtocol
+from app.api.web.tls_protocol import tls_protocol
 from app.api.web.websocket_protocol import READER, LiveProtocol, text_frame
+from app.commands.console.tls import context_of
 from tests.service_process import until
 
 LONG = b'{"v": [' + b"3.7012, " * 200_000 + b"0]}"
@@ -36,10 +39,10 @@ class Served:
         self.readers, self.ends = [], []
         self.context = None if certificate is None else ssl.create_default_context(cafile=certificate.certificate)
         options = {"ws_max_size": 1 << 16, "lifespan": "off", "log_config": None, "interface": "asgi3"}
-        if certificate is not None:
-            options |= {"ssl_certfile": certificate.certificate, "ssl_keyfile": certificate.key}
-        config = uvicorn.Config(self.app, http=HttpProtocol, ws=LiveProtocol, ws_per_message_deflate=False, **options)
+        http = HttpProtocol if certificate is None else tls_protocol(context_of(certificate))
+        config = uvicorn.Config(self.app, http=http, ws=LiveProtocol, ws_per_message_deflate=False, **options)
         self.server = uvicorn.Server(config)
+        self.server.server_state.connections = ClientConnections()
         listener = socket.create_server(("127.0.0.1", 0))
         self.address = listener.getsockname()
         self.url = "{}://{}:{}/".format("ws" if certificate is None else "wss", *self.address)
@@ -117,8 +120,7 @@ def stand_still(served):
     if served.context is not None:
         made = served.context.wrap_socket(made, server_hostname="127.0.0.1")
     made.sendall(HANDSHAKE)
-    for _ in range(1 if served.context is None else 2):  # TLS hands the first one on, whatever its size
-        assert served.on_loop(served.reader().write_frame, text_frame(LONG, False))
+    assert served.on_loop(served.reader().write_frame, text_frame(LONG, False))
     return made
 
 
