@@ -6,21 +6,21 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass, field
 from math import inf, isfinite, sqrt
 from typing import Any, Final
 
 from app.battery.battery import Battery
 from app.errors import ConfigError
+from app.estimation.toml_text import TomlError, read_toml
 from app.telemetry import Accumulator, Cells
 from app.telemetry.fields import LEFT_OUT, marked, units
 
 TOTALS: Final = tuple(name for name, _ in units(Accumulator))
 PER_CELL: Final = tuple(name for name, _ in units(Cells) if name not in marked(Cells, LEFT_OUT))
 SEVERITIES: Final = ("watch", "warning", "trip")
-_NAME = re.compile(r"(?P<name>[a-z_]+)(?:\[(?P<pack>\d+)/(?P<cell>\d+)\])?")
-_PLACE = re.compile(r"(?P<pack>\d+)/(?P<cell>\d+)")
+_NAME = re.compile(r"(?P<name>[a-z_]+)(?:\[(?P<pack>\d{1,4})/(?P<cell>\d{1,4})\])?")
+_PLACE = re.compile(r"(?P<pack>\d{1,4})/(?P<cell>\d{1,4})")
 _SECTIONS: Final = ("replay", "alarm", "no_alarm", "value", "agreement")
 
 
@@ -151,8 +151,8 @@ class Expectations:
         """
         self._battery = battery
         try:
-            document = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+            document = read_toml(text)
+        except TomlError as error:
             raise ConfigError("expectations", "(file)", f"TOML: {error}") from error
         _refuse_unknown("expectations", document, _SECTIONS)
         replay = document.get("replay", {})

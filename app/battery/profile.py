@@ -1,7 +1,5 @@
 """A battery's profile: TOML text to the battery and how it speaks. What is wrong is told by line and field."""
 
-import re
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +20,7 @@ from app.battery.source import (
 from app.battery.table_reader import ProfileError, TableReader
 from app.battery.toml_lines import lines_of_keys
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
+from app.estimation.toml_text import TomlError, read_toml
 from app.words import Message
 
 _READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
@@ -54,10 +53,9 @@ def read_document(text: str, file: str, include: Include) -> Document:
         ProfileError: the text is no TOML, or what it includes is missing or wrong.
     """
     try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"line (\d+)", str(error))
-        raise ProfileError(file, int(found[1]) if found else None, "TOML", "", str(error)) from error
+        values = read_toml(text)
+    except TomlError as error:
+        raise ProfileError(file, error.line, "TOML", "", str(error)) from error
     lines = lines_of_keys(text)
     reader = TableReader(file, "", values, TABLES[""], lines)
     for name in reader.texts("include"):

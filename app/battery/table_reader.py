@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf, isfinite
 from typing import Any
 
 from app.battery.battery import Limit, SignalName
@@ -36,12 +37,12 @@ class TableReader:
     def error(self, name: str, value: object, limit: Text) -> ProfileError:
         """An error of one of its fields."""
         path = f"{self.path}.{name}".strip(".")
-        return ProfileError(self.file, line_of(dict(self.lines), path), path, value, limit)
+        return ProfileError(self.file, line_of(self.lines, path), path, value, limit)
 
     @property
     def line(self) -> int | None:
         """Where it begins."""
-        return line_of(dict(self.lines), self.path)
+        return line_of(self.lines, self.path)
 
     def check_names(self, tables: Iterable[str] = ()) -> None:
         """Raise ProfileError for a key that is no field and none of the tables within."""
@@ -96,7 +97,7 @@ class TableReader:
     def _number(self, name: str, value: object, field: Field) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.error(name, _short(value), Message("kind-number", bounds=_bounds(field)))
-        if not field.low <= value <= field.high:
+        if not isfinite(value) or not field.low <= value <= field.high:
             raise self.error(name, value, Message("kind-number", bounds=_bounds(field)))
         return float(value)
 
@@ -125,7 +126,7 @@ class TableReader:
         value = self.values[name]
         if not isinstance(value, list) or len(value) != 2 or not all(_is_number(each) for each in value):
             raise self.error(name, _short(value), Message("kind-pair"))
-        if value[0] >= value[1]:
+        if not -inf < value[0] < value[1] < inf:
             raise self.error(name, _short(value), Message("kind-pair"))
         return float(value[0]), float(value[1])
 

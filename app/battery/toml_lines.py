@@ -1,6 +1,7 @@
 """The line on which a key of a TOML text stands, for error messages; tomllib does not tell."""
 
 import re
+from collections.abc import Mapping
 
 _TABLE = re.compile(r"\s*+(\[\[?)([\w.\-\" \t]++)\]\]?\s*+(?:#.*)?$")
 _KEY = re.compile(r"\s*+([\w.\-\" \t]++)=")
@@ -28,7 +29,7 @@ def lines_of_keys(text: str) -> dict[str, int]:
     return found
 
 
-def line_of(lines: dict[str, int], path: str) -> int | None:
+def line_of(lines: Mapping[str, int], path: str) -> int | None:
     """The line of a key, else of the nearest table around it."""
     while path:
         if path in lines:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from app.estimation.cell_model.circuit import MAX_RC_PAIRS
 from app.estimation.errors import CellFileError
 
+MOST_POINTS: Final = 10_000  # of a table over SOC and temperature
 _TOP: Final = {"name", "source", "capacity_ah", "coulombic_efficiency", "v_min_v", "v_max_v", "v_nominal_v", "mass_kg"}
 SECTIONS: Final = {
     "ocv": {"method", "soc", "voltage_v"},
@@ -93,6 +94,12 @@ class CellDocument:
         """Return a field as a row of numbers."""
         value = self.take(section, key, (list, np.ndarray), default)
         return self._array(section, key, value, 1)
+
+    def check_points(self, temperatures: int, socs: int) -> None:
+        """Refuse grids of more points than a table is made for."""
+        if temperatures * socs > MOST_POINTS:
+            reason = f"{socs} values, with {temperatures} temperatures; at most {MOST_POINTS} points"
+            raise self._error("circuit", "soc", reason)
 
     def table(
         self, section: str, key: str, shape: tuple[int, int], default: float | None = None

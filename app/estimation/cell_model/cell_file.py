@@ -6,7 +6,6 @@ The only place of the package that touches a file. A cell that ships with Voltwa
 from __future__ import annotations
 
 import re
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Final
@@ -19,6 +18,7 @@ from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, CellLimits
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import CellFileError, ModelError
+from app.estimation.toml_text import TomlError, read_toml
 
 _FIELD_OF_ATTRIBUTE: Final = {
     "soc_grid": "circuit.soc",
@@ -71,10 +71,9 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
         CellFileError: see `load_cell`.
     """
     try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as exc:
-        found = re.search(r"line (\d+)", str(exc))
-        raise CellFileError(path, int(found.group(1)) if found else None, "", f"not TOML: {exc}") from exc
+        document = read_toml(text)
+    except TomlError as exc:
+        raise CellFileError(path, exc.line, "", f"not TOML: {exc}") from exc
     reader = CellDocument(document, text, path)
     reader.refuse_unknown()
     reader.refuse_alone("asinh", "voltage_v", "current_a")
@@ -83,6 +82,7 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
         soc = reader.row("circuit", "soc", np.array([0.5]))
         temperature = reader.row("circuit", "temperature_degc", np.array([25.0]))
         shape = (temperature.size, soc.size)
+        reader.check_points(*shape)
         pairs = reader.pairs()
         return CellModel(
             name=str(reader.take("", "name", str)),

@@ -7,12 +7,12 @@ another signal of the same message tells is `CellVoltage[CellID]`.
 
 import json
 import re
-import tomllib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from app.errors import ImportFailed
+from app.estimation.toml_text import TomlError, read_toml
 from app.sources.recordings.bad_rows import some_of
 from app.sources.recordings.quantities import UNITS
 from app.sources.whole_file import replace_file
@@ -101,8 +101,8 @@ def parse_profile(text: str, source: str = "profile") -> ImportProfile:
         ImportFailed: it is no TOML, or a field is unknown or of the wrong kind.
     """
     try:
-        return profile_of(tomllib.loads(text), source)
-    except tomllib.TOMLDecodeError as error:
+        return profile_of(read_toml(text), source)
+    except TomlError as error:
         raise ImportFailed(source, Message("no-toml", error=str(error))) from error
 
 
