@@ -62,6 +62,8 @@ START_LIMITS = {
 _PACE = Limits(0.1, 20, "times")
 _POWER_SCALE = Limits(0.01, 4)
 _SLICE_C = Limits(-10, 10, "C")
+MOST_CHARACTERS = 262_144  # of a file
+MOST_KEY_PARTS = 8  # `a.b.c` has three
 MOST_SLICES = 200  # of a pattern
 _LAPS = Limits(1, 100, is_whole=True)
 _EVENT_VALUE = Limits(-(2**31), 2**32 - 1, is_whole=True)
@@ -80,10 +82,22 @@ def load_scenario(path: Path, shape: Shape = TEAM) -> Scenario:
         ScenarioError: it cannot be read, is no TOML, or says something that has no meaning for this battery.
     """
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        _check_size(path, text)
+        document = tomllib.loads(text)
     except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError(str(path), str(error)) from error
     return _scenario(document, path, shape)
+
+
+def _check_size(path: Path, text: str) -> None:
+    """Refuse what takes the parser minutes: a long text, a key of many parts."""
+    if len(text) > MOST_CHARACTERS:
+        raise ScenarioError(str(path), f"{len(text)} characters; at most {MOST_CHARACTERS} are read")
+    for number, line in enumerate(text.splitlines(), 1):
+        key, equals, _ = line.partition("=")
+        if equals and key.count(".") >= MOST_KEY_PARTS:
+            raise ScenarioError(f"{path}, line {number}", f"a key of more than {MOST_KEY_PARTS} parts")
 
 
 def recorded_scenario(path: Path) -> Scenario:

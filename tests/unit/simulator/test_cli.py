@@ -7,7 +7,9 @@ import tomllib
 import pytest
 
 from simulator.cli import main
+from simulator.errors import ScenarioError
 from simulator.library import LIBRARY, find_scenario, library
+from simulator.scenario_file import load_scenario
 
 
 def test_list_names_the_library_with_titles(capsys):
@@ -99,3 +101,19 @@ def test_an_action_that_the_master_refuses_is_told(capsys, tmp_path):
     assert main(["--scenario", str(path), "--speed", "max"]) == 0
     told = capsys.readouterr().err.splitlines()
     assert told[-1] == "voltwall simulate: at 3 s: the master refused charge-start: not in its state"
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a = " + "[" * 100_000, "recursion"),
+        ("a = " + "9" * 60_000, "digits"),
+        (".".join("a" * 100_000) + " = 1", "more than 8 parts"),
+        ("#" * 300_000, "at most 262144"),
+    ],
+)
+def test_a_hostile_scenario_is_one_error_with_its_file(tmp_path, text, reason):
+    file = tmp_path / "hostile.toml"
+    file.write_text(text)
+    with pytest.raises(ScenarioError, match=rf"hostile\.toml.*{reason}"):
+        load_scenario(file)
