@@ -28,7 +28,8 @@ HALF_DAY = re.compile(r"(.*\D)(\d{1,2})(:\d{2}(?::\d{2}(?:\.\d+)?)?) ?([AP])M", 
 MONTH_BY_NAME = re.compile(r"(\d{1,2})[- ]([A-Z][a-z]{2})[- ](\d{2}|\d{4})(?=[ T])")
 MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
 DECIMAL_COMMA = re.compile(r"(?<![\d,])(-?\d+),(\d+(?:[eE][-+]?\d+)?)(?![\d,])")
-HEADER_LINES = re.compile(r"Nb header lines\s*:\s*(\d+)")  # BioLogic: so many lines, the names are the last of them
+HEADER_LINES = re.compile(r"Nb header lines\s*:\s*(\d{1,9})\b", re.ASCII)  # BioLogic: the names are the last of them
+MOST_COLUMNS = 10_000
 PREAMBLE_LIMIT = 500  # lines of remarks a rig may write before its table
 ROWS_ALIKE = 5  # rows of the same kind that make a table where some columns hold words
 
@@ -74,7 +75,7 @@ def read_csv(
     if not is_delimited:
         lines = ["\t".join(line.split()) for line in lines]
     if '"' in text:
-        lines = _without_quotes(lines)
+        lines = _without_quotes(source, lines)
         numbers = numbers if len(numbers) == len(lines) else []
     if any(_has_decimal_commas(line) for line in lines[-20:]):
         lines = [DECIMAL_COMMA.sub(r"\1.\2", line) for line in lines]
@@ -118,6 +119,9 @@ def _find_table(source: str, lines: list[str], is_delimited: bool) -> tuple[str,
     for k, line in enumerate(lines[:PREAMBLE_LIMIT]):
         for delimiter in DELIMITERS:
             tokens = line.split(delimiter)
+            if len(tokens) > MOST_COLUMNS:
+                many = Message("too-many-columns", columns=len(tokens), most=MOST_COLUMNS)
+                raise TableUnreadable(source, Message("row-unreadable", row=k + 1, error=many))
             values = [_number(token) for token in tokens]
             if len(tokens) >= 2 and None not in values and any(value == value for value in values):
                 return delimiter, _with_broken_rows(lines, k, delimiter)
@@ -136,14 +140,18 @@ def _has_decimal_commas(line: str) -> bool:
     return between > 0 and between + 1 >= line.count(",") and DECIMAL_COMMA.search(line) is not None
 
 
-def _without_quotes(lines: list[str]) -> list[str]:
+def _without_quotes(source: str, lines: list[str]) -> list[str]:
     """Return lines without the quotes of their fields; a delimiter within quotes becomes a space."""
     if not any(line.count('"') >= 2 and any(mark in part for part in line.split('"')[1::2] for mark in DELIMITERS)
                for line in lines):  # fmt: skip
         return lines
     delimiter = max(DELIMITERS, key=lambda each: max(line.count(each) for line in lines[-20:]))
     rows = csv.reader(lines, delimiter=delimiter)
-    return [delimiter.join(field.strip().replace(delimiter, " ") for field in row) for row in rows]
+    try:
+        return [delimiter.join(field.strip().replace(delimiter, " ") for field in row) for row in rows]
+    except csv.Error as error:
+        where = Message("row-unreadable", row=rows.line_num, error=str(error))
+        raise TableUnreadable(source, where) from error
 
 
 def _is_row_with_words(lines: list[str], k: int, delimiter: str) -> bool:
@@ -230,7 +238,7 @@ def _stamp_s(token: str) -> float | None:
         token = f"{year}-{int(month):02d}-{int(day):02d}{token[date.end() :]}"
     try:
         return datetime.fromisoformat(token.replace("/", "-", 2)).timestamp()
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
 
 

@@ -13,7 +13,7 @@ from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import FIELDS, Recording, clean
 from app.sources.recordings.charge_state import charges_positive, signed
 from app.sources.recordings.quantities import UNITS, Candidate, candidates, in_our_unit, is_wall_clock
-from app.sources.recordings.table import Table, load_table
+from app.sources.recordings.table import Table, column_number, load_table
 from app.words import Message, render
 
 FIELD_OF = dict(zip(UNITS, FIELDS, strict=True))  # of each quantity
@@ -132,7 +132,7 @@ def _mapped(table: Table, field: str, wanted: Source) -> FloatArray:
     names = list(table.columns)
     if wanted.column in names:
         return table.columns[wanted.column]
-    if wanted.column.isdigit() and 1 <= int(wanted.column) <= len(names):
-        return table.columns[names[int(wanted.column) - 1]]
+    if (number := column_number(wanted.column, len(names))) is not None:
+        return table.columns[names[number - 1]]
     have = f"the header has {', '.join(names)}" if table.has_header else f"no header; number them 1 to {len(names)}"
     raise DatasetError(table.source, f"--map {field}={wanted.column}: no such column; {have}")

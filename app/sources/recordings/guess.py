@@ -11,7 +11,7 @@ from app.estimation.arrays import FloatArray
 from app.sources.recordings.charge_state import charges_positive
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportProfile
 from app.sources.recordings.quantities import UNITS, candidates, sounds_like, unit_of
-from app.sources.recordings.table import Table, matching
+from app.sources.recordings.table import Table, column_number, matching
 
 SOC_IN_PERCENT, KELVIN_FROM, MILLIVOLTS_FROM = 1.5, 200.0, 500.0  # medians beyond them
 ONE_CELL_BELOW_V, USUAL_CELL_V = 10.0, 3.7  # a higher voltage is that of so many cells in series
@@ -82,8 +82,8 @@ def _named(profile: ImportProfile, quantity: str, table: Table) -> list[str]:
     names = list(table.columns)
     if name in names:
         return [name]
-    if name.isdigit() and 1 <= int(name) <= len(names):
-        return [names[int(name) - 1]]
+    if (number := column_number(name, len(names))) is not None:
+        return [names[number - 1]]
     return matching(name, names) if quantity in ("voltage", "temperature") else []
 
 

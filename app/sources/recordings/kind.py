@@ -29,7 +29,7 @@ _MAGIC = (
     (b"%PDF-", "unknown"),
 )
 _ASC = re.compile(r"^\s*(date\s+\w{3}\s|base\s+(hex|dec)\b|begin\s+triggerblock)", re.IGNORECASE | re.MULTILINE)
-_TRC = re.compile(r"^;\$FILEVERSION=|^;\s+(Message|Nr)\s|^\s*\d+\)\s+\d+\.\d+\s+(Rx|Tx|Warng|\d)", re.MULTILINE)
+_TRC = re.compile(r"^;\$FILEVERSION=|^;\s+(Message|Nr)\s|^[^\S\n]*\d+\)\s+\d+\.\d+\s+(Rx|Tx|Warng|\d)", re.MULTILINE)
 
 
 def kind_of(path: Path) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.bad_rows import some_of
-from app.sources.recordings.csv_table import OnRows, TableUnreadable, read_csv
+from app.sources.recordings.csv_table import MOST_COLUMNS, OnRows, TableUnreadable, read_csv
 from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of, names_in_zip
 from app.sources.recordings.neware import read_neware
 from app.sources.recordings.signal_files import read_signals
@@ -56,8 +56,8 @@ class Table:
         """
         if name in self.columns:
             return self.columns[name]
-        if name.isdigit() and 1 <= int(name) <= len(self.columns):
-            return list(self.columns.values())[int(name) - 1]
+        if (number := column_number(name, len(self.columns))) is not None:
+            return list(self.columns.values())[number - 1]
         raise ImportFailed(
             self.source, Message("no-such-column", what=what, name=repr(name), names=some_of(list(self.columns)))
         )
@@ -75,6 +75,12 @@ class Table:
                 Message("no-column-fits", what=what, pattern=repr(pattern), names=some_of(list(self.columns))),
             )
         return np.column_stack([self.columns[name] for name in found])
+
+
+def column_number(text: str, count: int) -> int | None:
+    """Return the number of a column, from 1, that a text is; None where it is none of `count` columns."""
+    is_number = text.isascii() and text.isdigit() and len(text) <= len(str(count))
+    return int(text) if is_number and 1 <= int(text) <= count else None
 
 
 def matching(pattern: str, names: Sequence[str]) -> list[str]:
@@ -163,6 +169,9 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
     try:
         file = pq.ParquetFile(BytesIO(raw))
         about = file.metadata
+        if about.num_columns > MOST_COLUMNS:
+            shape = Message("too-many-columns", columns=about.num_columns, most=MOST_COLUMNS)
+            raise TableUnreadable(source, shape)
         if about.num_rows * about.num_columns > PARQUET_VALUES:
             shape = Message("limit-rows", rows=about.num_rows, columns=about.num_columns, limit=PARQUET_VALUES)
             raise LimitExceeded(shape)
