@@ -4,6 +4,7 @@ import contextlib
 import logging
 import re
 from importlib import import_module
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ DEFINITION_ENDINGS = (".dbc", ".sym", ".kcd", ".arxml")
 _FORMATS = ", ".join(DEFINITION_ENDINGS)
 _MOST_LEFT_OUT = 40  # lines; a file with more of them is something else
 MOST_CYCLE_MS = 1e9
+LONGEST_NAME = 200  # characters of a message's or a signal's name
 _LENGTHS_FD = (12, 16, 20, 24, 32, 48, 64)
 
 
@@ -45,6 +47,13 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
         database = import_module("cantools.database")
     except ImportError as error:
         raise ExtraMissing("a DBC", "cantools", "dbc") from error
+    try:
+        return _parsed(database, data, name)
+    except (ValueError, OverflowError, RecursionError) as error:  # a number or a name beyond every limit
+        raise ImportFailed(name, Message("no-dbc", error=_first_line(error))) from error
+
+
+def _parsed(database: Any, data: bytes, name: str) -> Definitions:
     ending = Path(name.lower()).suffix
     if b"\0" in data and data[:2] not in (b"\xff\xfe", b"\xfe\xff"):
         raise ImportFailed(name, Message("dbc-no-text", formats=_FORMATS))
@@ -137,6 +146,9 @@ def _message(message: Any) -> MessageDefinition:
     can_id = int(message.frame_id) | (CAN_ID_EXTENDED if message.is_extended_frame else 0)
     by_name = {each.name: each for each in message.signals}
     senders = list(message.senders or [])
+    longest = max(map(len, (str(message.name), *by_name)))
+    if longest > LONGEST_NAME:
+        raise ValueError(f"a name of {longest} characters; at most {LONGEST_NAME}")
     signals = tuple(_signal(each, by_name) for each in message.signals if 1 <= each.length <= 64)
     sender = senders[0] if senders else ""
     cycle_ms = message.cycle_time  # an attribute of the file: of whatever kind that says
@@ -155,6 +167,8 @@ def _signal(signal: Any, by_name: dict[str, Any]) -> Signal:
         scale=float(signal.scale),
         offset=float(signal.offset),
     )
+    if not isfinite(layout.scale) or not isfinite(layout.offset):
+        raise ValueError(f"{signal.name}: factor {layout.scale} and offset {layout.offset} have to be finite")
     conditions: list[Condition] = []
     inner = signal
     while inner.multiplexer_ids is not None and inner.multiplexer_signal in by_name and len(conditions) < 8:
