@@ -14,6 +14,8 @@ from typing import Any
 from app.words import Message, Text, render
 from firmware_protocol.errors import EncodeError
 
+MOST_SHOWN = 300  # characters of a value in a message
+
 
 class AppError(Exception):
     """Root of the service's own errors: each carries what it tells as a message."""
@@ -113,8 +115,11 @@ class ExtraMissing(AppError):
 
 
 def shown(value: object) -> Message | str | int | float | None:
-    """A value as an argument of a message."""
-    return value if isinstance(value, Message | str | int | float | None) else str(value)
+    """A value as an argument of a message, of a long one the beginning."""
+    if isinstance(value, Message | int | float | None):
+        return value
+    text = str(value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
 def limit_of(error: EncodeError) -> Text:

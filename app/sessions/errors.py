@@ -10,7 +10,7 @@ SessionError
   ExportUnavailable  an export format needs a package that is not installed
 """
 
-from app.errors import AppError, ExtraMissing
+from app.errors import AppError, ExtraMissing, shown
 from app.words import Message, Text
 
 NO_SIGNAL = Message("no-such-signal")
@@ -25,7 +25,7 @@ class SessionNotFound(SessionError):
 
     def __init__(self, session_id: str) -> None:
         self.session_id = session_id
-        super().__init__(Message("no-session", session=session_id))
+        super().__init__(Message("no-session", session=shown(session_id)))
 
 
 class NotASession(SessionError):
@@ -53,7 +53,7 @@ class UnknownSignal(SessionError):
     def __init__(self, name: str, reason: Text = NO_SIGNAL) -> None:
         self.name = name
         self.reason = reason
-        super().__init__(Message("of-source", source=name, reason=reason))
+        super().__init__(Message("of-source", source=shown(name), reason=reason))
 
 
 class RecordingFailed(SessionError):

@@ -39,7 +39,7 @@ from firmware_protocol.config_image import default_image, image_hash, with_raw
 from firmware_protocol.dbc import MASTER_NODE, to_dbc
 from firmware_protocol.dbc_import import from_dbc, into_tables
 from firmware_protocol.errors import DecodeError
-from firmware_protocol.memory_map import BYTE_UNUSED, CAN_DATA_BYTES
+from firmware_protocol.memory_map import BYTE_UNUSED, CAN_DATA_BYTES, N_CAN_MESSAGES
 
 router = APIRouter(prefix="/can", tags=["can"])
 _DBC_BODY = {"requestBody": {"required": True, "content": {"text/plain": {"schema": {"type": "string"}}}}}
@@ -121,8 +121,8 @@ class RxIn(MessageIn):
 class TablesIn(Body):
     """Messages to change; those not named stay."""
 
-    tx: list[TxIn] = Field(default_factory=list)
-    rx: list[RxIn] = Field(default_factory=list)
+    tx: list[TxIn] = Field(default_factory=list, max_length=N_CAN_MESSAGES)
+    rx: list[RxIn] = Field(default_factory=list, max_length=N_CAN_MESSAGES)
     bit_rate: int | None = None
     reason: str = Field("", max_length=500)
 

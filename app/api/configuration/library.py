@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Query, Response
 from pydantic import Field
 
-from app.api.configuration.routes import require_match, write_draft
+from app.api.configuration.routes import MOST_FIELDS, require_match, write_draft
 from app.api.encoding.configuration import change_json, config_json, finding_json
 from app.api.schemas.config import (
     CheckedProfileOut,
@@ -47,7 +47,9 @@ class ProfileIn(Body):
     """What to keep under a name: a source, or a profile's file as it is."""
 
     source: str = Field("in-force", max_length=120, description=render(NAMES))
-    profile: dict[str, Any] | None = Field(None, description="a profile's file; then the source does not count")
+    profile: dict[str, Any] | None = Field(
+        None, max_length=MOST_FIELDS, description="a profile's file; then the source does not count"
+    )
     comment: str | None = Field(None, max_length=500)
 
 

@@ -23,6 +23,7 @@ from firmware_protocol.older_maps import FIRST_MAP, is_first_image, present_imag
 
 router = APIRouter(prefix="/config", tags=["config"])
 OCTETS = "application/octet-stream"
+MOST_FIELDS = 1000  # of a configuration; it has fewer
 
 
 class ConfigEdit(Body):
@@ -31,9 +32,9 @@ class ConfigEdit(Body):
     Or everything from a named source: `profile:wet-race`, `record:7:before`, `stored`, `default`, `session:ID`.
     """
 
-    values: dict[str, Any] = Field(default_factory=dict)
-    raw: dict[str, Any] = Field(default_factory=dict)
-    source: str | None = None
+    values: dict[str, Any] = Field(default_factory=dict, max_length=MOST_FIELDS)
+    raw: dict[str, Any] = Field(default_factory=dict, max_length=MOST_FIELDS)
+    source: str | None = Field(None, max_length=120)
     reason: str = Field("", max_length=500, description="why it is right in spite of warnings")
 
     def applied_to(self, image: bytes) -> bytes:

@@ -13,7 +13,7 @@ from app.api.encoding.words import message_json, words
 from app.api.schemas.setup import LearnedOut
 from app.api.web.dependencies import ImportsPart, SetupPart, WorkersPart
 from app.api.web.problems import invalid, not_found
-from app.api.web.request_body import Body
+from app.api.web.request_body import Body, FileText
 from app.sessions.worker import DEFINITIONS, INSPECTION, Workers
 from app.sources.dbc.check import Doubt
 from app.sources.dbc.frames import Frames, frames_of
@@ -36,7 +36,7 @@ Name = Annotated[str, Field(max_length=200)]
 class LearnIn(Body):
     """DBCs as text by file name, and a bus or a log; without both only names speak."""
 
-    files: dict[Annotated[str, Field(max_length=100)], str] = Field(min_length=1, max_length=20)
+    files: dict[Annotated[str, Field(max_length=100)], FileText] = Field(min_length=1, max_length=20)
     can: str | None = Field(None, min_length=1, max_length=300)
     log: int | None = Field(None, description="the upload of a CAN log: POST /imports")
     seconds: float = Field(10.0, ge=0.5, le=60)

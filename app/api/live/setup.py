@@ -11,7 +11,7 @@ from app.api.encoding.words import message_json
 from app.api.schemas.setup import LookOut, PluggedOut, SetupOut, UploadedOut
 from app.api.web.dependencies import EventsPart, LivePart, SetupPart, SignedPart, UserDep
 from app.api.web.problems import invalid
-from app.api.web.request_body import Body
+from app.api.web.request_body import Body, FileText
 from app.battery.shape import TEAM_PROFILE
 from app.sources.connections import BATTERIES, Connections, Setup
 from app.sources.links.connected import LOOK_S, Look, can_adapters, look_at_can, look_at_serial, serial_ports
@@ -40,7 +40,7 @@ class LookIn(Body):
 class UploadIn(Body):
     """A profile and the DBCs that it names, as text by file name."""
 
-    files: dict[Annotated[str, Field(max_length=100)], str] = Field(max_length=20)
+    files: dict[Annotated[str, Field(max_length=100)], FileText] = Field(max_length=20)
 
 
 def _setup_json(setup: Setup) -> dict[str, Any]:

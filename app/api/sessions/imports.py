@@ -20,10 +20,15 @@ Quantity = Literal["time", "current", "voltage", "temperature", "soc"]
 router = APIRouter(tags=["sessions"])
 
 
+Name = Annotated[str, Field(max_length=60)]
+
+
 class ReadingIn(Body):
     """How an upload is to be read: fields of a profile, or the name of a kept one."""
 
-    profile: dict[str, str | float | bool] = Field(default_factory=dict, max_length=40)
+    profile: dict[Name, Annotated[str, Field(max_length=5000)] | float | bool] = Field(
+        default_factory=dict, max_length=40
+    )
     profile_name: str | None = Field(None, max_length=60)
     dbc: int | None = Field(None, description="the upload that says what the CAN frames mean")
 

@@ -46,12 +46,14 @@ from app.sessions.info import SessionInfo
 from app.sessions.replay import SESSION_CELL, ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
+from app.sessions.storage.signals import LONGEST_NAME
 from app.sessions.worker import EXPORT
 from app.words import Message
 
 SQLITE = "application/vnd.sqlite3"
 router = APIRouter(tags=["sessions"])
 ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "motec", "ldx", "candump", "asc", "blf"]
+SignalName = Annotated[str, Field(max_length=LONGEST_NAME)]
 MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
 From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, description="unix time, s")]
 To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description="unix time, s")]
@@ -76,7 +78,7 @@ class NewMarker(Body):
 class Replay(Body):
     """Which session, how fast."""
 
-    session_id: str
+    session_id: str = Field(max_length=200)
     speed: float = Field(1.0, ge=MIN_SPEED, le=MAX_SPEED)
     filter: str | None = Field(None, max_length=20, description="recompute with this filter; none: the service's")
     cell: str | None = Field(None, max_length=500, description="recompute with this bundled cell; none: the service's")
@@ -232,7 +234,7 @@ def delete(
 def series(
     session_id: str,
     catalogue: CataloguePart,
-    signal: Annotated[list[str], Query(min_length=1, max_length=200)],
+    signal: Annotated[list[SignalName], Query(min_length=1, max_length=200)],
     t_from: From = None,
     t_to: To = None,
     points: Annotated[int, Query(ge=1, le=20000)] = 2000,
@@ -265,7 +267,7 @@ def download(
     catalogue: CataloguePart,
     workers: WorkersPart,
     export_format: Annotated[ExportFormat, Query(alias="format")] = "csv",
-    signal: Annotated[list[str] | None, Query(max_length=2000)] = None,
+    signal: Annotated[list[SignalName] | None, Query(max_length=2000)] = None,
     t_from: From = None,
     t_to: To = None,
     names: Annotated[Names, Query(description="v[36] (index), v_037 (number) or pack4_cell1_v (pack)")] = "index",

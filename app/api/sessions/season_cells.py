@@ -78,7 +78,7 @@ class SeasonChanges:
 class NewTags(Body):
     """All tags of a session; what is left out or empty is taken away."""
 
-    tags: dict[Annotated[str, Field(max_length=20)], Annotated[str, Field(max_length=LONGEST)]]
+    tags: dict[Annotated[str, Field(max_length=20)], Annotated[str, Field(max_length=LONGEST)]] = Field(max_length=40)
 
 
 def _chosen(catalogue: CataloguePart, words: str) -> list[SessionInfo]:

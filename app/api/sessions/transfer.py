@@ -48,7 +48,7 @@ class FetchIn(Body):
         pattern=r"^[0-9A-Fa-f:]{64,95}$",
         description="SHA-256 of its certificate; without it what this service was started with (`--trust`)",
     )
-    sessions: list[str] = Field(default_factory=list, max_length=1000)
+    sessions: list[Annotated[str, Field(max_length=200)]] = Field(default_factory=list, max_length=1000)
     fill: bool = Field(True, description="fill gaps of the sessions recorded here from what was fetched")
 
 

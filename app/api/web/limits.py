@@ -10,6 +10,7 @@ MAX_BODY_BYTES = 1 << 20  # a configuration is 420 bytes, all CAN tables as JSON
 
 
 UPLOAD_PATH = "/api/v1/imports"
+_DIGITS = 15  # of a length; beyond them every limit is exceeded
 MAX_UPLOAD_BYTES = 1 << 31  # a recording of another system; it goes to the disk piece by piece
 
 
@@ -28,7 +29,7 @@ class BodyLimit:
         limit = MAX_UPLOAD_BYTES if scope["path"] == UPLOAD_PATH else self._max_bytes
         announced = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
         detail = Message("request-too-large", limit=limit)
-        if announced.isdigit() and int(announced) > limit:
+        if announced.isdigit() and (len(announced) > _DIGITS or int(announced) > limit):
             await Problem(413, "too-large", detail).response()(scope, receive, send)
             return
         taken = 0

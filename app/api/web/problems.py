@@ -40,6 +40,7 @@ log = logging.getLogger(__name__)
 MEDIA_TYPE = "application/problem+json"
 HTTP_SLUGS = {400: "bad-request", 404: "not-found", 405: "method-not-allowed", 413: "too-large"}
 SHOWN = 200  # characters of a value that is shown back
+MOST_ERRORS = 20  # fields at fault that an answer names
 
 
 HTTP_DETAILS = {  # what the framework says by itself
@@ -245,17 +246,17 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def on_validation(_: Request, error: RequestValidationError) -> JSONResponse:
-        found = error.errors()
+        found = error.errors()[:MOST_ERRORS]
         errors = [
             {
-                "field": _place(e),
+                "field": _shown(_place(e)),
                 "value": _shown(e["input"]) if isinstance(e.get("input"), str) else _number(e.get("input")),
                 "limit": e["msg"].removeprefix("Input should be "),
                 **message_json("message", _of_validation(e)),
             }
             for e in found
         ]
-        each = [Message("of-source", source=_place(e), reason=_of_validation(e)) for e in found]
+        each = [Message("of-source", source=_shown(_place(e)), reason=_of_validation(e)) for e in found]
         detail = reduce(lambda first, second: Message("also", first=first, second=second), each)
         return Problem(422, "invalid", detail, errors=errors).response()
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from io import StringIO
 
 _RUNS = ("=", "+", "-", "@", "\t", "\r", "\n")  # what a formula begins with, also behind what is skipped
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
 
 
 def csv_row(cells: Iterable[object]) -> str:

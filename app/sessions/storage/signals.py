@@ -3,7 +3,6 @@
 The team's fields are those of its memory map; those of a battery with a DBC are in `battery_fields`.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -20,7 +19,8 @@ from app.words import Message
 from firmware_protocol.memory_map import CHIP_MISSING, T_MISSING, V_MISSING
 from firmware_protocol.older_maps import fields_of
 
-_NAME = re.compile(r"(?P<field>[^\[]++(?:\[\d{1,9}\][^\[]++)*+)(?P<indices>(?:\[\d{1,9}\])*+)\Z")
+LONGEST_NAME = 100  # characters
+_DIGITS = 9  # of an index
 FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_max", "t_avg", "soc", "dod", "v", "t")
 
 
@@ -90,13 +90,12 @@ class Signals:
         Raises:
             UnknownSignal: no such field, or not as many indices as it has, or one beyond the end.
         """
-        if name in self._fields and not self._fields[name].shape:
-            return self._signal(name, name, 0)
-        match = _NAME.match(name)
-        if match is None or match["field"] not in self._fields:
+        if len(name) > LONGEST_NAME:
             raise UnknownSignal(name)
-        indices = [int(text) for text in re.findall(r"\d+", match["indices"])]
-        return self._signal(name, match["field"], _element(name, indices, self._fields[match["field"]].shape))
+        field, indices = _parts(name)
+        if field not in self._fields:
+            raise UnknownSignal(name)
+        return self._signal(name, field, _element(name, indices, self._fields[field].shape))
 
     def of_field(self, name: str) -> tuple[Signal, int]:
         """Return the first element of a field, which tells unit, scale and what is missing, and how many there are.
@@ -131,6 +130,17 @@ class Signals:
     def _signal(self, name: str, field: str, element: int) -> Signal:
         of = self._fields[field]
         return Signal(name, field, element, of.unit, of.scale, of.missing)
+
+
+def _parts(name: str) -> tuple[str, list[int]]:
+    """The field of a name, and its indices."""
+    field, indices = name, list[int]()
+    while field.endswith("]"):
+        before, _, index = field[:-1].rpartition("[")
+        if not (index.isascii() and index.isdigit() and len(index) <= _DIGITS):
+            raise UnknownSignal(name)
+        field, indices = before, [int(index), *indices]
+    return field, indices
 
 
 def _element(name: str, indices: list[int], shape: tuple[int, ...]) -> int:
