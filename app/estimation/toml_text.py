@@ -24,11 +24,16 @@ _STRING_ENDS: Final = {
 
 
 class TomlError(ValueError):
-    """A text is no TOML, or beyond what is read; `line` counts from 1, None where it is not known."""
+    """A text is no TOML, or beyond what is read.
 
-    def __init__(self, reason: str, line: int | None = None) -> None:
+    `line` counts from 1, None where it is not known; `field` is the key of a number that is too large, as `a.b`.
+    """
+
+    def __init__(self, reason: str, line: int | None = None, field: str = "") -> None:
         self.line = line
-        super().__init__(reason)
+        self.field = field
+        self.reason = reason
+        super().__init__(f"{field}: {reason}" if field else reason)
 
 
 def read_toml(text: str) -> dict[str, Any]:
@@ -90,12 +95,12 @@ def _end_of_string(text: str, start: int) -> int:
 def _check_values(tables: dict[str, Any]) -> None:
     waiting: list[tuple[str, Any]] = [("", tables)]
     while waiting:
-        name, value = waiting.pop()
+        path, value = waiting.pop()
         if isinstance(value, dict):
             if longest := next((key for key in value if len(key) > MOST_OF_A_KEY), None):
                 raise TomlError(f"{longest[:30]}...: a key of {len(longest)} characters; at most {MOST_OF_A_KEY}")
-            waiting += value.items()
+            waiting += [(f"{path}.{key}".lstrip("."), each) for key, each in value.items()]
         elif isinstance(value, list):
-            waiting += [(name, each) for each in value]
+            waiting += [(path, each) for each in value]
         elif isinstance(value, int) and not LOWEST <= value <= HIGHEST:
-            raise TomlError(f"{name}: a whole number is not within {LOWEST}..{HIGHEST}")
+            raise TomlError(f"a whole number is not within {LOWEST}..{HIGHEST}", field=path)

@@ -73,6 +73,9 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
     try:
         document = read_toml(text)
     except TomlError as exc:
+        if exc.field:
+            line = CellDocument({}, text, path).line_of(exc.field)
+            raise CellFileError(path, line, exc.field, exc.reason) from exc
         raise CellFileError(path, exc.line, "", f"not TOML: {exc}") from exc
     reader = CellDocument(document, text, path)
     reader.refuse_unknown()
