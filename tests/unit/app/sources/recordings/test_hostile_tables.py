@@ -78,6 +78,11 @@ def test_what_is_no_number_of_a_column_names_none(tmp_path, text):
         load_table(path).column("current", text)
 
 
+def test_a_column_whose_number_has_thousands_of_digits_fits_no_pattern(tmp_path):
+    table = table_of(tmp_path, NAMES.replace("voltage_v", "Cell 1").replace("current_a", "Cell " + "9" * 5000) + ROWS)
+    assert table.matrix("voltages", "Cell {n}").shape[1] == 1
+
+
 def test_numbers_of_columns_count_from_one():
     assert [column_number(str(k), 12) for k in (1, 9, 12)] == [1, 9, 12]
 
