@@ -103,10 +103,13 @@ def _print_table(made: Passports, swaps: list[StoredSwap]) -> None:
     print_table(("cell", *heads), rows, "<>>>>>>")
 
 
+_DIGITS = 4  # of a pack, and of a cell in it
+
+
 def cell_index(battery: Battery, text: str, field: str = "--swap") -> int:
     """Return the index of pack/cell; ConfigError names the field."""
     pack, _, cell = text.strip().partition("/")
-    is_place = pack.isdigit() and cell.isdigit()
+    is_place = all(part.isascii() and part.isdigit() and len(part) <= _DIGITS for part in (pack, cell))
     index = battery.cell_at(int(pack) - 1, int(cell) - 1) if is_place else None
     if index is None:
         raise ConfigError(field, text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")

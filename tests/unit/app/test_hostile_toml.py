@@ -4,6 +4,7 @@ import pytest
 
 from app.analysis.expectations import Expectations
 from app.battery.table_reader import ProfileError
+from app.commands.session_commands.passport import cell_index
 from app.errors import ConfigError, ImportFailed
 from app.estimation.cell_model.cell_document import MOST_POINTS
 from app.estimation.cell_model.cell_file import format_cell, load_cell, parse_cell
@@ -76,6 +77,12 @@ def test_a_table_over_many_points_is_refused_before_it_is_made():
     lines.insert(lines.index("[ocv]") + 1, ocv)
     with pytest.raises(CellFileError, match=f"at most {MOST_POINTS} points"):
         parse_cell("\n".join(lines))
+
+
+@pytest.mark.parametrize("place", ["9" * 60_000 + "/1", "²/1", "1/999999999", "1/1/1", ""])
+def test_a_cell_that_no_battery_has_is_refused_on_the_command_line(place):
+    with pytest.raises(ConfigError, match="1/1 to 8/12"):
+        cell_index(team_battery().battery, place)
 
 
 @pytest.mark.parametrize("place", ["9" * 60_000 + "/1", "999999999/999999999", "1/" + "9" * 5000])
