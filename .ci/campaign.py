@@ -41,6 +41,8 @@ TESTS = (
     "tests/integration/test_generated_client.py",
     "tests/integration/test_typescript_client.py",
     "tests/property/test_fuzz.py",
+    "tests/property/test_expressions.py",
+    "tests/integration/test_hostile_definitions.py",
     "tests/property/test_filters_definite.py",
     "tests/numeric/test_filters_calibration.py",
     "tests/integration/test_simulator_scenarios.py",

@@ -26,6 +26,7 @@ import app
 import firmware_protocol
 import simulator
 import voltwall
+from tests.campaign import tell_figure
 
 CHARACTERS = 100_000
 LIMIT_S = 0.1
@@ -195,9 +196,9 @@ def use(pattern: re.Pattern[str], method: str, text: str) -> None:
         getattr(pattern, method)(text)
 
 
-def slow(pattern: re.Pattern[str], methods: set[str]) -> list[str]:
-    """The attacks that take longer than the limit."""
-    found = []
+def worst(pattern: re.Pattern[str], methods: set[str]) -> tuple[float, str]:
+    """The longest time of an attack [s of processor], and which; the first beyond the limit ends the search."""
+    longest = 0.0, ""
     tree = parser.parse(pattern.pattern, pattern.flags)
     for lead, pump in sorted({*attacks(tree), *(("", pump) for _, pump in attacks(tree))}):
         pumped = lead + (pump * (CHARACTERS // len(pump) + 1))[:CHARACTERS]
@@ -209,18 +210,21 @@ def slow(pattern: re.Pattern[str], methods: set[str]) -> list[str]:
                         use(pattern, method, pumped + end)
                 except TimeoutError:
                     pass
-                if time.thread_time() - began > LIMIT_S:
-                    found.append(f"{method}: {lead!r} + {pump!r} * n + {end!r}")
-                    return found
-    return found
+                took_s = time.thread_time() - began
+                longest = max(longest, (took_s, f"{method}: {lead!r} + {pump!r} * n + {end!r}"))
+                if took_s > LIMIT_S:
+                    return longest
+    return longest
 
 
 def test_every_expression_takes_linear_time():
-    found = {where: slow(re.compile(*key), methods) for key, (where, methods) in expressions().items()}
+    found = {where: worst(re.compile(*key), methods) for key, (where, methods) in expressions().items()}
     assert len(found) > 60
-    assert [f"{where}.{attack}" for where, attacks in found.items() for attack in attacks] == []
+    assert [f"{where}.{attack}" for where, (took_s, attack) in found.items() if took_s > LIMIT_S] == []
+    longest_s = max(took_s for took_s, _ in found.values())
+    tell_figure(f"{len(found)} expressions, {CHARACTERS} characters: at most {1000 * longest_s:.0f} ms")
 
 
 @pytest.mark.parametrize("pattern", [r"\s*SG_\s+(\w+)\s*M?\s*:", r"(a+)+b", r"\[\s*([\w ]+?)\s*\]$"])
 def test_an_expression_that_backtracks_is_found(pattern: str):
-    assert slow(re.compile(pattern), {"match"})
+    assert worst(re.compile(pattern), {"match"})[0] > LIMIT_S

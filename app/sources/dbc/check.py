@@ -45,7 +45,7 @@ def doubts_of(
         file: the profile's name.
         frames: of a log, None where there is none.
     """
-    found = [Doubt(each.file, each.line, "DBC", each.what) for each in definitions.oddities]
+    found = oddities_of(definitions)
     decoder = BatteryDecoder(battery, source, definitions)
     for trouble in decoder.lanes.troubles:
         is_error = isinstance(trouble.what, Message) and trouble.what.code in _ERRORS
@@ -54,6 +54,11 @@ def doubts_of(
     if frames is not None:
         found += [Doubt(file, None, field, what) for field, what in _of_log(decoder, frames)]
     return sorted(found, key=lambda doubt: not doubt.is_error)
+
+
+def oddities_of(definitions: Definitions) -> list[Doubt]:
+    """Return what was odd in the DBCs."""
+    return [Doubt(each.file, each.line, "DBC", each.what) for each in definitions.oddities]
 
 
 def _of_profile(battery: Battery, source: SpeaksDbc, lanes: Lanes) -> Iterator[tuple[str, Text]]:

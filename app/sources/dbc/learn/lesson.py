@@ -12,7 +12,7 @@ from app.battery.profile_errors import errors_of
 from app.battery.source import SpeaksDbc
 from app.battery.table_reader import ProfileError
 from app.sources.dbc.battery_decoder import BatteryDecoder, Values
-from app.sources.dbc.check import Doubt, doubts_of
+from app.sources.dbc.check import Doubt, doubts_of, oddities_of
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames
 from app.sources.dbc.learn.learning import Learned, learn, taken
@@ -101,7 +101,7 @@ class Lesson:
             correction.segments,
             correction.parallel,
         )
-        return found, [] if found is None else self._doubts(profile_text(found))
+        return found, oddities_of(self.survey.definitions) if found is None else self._doubts(profile_text(found))
 
     def _doubts(self, text: str) -> list[Doubt]:
         try:

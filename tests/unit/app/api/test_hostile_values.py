@@ -207,7 +207,6 @@ def test_a_body_of_many_wrong_members_names_the_limit(client):
     [
         "BO_ {} M: 8 A\n SG_ Cell_1 : 0|16@1+",
         "BO_ 1 M: {} A\n SG_ Cell_1 : 0|16@1+",
-        "BO_ 1 M: 8 A\n SG_ Cell_1 : {}|16@1+",
         "BO_ 1 M: 8 A\n SG_ Cell_{} : 0|16@1+",
         "BO_ 1 M{}: 8 A\n SG_ Cell_1 : 0|16@1+",
     ],
@@ -217,3 +216,10 @@ def test_a_dbc_with_numbers_of_many_digits_is_refused(client, line):
     answer = client.post("/api/v1/setup/learn", json={"files": files})
     assert answer.status_code == 422
     assert "a.dbc" in answer.json()["detail"]
+
+
+def test_a_signal_that_begins_at_a_number_of_many_digits_is_left_out_and_named(client):
+    signal = "Cell_1 : " + "9" * 5000 + '|16@1+ (1,0) [0|1] "V" A'
+    answer = client.post("/api/v1/setup/learn", json={"files": {"a.dbc": f"BO_ 1 M: 8 A\n SG_ {signal}\n"}})
+    assert answer.status_code == 200
+    assert any("Cell_1" in check["what"] for check in answer.json()["checks"])
