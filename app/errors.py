@@ -7,6 +7,7 @@ AppError
   ExtraMissing         an optional package is missing
   NotNow               the request is fine, the moment is not
   LimitExceeded        it takes more memory, time or room than anybody may
+  WorkerEnded          the process that worked on it was ended from outside, or crashed
 """
 
 from typing import Any
@@ -94,6 +95,10 @@ class NotNow(AppError):
 
 class LimitExceeded(AppError):
     """A file asks for more than it may have; the message names the limit."""
+
+
+class WorkerEnded(AppError):
+    """A worker process was killed or crashed before it answered; none of our limits did it."""
 
 
 class ImportFailed(AppError):

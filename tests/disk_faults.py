@@ -250,13 +250,13 @@ def retention(folder: Path, said: list[str]) -> Iterator[Step]:
         catalogue, RetentionRule(keep_days=1.0), note, FunctionClock(lambda: 0, lambda: last_ns + 3 * days)
     )
     for _ in range(2 * len(frozen)):
-        kept._apply()
+        kept.apply()
     left = list(folder.glob("*.sqlite"))
     yield lambda: must(not left, f"they stay: {left}")
     kept = Retention(
         catalogue, RetentionRule(keep_days=1.0), note, FunctionClock(lambda: 0, lambda: last_ns + 90 * days)
     )
-    kept._apply()
+    kept.apply()
 
 
 def lake(folder: Path, said: list[str]) -> Iterator[Step]:

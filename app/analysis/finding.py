@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from app.data_file import parse_object
 from app.words import Argument, Cell, Message, Text, message_from_json, render
 
 
@@ -37,9 +37,16 @@ def json_args(message: Message) -> Mapping[str, object]:
 
 
 def message_of_event(row: Mapping[str, Any]) -> Text:
-    """Return what an event of a session says; one of an earlier version has its English text alone."""
-    message = row.get("message")
-    return row["text"] if message is None else message_from_json(json.loads(message))
+    """Return what an event of a session says; its English text alone where an earlier version, or nobody, wrote it."""
+    text: str = row["text"]
+    if row.get("message") is None:
+        return text
+    try:
+        message = message_from_json(parse_object(row["message"]))
+        render(message)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        return text
+    return message
 
 
 def english(text: Text) -> str:

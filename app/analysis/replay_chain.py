@@ -73,6 +73,6 @@ class ReplayChain:
 
     def cause(self, at_s: float) -> TripCause | None:
         """Return what caused the trip that holds at a unix time. From any thread; it takes seconds."""
-        with SessionFile(self._session.path) as session:
+        with SessionFile(self._session.path, parse=self._session.parse) as session:
             found = cause_at(session, at_s)
         return None if found is None else trip_cause(found)

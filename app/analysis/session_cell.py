@@ -5,6 +5,7 @@ from __future__ import annotations
 from app import __version__
 from app.analysis.finding import AnalysisFinding, finding
 from app.analysis.limits import limits_of_profile, limits_over_time, names_of_signals
+from app.errors import AppError, NotNow
 from app.estimation.cell_model.cell_file import load_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
@@ -17,8 +18,10 @@ def cell_of(session: SessionFile) -> tuple[CellModel, bool]:
     text = session.cell_file
     if text is not None:
         try:
-            return parse_cell(text, session.path.name), True
-        except EstimatorError:
+            return session.parse(parse_cell, text), True
+        except NotNow:
+            raise
+        except (EstimatorError, AppError, RecursionError):
             pass  # of a format that this version does not read
     return load_cell(), False
 

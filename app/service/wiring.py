@@ -50,6 +50,7 @@ from app.service.settings import Settings
 from app.service.state import ServiceStateReader, recording_state
 from app.sessions.catalogue import Catalogue
 from app.sessions.event_log import EventLog
+from app.sessions.limited_reader import LimitedReader
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.recording.disk import DiskLimits
 from app.sessions.replay import ReplayPlayer
@@ -107,6 +108,7 @@ class Service:
     health: Health
     state: ServiceStateReader
     workers: Workers
+    reading: Workers
     jobs: ThreadPoolExecutor
 
     def start(self) -> None:
@@ -129,6 +131,7 @@ class Service:
     def stop(self) -> None:
         """End in the order of the flow: who asks, who delivers, who works on it, who keeps it (docs: how it works)."""
         self.workers.close()
+        self.reading.close()
         self.replay.stop()
         self.retention.stop()
         self.season.stop()
@@ -181,7 +184,16 @@ def make_service(
 
     # Sessions on the disk
     remove_left_halves(sessions_folder, clock.wall_s())
-    catalogue = Catalogue(sessions_folder)
+    reading = Workers()  # for itself, so that a list waits for no export
+    recorded: set[object] = set()  # ids of this run
+
+    def note_recorded(event: Event) -> None:
+        if event.code in ("recording-started", "recording-split"):
+            recorded.add(event.message.args["session"])
+
+    events.subscribe(note_recorded)
+    own = (battery.files, format_cell(pipelines.cell))
+    catalogue = Catalogue(sessions_folder, LimitedReader(reading, own, recorded.__contains__))
     rule = RetentionRule(settings.keep_days, settings.keep_gb)
     retention = Retention(
         catalogue,
@@ -238,6 +250,7 @@ def make_service(
         hub.publish_threadsafe,
         partial(events.note, "warning", "replay-failed"),
         clock,
+        open_file=catalogue.open_file,
     )
 
     # The links, and the configuration behind them
@@ -315,6 +328,7 @@ def make_service(
             order=settings.recorder_order,
             live_waits=live_waits,
             note=partial(events.note, "info", "session-fetched"),
+            catalogue=catalogue,
         )
         for remote in remotes_of(settings.recorder, settings.recorder_secret, settings.trust)
     ]
@@ -360,5 +374,6 @@ def make_service(
         health=Health(live, links, recorder, events, mqtt, clock, load),
         state=ServiceStateReader(recorder, replay, events, in_force, ClockRun(clock)),
         workers=workers,
+        reading=reading,
         jobs=jobs,
     )

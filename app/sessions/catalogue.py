@@ -1,53 +1,120 @@
 """The sessions of a folder."""
 
+import logging
 import re
 import shutil
+import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.errors import NotNow
-from app.sessions.catalogue_index import Known, State, load_index, save_index
-from app.sessions.errors import NotASession, SessionError, SessionNotFound
+from app.errors import AppError, NotNow
+from app.sessions.catalogue_index import FullState, Known, State, full_state, load_index, save_index
+from app.sessions.errors import NotASession, SchemaTooNew, SessionNotFound, Unreadable
 from app.sessions.info import SessionInfo
+from app.sessions.limited_reader import LimitedReader
+from app.sessions.reading.parse import Parse, in_process
 from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.session_info import read_info
 from app.sessions.storage.files import FETCHED, SUFFIX, is_in_use, merge_log, remove, sha256
 from app.words import Message
 
 TRASH = ".trash"
+RESTS_NS = 2 * 10**9  # a file changed within it may change again within the same tick of its clock
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+
+log = logging.getLogger(__name__)
 
 
 class Catalogue:
     """Finds sessions by their id. What is known of closed ones is kept as long as their file does not change.
 
-    Also over restarts: in an index beside them, which is only a shortcut.
+    Also over restarts: in an index beside them, which is only a shortcut. What cannot be read is not tried again
+    before its file changes.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, reader: LimitedReader | None = None) -> None:
+        """Without `reader` sessions are read in this process."""
         self._folder = folder
+        self.read_info = read_info if reader is None else reader.info
+        self.parse: Parse = in_process if reader is None else reader.parse
+        self._surveying = threading.Lock()
         self._known: Known | None = None  # the index is read when first asked for
+        self._others: dict[str, tuple[FullState, SessionInfo | Unreadable]] = {}  # neither finished nor sound
         self._digests: dict[str, tuple[State, bytes]] = {}
 
     def list(self) -> list[SessionInfo]:
         """All readable sessions, newest first."""
         return [*self.survey()[0]]
 
-    def survey(self) -> tuple[Sequence[SessionInfo], Sequence[SessionError]]:
+    def survey(self) -> tuple[Sequence[SessionInfo], Sequence[Unreadable]]:
         """All readable sessions, newest first, and why the other files are not."""
+        with self._surveying:
+            return self._survey()
+
+    def _survey(self) -> tuple[Sequence[SessionInfo], Sequence[Unreadable]]:
         found: list[SessionInfo] = []
-        problems: list[SessionError] = []
+        problems: list[Unreadable] = []
         before = load_index(self._folder) if self._known is None else self._known
         known: Known = {}
+        others: dict[str, tuple[FullState, SessionInfo | Unreadable]] = {}
         for path in self._folder.glob(f"*{SUFFIX}") if self._folder.is_dir() else ():
-            try:
-                found.append(_info(path, before, known))
-            except SessionError as error:
-                problems.append(error)
+            info = self._info(path, before, known, others)
+            if isinstance(info, SessionInfo):
+                found.append(info)
+            else:
+                problems.append(info)
         if known != before:
             save_index(self._folder, known)
-        self._known = known
+        self._known, self._others = known, others
         found.sort(key=lambda info: (info.started_wall_ns, info.id), reverse=True)
         return found, problems
+
+    def _info(
+        self,
+        path: Path,
+        before: Known,
+        known: Known,
+        others: dict[str, tuple[FullState, SessionInfo | Unreadable]],
+    ) -> SessionInfo | Unreadable:
+        """What there is to say about a session, or why it cannot be read: out of what is known of the same file.
+
+        What is found goes into `known` where the session is finished, into `others` where its file rests.
+        """
+        if not _ID.fullmatch(path.stem):
+            return NotASession(str(path), Message("session-file-name"))
+        try:
+            state = full_state(path)
+        except OSError as error:  # deleted meanwhile, a link to nowhere
+            return NotASession(str(path), error.strerror or str(error))
+        row = before.get(path.stem)
+        if row is not None and row[0] == state[:2]:
+            known[path.stem] = row
+            return row[1]
+        other = self._others.get(path.stem)
+        if other is not None and other[0] == state:
+            others[path.stem] = other
+            return other[1]
+        info = self._read(path)
+        if isinstance(info, SessionInfo) and info.is_closed:
+            known[path.stem] = (state[:2], info)
+        elif info is not None and time.time_ns() - max(state) > RESTS_NS:
+            others[path.stem] = (state, info)
+        return info or NotASession(str(path), Message("workers-busy"))
+
+    def _read(self, path: Path) -> SessionInfo | Unreadable | None:
+        """What a file says, or why it does not; None where that cannot be asked now."""
+        try:
+            return self.read_info(path)
+        except (NotASession, SchemaTooNew) as error:
+            return error.with_traceback(None)
+        except NotNow:
+            return None
+        except AppError as error:
+            return NotASession(str(path), error.message)
+        except Exception as error:  # one file hides no other
+            log.exception("%s cannot be read", path)
+            return NotASession(str(path), Message("damaged", error=f"{type(error).__name__}: {error}"))
 
     def path(self, session_id: str) -> Path:
         """Return where a session is.
@@ -67,7 +134,11 @@ class Catalogue:
             SessionNotFound: there is none.
             NotASession, SchemaTooNew: it cannot be read.
         """
-        return SessionFile(self.path(session_id))
+        return self.open_file(self.path(session_id))
+
+    def open_file(self, path: Path) -> SessionFile:
+        """Open a session's file for reading, as `open`."""
+        return SessionFile(path, parse=self.parse)
 
     def closed_file(self, session_id: str) -> tuple[Path, bytes] | None:
         """Return a session's file and its SHA-256, None while more may come: it is being recorded.
@@ -142,25 +213,3 @@ class Catalogue:
             if (is_old or is_beyond) and not is_in_use(info.path):
                 found.insert(0, info)
         return found
-
-
-def _info(path: Path, before: Known, known: Known) -> SessionInfo:
-    """What there is to say about a session; of a closed one put into `known`, out of `before` where it is there.
-
-    Raises:
-        SessionError: it cannot be read, or by no address.
-    """
-    if not _ID.fullmatch(path.stem):
-        raise NotASession(str(path), Message("session-file-name"))
-    try:
-        stat = path.stat()
-    except OSError as error:  # deleted meanwhile, a link to nowhere
-        raise NotASession(str(path), error.strerror or str(error)) from error
-    state = (stat.st_mtime_ns, stat.st_size)
-    row = before.get(path.stem)
-    if row is None or row[0] != state:
-        with SessionFile(path) as session:
-            row = (state, session.info)
-    if row[1].is_closed:
-        known[path.stem] = row
-    return row[1]

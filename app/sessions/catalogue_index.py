@@ -12,25 +12,53 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
+from app.data_file import MOST_DEPTH, parse_object, set_aside
 from app.sessions.info import SessionInfo
+from app.sessions.storage.files import SUFFIX
 
 INDEX = ".index.json"
 _VERSION = 1
+MOST_BYTES = 256 << 20
+_KINDS = {
+    "id": str, "path": str, "name": str, "started_wall_ns": int, "started_mono_ns": int, "ended_wall_ns": int,
+    "ended_mono_ns": int, "is_closed": bool, "frames": int, "can_frames": int, "events": int, "markers": int,
+    "size_bytes": int, "voltwall": str, "map_hash": str, "metadata": dict,
+}  # fmt: skip
 State = tuple[int, int]  # of a file: when it was changed [ns since 1970], bytes
+FullState = tuple[int, int, int, int]  # of a file and of its log
 Known = dict[str, tuple[State, SessionInfo]]
+
+
+def full_state(path: Path) -> FullState:
+    """Return when a session's file and its log were changed, and their sizes; zeros without a log.
+
+    Raises:
+        OSError: there is no such file.
+    """
+    file = path.stat()
+    try:
+        log_file = path.with_name(path.name + "-wal").stat()
+    except OSError:
+        return file.st_mtime_ns, file.st_size, 0, 0
+    return file.st_mtime_ns, file.st_size, log_file.st_mtime_ns, log_file.st_size
 
 
 def load_index(folder: Path) -> Known:
     """Return what was kept, nothing where there is none that can be used."""
+    path = folder / INDEX
     try:
-        kept = json.loads((folder / INDEX).read_text(encoding="utf-8"))
+        kept = parse_object(path.read_bytes(), most_bytes=MOST_BYTES, most_depth=MOST_DEPTH + 4)
         if kept["version"] != _VERSION:
             return {}
         return {
-            session_id: ((int(row["changed_ns"]), int(row["bytes"])), _info(folder, row["info"]))
+            session_id: ((int(row["changed_ns"]), int(row["bytes"])), _info(folder, session_id, row["info"]))
             for session_id, row in kept["sessions"].items()
         }
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except OSError:
+        return {}
+    except (ValueError, TypeError, KeyError, AttributeError):
+        with contextlib.suppress(OSError):
+            set_aside(path)
         return {}
 
 
@@ -50,5 +78,13 @@ def save_index(folder: Path, known: Mapping[str, tuple[State, SessionInfo]]) -> 
             Path(name).unlink(missing_ok=True)
 
 
-def _info(folder: Path, row: dict[str, object]) -> SessionInfo:
-    return SessionInfo(**{**row, "path": folder / str(row["path"])})  # type: ignore[arg-type]
+def _info(folder: Path, session_id: str, row: Mapping[str, object]) -> SessionInfo:
+    """The facts of a session.
+
+    Raises:
+        KeyError, TypeError: one is missing, or of another kind.
+    """
+    for name, kind in _KINDS.items():
+        if not isinstance(row[name], kind) or (kind is int and isinstance(row[name], bool)):
+            raise TypeError(name)
+    return SessionInfo(**{**row, "id": session_id, "path": folder / f"{session_id}{SUFFIX}"})  # type: ignore[arg-type]

@@ -47,6 +47,9 @@ class SchemaTooNew(SessionError):
         super().__init__(Message("schema-too-new", path=path, found=found, known=known))
 
 
+Unreadable = NotASession | SchemaTooNew
+
+
 class UnknownSignal(SessionError):
     """No signal has this name."""
 

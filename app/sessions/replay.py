@@ -105,10 +105,12 @@ class ReplayPlayer:
         clock: Clock,
         *,
         end_s: float = END_S,
+        open_file: Callable[[Path], SessionFile] = SessionFile,
     ) -> None:
-        """`end_s` is how long to wait for a replay that is told to end."""
+        """`end_s` is how long to wait for a replay that is told to end; `open_file` opens its session."""
         self._clock = clock
         self._end_s = end_s
+        self._open_file = open_file
         self._new_chain = new_chain
         self._show = show
         self._on_failure = on_failure
@@ -214,7 +216,7 @@ class ReplayPlayer:
 
     def _opened(self, path: Path, options: ReplayOptions) -> _Replay:
         """Open a session at its start; what cannot be played is refused before the replay that is shown ends."""
-        file = SessionFile(path)
+        file = self._open_file(path)
         try:
             chain = self._new_chain(file, options)
             pacer = Pacer(file, now_s=self._clock.monotonic_s(), speed=options.speed)

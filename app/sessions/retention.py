@@ -9,9 +9,11 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from app.clock import Clock
-from app.errors import AppError
+from app.data_file import encodable
+from app.errors import AppError, message_of
 from app.sessions.catalogue import Catalogue
 from app.sessions.info import SessionInfo
 from app.telemetry import Severity
@@ -24,6 +26,7 @@ AGREES_NS = 14 * 86_400 * 10**9  # the newest session is no older than this, by 
 BEHIND_NS = 3600 * 10**9  # or the clock is behind what was recorded last
 SHARE = 4  # at most one in so many goes in one run
 FEWEST = 2
+NAMED = 10  # files in one warning
 TRASH_NS = 7 * 86_400 * 10**9
 FREE_BYTES = 2 << 30  # with less left the trash is emptied at once
 
@@ -110,6 +113,8 @@ class Retention:
         """Prepare the thread; `is_clock_set` tells whether the network, or another clock, keeps ours right."""
         self._is_clock_set = is_clock_set
         self._doubt: str | None = None
+        self._unjudged: set[str] = set()  # files that were named
+        self._failure: str | None = None
         self._clock = clock
         self._catalogue = catalogue
         self._rule = rule
@@ -130,15 +135,29 @@ class Retention:
 
     def _run(self) -> None:
         while True:
-            self._apply()
+            self.apply()
             if self._ending.wait(EVERY_S):
                 return
 
-    def _apply(self) -> None:
+    def apply(self) -> None:
+        """Apply the rule once; whatever goes wrong is noted, once as long as it is the same."""
+        failure = None
         try:
+            self._name_unjudged()
             self._apply_rule()
-        except (AppError, OSError) as error:  # the disk refused something; the thread goes on
-            log.warning("old sessions stay for now: %s", error)
+        except Exception as error:  # the disk refused something; the thread goes on
+            log.exception("old sessions are not deleted")
+            failure = Message("retention-failed", error=message_of(error))
+        if failure is not None and str(failure) != self._failure:
+            self._note("warning", failure)
+        self._failure = None if failure is None else str(failure)
+
+    def _name_unjudged(self) -> None:
+        """Note the files that cannot be read, each once."""
+        unjudged = {Path(problem.path).name for problem in self._catalogue.survey()[1]}
+        if new := sorted(unjudged - self._unjudged):
+            self._note("warning", Message("retention-unjudged", n=len(new), files=tuple(map(encodable, new[:NAMED]))))
+        self._unjudged = unjudged
 
     def _apply_rule(self) -> None:
         now_ns = self._clock.wall_ns()

@@ -136,7 +136,7 @@ class HurriedDay:
                 for path in ("/health", "/system", "/events", "/history?seconds=60", "/signed-log", "/sessions"):
                     client.get(path)
             case "retention":
-                self.service.retention._apply()
+                self.service.retention.apply()
             case "export" | "report":
                 session = client.get("/recorder").raise_for_status().json()["session_id"]
                 part = {"format": "csv", "signal": "v[0]", "t_from": 0, "t_to": 30} if name == "export" else {}

@@ -192,7 +192,7 @@ class PassportKeeper:
             self._progress = (k, len(new))
             on_progress(k, len(new))
             try:
-                with SessionFile(info.path) as session:
+                with self._catalogue.open_file(info.path) as session:
                     if not self._is_of_battery(session.battery):
                         self._of_other_batteries.add(info.id)
                         continue

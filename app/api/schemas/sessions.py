@@ -28,10 +28,19 @@ class SessionOut(BaseModel):
     metadata: dict[str, Any]
 
 
+class UnreadableOut(BaseModel):
+    """A file among the sessions that cannot be read, and why."""
+
+    file: str
+    reason: str
+    reason_words: WordsOut | None
+
+
 class SessionsOut(PageOut):
-    """Newest first."""
+    """Newest first; with the first page the files that cannot be read."""
 
     sessions: list[SessionOut]
+    unreadable: list[UnreadableOut]
 
 
 class MarkerOut(BaseModel):

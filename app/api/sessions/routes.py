@@ -12,7 +12,9 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 from starlette.background import BackgroundTask
 
+from app.analysis.finding import message_of_event
 from app.analysis.laps.from_session import LAP_KINDS
+from app.api.encoding.words import message_json, words
 from app.api.schemas.sessions import (
     DeletedOut,
     MarkedOut,
@@ -39,8 +41,9 @@ from app.api.web.dependencies import (
 from app.api.web.paging import CursorQuery, LimitQuery, page_of
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
+from app.data_file import encodable
 from app.estimation.filters.estimators import FILTERS
-from app.sessions.errors import SessionError, UnknownSignal
+from app.sessions.errors import NotASession, SessionError, UnknownSignal, Unreadable
 from app.sessions.export.formats import FORMATS, Names
 from app.sessions.info import SessionInfo
 from app.sessions.replay import SESSION_CELL, ReplayOptions
@@ -119,6 +122,11 @@ def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
     }
 
 
+def _unreadable_json(problem: Unreadable) -> dict[str, Any]:
+    reason = problem.reason if isinstance(problem, NotASession) else problem.message
+    return {"file": encodable(Path(problem.path).name), **message_json("reason", reason)}
+
+
 def _recording_id(recorder: RecorderPart) -> str | None:
     session = recorder.session
     return None if session is None else session.id
@@ -143,8 +151,13 @@ def sessions(
 ) -> dict[str, Any]:
     """Sessions, newest first."""
     recording = _recording_id(recorder)
-    shown, following = page_of(catalogue.list(), lambda info: (info.started_wall_ns, info.id), limit, cursor)
-    return {"sessions": [session_json(info, recording) for info in shown], "next_cursor": following}
+    infos, problems = catalogue.survey()
+    shown, following = page_of(infos, lambda info: (info.started_wall_ns, info.id), limit, cursor)
+    return {
+        "sessions": [session_json(info, recording) for info in shown],
+        "unreadable": [_unreadable_json(each) for each in (problems if cursor is None else ())],
+        "next_cursor": following,
+    }
 
 
 @router.post("/sessions", status_code=201, response_model=SessionOut)
@@ -384,6 +397,5 @@ _OTHERWISE = ("t_mono_ns", "t_wall_ns", "limit_value", "message")  # sent by ano
 
 def _event_json(event: dict[str, Any]) -> dict[str, Any]:
     body = {name: value for name, value in event.items() if name not in _OTHERWISE}
-    message = event.get("message")  # not in the files of early versions
-    words = None if message is None else orjson.loads(message)
-    return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value"), "text_words": words}
+    message = words(message_of_event(event))
+    return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value"), "text_words": message}

@@ -1,6 +1,5 @@
 """The samples of a session in blocks of about a minute: stored chunks, then what was received after the last one."""
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -10,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.data_file import parse_object
+from app.sessions.reading.session_info import meta_of
 from app.sessions.recording.session_writer import IDS_PER_CHUNK
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, Track
 from app.sessions.storage.queries import StoredSession
@@ -166,13 +167,14 @@ class BlockReader:
             ((last_us,),) = stored.rows("SELECT coalesce(max(last_us), ?) FROM chunks", (-_ALWAYS_US,))
             before = "SELECT t_mono_ns FROM frames WHERE id <= ? AND ok ORDER BY id DESC LIMIT 1"
             last_good = stored.rows(before, (last_frame,))
-            metadata = stored.rows("SELECT value FROM meta WHERE key = 'metadata'")
+            with stored.sound():
+                metadata = parse_object(meta_of(stored)["metadata"])
             builder = ChunkBuilder(
                 boots,
                 last_uptime_ms,
                 last_good[0][0] if last_good else None,
                 battery=self._battery,
-                decodes_can=not metadata or FOREIGN_CAN not in json.loads(metadata[0][0]),
+                decodes_can=FOREIGN_CAN not in metadata,
                 map_hash=self._map_hash,
             )
             builder.add(

@@ -1,11 +1,11 @@
 """Is a session what was recorded? Its pages, its digests, every frame's checksum, every column against its frames."""
 
-import json
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
 import numpy as np
 
+from app.data_file import parse_object
 from app.sessions.errors import NotASession
 from app.sessions.recording.session_writer import IDS_PER_CHUNK
 from app.sessions.storage.chunks import Chunk, ChunkBuilder, SeriesKey
@@ -67,7 +67,7 @@ def _digests(stored: StoredSession, read: _Read) -> Iterator[str]:
     meta = dict(stored.rows("SELECT key, value FROM meta"))
     if KEY not in meta:
         return
-    for table, (last_id, digest) in json.loads(meta[KEY]).items():
+    for table, (last_id, digest) in parse_object(meta[KEY]).items():
         if table == META:
             is_sound = [last_id, digest] == list(meta_digest(meta))
         else:

@@ -5,12 +5,14 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
+from app.data_file import parse_json
 from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.foreign import require_own_tables
 from app.sessions.storage.migrate import SESSION, check, migrate
 from app.sessions.storage.queries import StoredSession
 from app.words import Message
 
+MOST_BYTES = 1 << 20  # of one value
 _BUSY_S = 5.0
 
 
@@ -18,8 +20,9 @@ def read_note(stored: StoredSession, key: str) -> Any:
     """Return the value of a key, None where nothing was said, or the file is older than notes and cannot be changed."""
     if not stored.rows("SELECT 1 FROM sqlite_master WHERE name = 'notes'"):
         return None
-    found = stored.rows("SELECT value FROM notes WHERE key = ?", (key,))
-    return json.loads(found[0][0]) if found else None
+    found = stored.rows("SELECT value FROM notes WHERE key = ? AND length(CAST(value AS BLOB)) <= ?", (key, MOST_BYTES))
+    with stored.sound():
+        return parse_json(found[0][0]) if found else None
 
 
 def write_note(path: Path, key: str, value: Any, *, t_wall_ns: int, who: str | None) -> None:

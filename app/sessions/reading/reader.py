@@ -1,7 +1,7 @@
 """Reading a session, closed or not, also while it is being recorded. Changes nothing in it."""
 
 import hashlib
-import json
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -13,20 +13,21 @@ from typing import Any
 import numpy as np
 
 from app.battery.battery import Battery
-from app.errors import ConfigError, ExtraMissing, ImportFailed
+from app.errors import ConfigError, ExtraMissing, ImportFailed, LimitExceeded, WorkerEnded
 from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
 from app.sessions.reading.blocks import Block, BlockReader, Column, ElementArray
 from app.sessions.reading.check import find_problems
 from app.sessions.reading.notes import read_note
+from app.sessions.reading.parse import Parse, in_process
 from app.sessions.reading.rows import CARRIED_US
 from app.sessions.reading.rows import in_rows as rows_of
 from app.sessions.reading.samples import FieldSamples, Samples, joined
 from app.sessions.reading.series import Series, reduce_samples
+from app.sessions.reading.session_info import filled_spans, info_of, meta_of, wall_offset_ns
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.digests import KEY
-from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, Signals
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
@@ -37,8 +38,9 @@ from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 MAX_POINTS = 100_000
 OnRead = Callable[[int, int], None]  # parts read, parts in all
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig
+MOST_FILES = 50  # of a battery
+MOST_FILE_BYTES = 32 << 20
 _ALWAYS_US = 1 << 62
-_ALWAYS_THERE = {"id", "name", "voltwall", "map_hash", "start_mono_ns", "start_wall_ns", "metadata"}
 
 
 class SessionFile:
@@ -48,10 +50,13 @@ class SessionFile:
     middle of a session moves no sample against another.
     """
 
-    def __init__(self, path: Path, on_read: OnRead | None = None) -> None:
+    def __init__(self, path: Path, on_read: OnRead | None = None, parse: Parse = in_process) -> None:
         """Open the file.
 
-        `on_read` is told how far it is read by what reads fields from its begin to its end.
+        Args:
+            path: of the file.
+            on_read: is told how far it is read by what reads fields from its begin to its end.
+            parse: how the texts that the file brings along, battery and cell file, are parsed.
 
         Raises:
             NotASession: missing, damaged, or something else. Every method raises this where it meets damage.
@@ -59,12 +64,14 @@ class SessionFile:
         """
         self.path = path
         self._on_read = on_read
+        self.parse = parse
         self._stored = StoredSession(path)
         try:
             self.loaded_battery = self._load_battery()
-            self._offset_ns = self._wall_offset_ns()
-            self._map_hash = self._meta()["map_hash"]
-        except NotASession:
+            meta = self._meta()
+            self._offset_ns = wall_offset_ns(self._stored, meta)
+            self._map_hash = meta["map_hash"]
+        except BaseException:
             self._stored.close()
             raise
 
@@ -88,30 +95,7 @@ class SessionFile:
     @property
     def info(self) -> SessionInfo:
         """What there is to say about the session; quick however long it is."""
-        with self.consistent(), self._stored.sound():
-            meta = self._meta()
-            counts = {table: self._stored.last_id(table) for table in ("frames", "can_frames", "events", "markers")}
-            is_closed = "end_mono_ns" in meta
-            start = int(meta["start_mono_ns"])
-            end = int(meta["end_mono_ns"]) if is_closed else max([start, *self._last_times()])
-            metadata = json.loads(meta["metadata"])
-            if tags := read_note(self._stored, "tags"):
-                metadata["tags"] = tags
-        return SessionInfo(
-            id=self.path.stem,
-            path=self.path,
-            name=meta["name"],
-            started_wall_ns=start + self._offset_ns,
-            started_mono_ns=start,
-            ended_wall_ns=end + self._offset_ns,
-            ended_mono_ns=end,
-            is_closed=is_closed,
-            size_bytes=size_on_disk(self.path),
-            voltwall=meta["voltwall"],
-            map_hash=meta["map_hash"],
-            metadata=metadata,
-            **counts,
-        )
+        return info_of(self._stored)
 
     @property
     def battery(self) -> Battery:
@@ -139,9 +123,8 @@ class SessionFile:
     def filled(self) -> list[tuple[float, float]]:
         """Spans in unix time that came from another recorder of the same run."""
         info = self.info
-        spans = info.metadata.get("filled", [])
         start_s = info.started_wall_ns / 1e9
-        return [(start_s + first, start_s + last) for first, last in spans] if isinstance(spans, list) else []
+        return [(start_s + first, start_s + last) for first, last in filled_spans(info)]
 
     def uptimes(self, until_ns: int) -> list[tuple[int, int]]:
         """Return when frames arrived [ns, monotonic] and what the master's clock showed [ms], every ten seconds."""
@@ -178,8 +161,8 @@ class SessionFile:
 
     def configs_as_recorded(self) -> list[RecordedConfig]:
         """Every configuration in force, in order, as it stands in the file: in the session's memory map or our own."""
-        rows = self._stored.rows("SELECT t_mono_ns, t_wall_ns, why, image FROM configs ORDER BY id")
-        return [RecordedConfig(*row) for row in rows]
+        rows = self._stored.table("configs")
+        return [RecordedConfig(row["t_mono_ns"], row["t_wall_ns"], row["why"], row["image"]) for row in rows]
 
     def received(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[Received]:
         """Yield everything that came from the master, in order of arrival; all configurations, whatever the range."""
@@ -215,12 +198,11 @@ class SessionFile:
 
     def markers(self) -> list[Marker]:
         """All markers, in order."""
-        rows = self._stored.rows("SELECT id, t_mono_ns, t_wall_ns, kind, text, who FROM markers ORDER BY id")
-        return [Marker(*row) for row in rows]
+        return [Marker(**row) for row in self._stored.table("markers")]
 
     def events(self) -> list[dict[str, Any]]:
         """All events of the session, in order, each with the columns of the table `events`."""
-        return self._stored.dictionaries("SELECT * FROM events ORDER BY id")
+        return self._stored.table("events")
 
     def series(
         self,
@@ -361,38 +343,25 @@ class SessionFile:
         self._stored.backup(path)
 
     def _meta(self) -> dict[str, str]:
-        meta = dict(self._stored.rows("SELECT key, value FROM meta"))
-        if missing := _ALWAYS_THERE - meta.keys():
-            raise NotASession(str(self.path), Message("damaged-lacks", missing=tuple(sorted(missing))))
-        return meta
+        return meta_of(self._stored)
 
     def _load_battery(self) -> LoadedBattery:
         """The battery that the file explains; the team's own where it explains none."""
         if not self._stored.rows("SELECT 1 FROM sqlite_master WHERE name = 'battery_files'"):
             return team_battery()
-        files = dict(self._stored.rows("SELECT name, data FROM battery_files ORDER BY id"))
+        ((count, size),) = self._stored.rows("SELECT count(*), total(length(CAST(data AS BLOB))) FROM battery_files")
+        if count > MOST_FILES or size > MOST_FILE_BYTES:
+            raise NotASession(str(self.path), Message("session-battery-large", files=MOST_FILES, bytes=MOST_FILE_BYTES))
+        files = {row["name"]: row["data"] for row in self._stored.table("battery_files")}
         try:
             with self._stored.sound():
-                return battery_from_files(files) if files else team_battery()
-        except (ConfigError, ImportFailed, ExtraMissing) as error:  # of a version that this one does not understand
-            raise NotASession(str(self.path), error.message) from error
-
-    def _wall_offset_ns(self) -> int:
-        last = self._stored.rows("SELECT t_wall_ns - t_mono_ns FROM clock ORDER BY id DESC LIMIT 1")
-        with self._stored.sound():
-            if last:
-                return int(last[0][0])
-            meta = self._meta()
-            return int(meta["start_wall_ns"]) - int(meta["start_mono_ns"])
+                return self.parse(battery_from_files, files) if files else team_battery()
+        except (ConfigError, ImportFailed, ExtraMissing, LimitExceeded, WorkerEnded) as error:
+            raise NotASession(str(self.path), error.message) from error  # also of a version that is not understood
+        except RecursionError as error:
+            raise NotASession(str(self.path), Message("limit-nesting", limit=sys.getrecursionlimit())) from error
 
     def _range_ns(self, t_from_s: float | None, t_to_s: float | None) -> tuple[int | None, int | None]:
         first_ns = None if t_from_s is None else self.mono_us(t_from_s) * 1000 - 500
         last_ns = None if t_to_s is None else self.mono_us(t_to_s) * 1000 + 500
         return first_ns, last_ns
-
-    def _last_times(self) -> list[int]:
-        return [
-            row[0]
-            for table in ("frames", "can_frames", "clock")
-            for row in self._stored.rows(f"SELECT t_mono_ns FROM {table} ORDER BY id DESC LIMIT 1")
-        ]

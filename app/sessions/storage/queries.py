@@ -1,5 +1,6 @@
 """Queries on a session's file: by any thread, of one instant where that matters, with our own errors."""
 
+import math
 import sqlite3
 import struct
 import threading
@@ -16,6 +17,7 @@ from app.sessions.storage.migrate import SESSION
 from app.words import Message
 
 FETCH_ROWS = 500
+_KINDS = {"INTEGER": (int,), "REAL": (int, float), "TEXT": (str,), "BLOB": (bytes,)}
 
 
 class StoredSession:
@@ -58,12 +60,21 @@ class StoredSession:
         with self._lock, self._translated(), self._watch.query():
             return self._connection.execute(query, values).fetchall()
 
-    def dictionaries(self, query: str) -> list[dict[str, Any]]:
-        """Return all rows of a query by the names of their columns."""
-        with self._lock, self._translated(), self._watch.query():
-            cursor = self._connection.execute(query)
-            names = [column[0] for column in cursor.description]
-            return [dict(zip(names, row, strict=True)) for row in cursor]
+    def table(self, name: str) -> list[dict[str, Any]]:
+        """Return all rows of a small table in the order of their ids, by the names of its columns.
+
+        Raises:
+            NotASession: also where a value is not of the kind that its column is declared as.
+        """
+        kinds = {row[1]: (_KINDS[row[2]], bool(row[3])) for row in self.rows(f"PRAGMA table_info({name})")}
+        rows = [dict(zip(kinds, row, strict=True)) for row in self.rows(f"SELECT * FROM {name} ORDER BY id")]
+        for row in rows:
+            for column, value in row.items():
+                kind, is_needed = kinds[column]
+                is_sound = not is_needed if value is None else isinstance(value, kind)
+                if not is_sound or (isinstance(value, float) and not math.isfinite(value)):
+                    raise NotASession(str(self.path), Message("damaged", error=f"{name}.{column}"))
+        return rows
 
     def check_pages(self) -> list[str]:
         """Return what SQLite finds wrong with the file, however long that takes."""

@@ -1,10 +1,8 @@
 """Brings the sessions of another voltwall, a recorder in the car, into this folder; goes on where it was cut off."""
 
 import base64
-import contextlib
 import hashlib
 import http.client
-import json
 import re
 import time
 import urllib.error
@@ -15,9 +13,11 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import urlsplit
 
-from app.errors import ConfigError, message_of
+from app.data_file import MOST_DEPTH, parse_json, parse_object
+from app.errors import ConfigError, LimitExceeded, WorkerEnded, message_of
 from app.sessions.errors import FetchFailed, SessionError
-from app.sessions.reading.reader import SessionFile
+from app.sessions.info import SessionInfo
+from app.sessions.reading.session_info import read_info
 from app.sessions.storage.files import FETCHED, SUFFIX
 from app.sessions.transfer.trust import opener
 from app.words import Message, Text
@@ -104,7 +104,7 @@ class Remote:
         """
         try:
             with self._open("sessions", {}) as answer:
-                found = json.loads(self._whole(answer))["sessions"]
+                found = _list_json(self._whole(answer))["sessions"]
             return [
                 RemoteSession(
                     str(each["id"]), str(each["name"]), float(each["started"]), float(each["duration_s"] or 0),
@@ -114,7 +114,7 @@ class Remote:
             ]  # fmt: skip
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, reason_of(error)) from error
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def local_id(self, session: RemoteSession) -> str:
@@ -133,8 +133,16 @@ class Remote:
         except (OSError, ValueError):
             return False
 
-    def fetch(self, session: RemoteSession, folder: Path, on_progress: Progress = lambda done, of: None) -> Path:
+    def fetch(
+        self,
+        session: RemoteSession,
+        folder: Path,
+        on_progress: Progress = lambda done, of: None,
+        read_info: Callable[[Path], SessionInfo] = read_info,
+    ) -> Path:
         """Bring one session here and return its file; what an earlier attempt brought is not fetched again.
+
+        `read_info` says what a session's file says.
 
         Raises:
             FetchFailed: the connection broke again and again, or the bytes are not those that the other side has. What
@@ -168,11 +176,11 @@ class Remote:
             part.unlink()
             raise self._failed(session, Message("not-what-was-sent"))
         try:
-            began_ns = _began_ns(part)
-        except SessionError as error:
+            began_ns = read_info(part).started_mono_ns
+        except (SessionError, LimitExceeded, WorkerEnded) as error:
             part.unlink()
             raise self._failed(session, message_of(error)) from error
-        if _is_another(path, began_ns):
+        if _is_another(path, began_ns, read_info):
             raise self._failed(session, Message("label-taken"))
         for beside in ("-wal", "-shm"):
             path.with_name(path.name + beside).unlink(missing_ok=True)
@@ -222,7 +230,7 @@ class Remote:
         try:
             with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
                 while line := answer.readline(1000):
-                    header = json.loads(line)
+                    header = parse_object(line)
                     size = int(header["bytes"])
                     if not 0 <= size <= LIST_BYTES:
                         raise FetchFailed(self.url, Message("no-voltwall"))
@@ -232,16 +240,16 @@ class Remote:
                     yield int(header["piece"]), str(header["sha256"]), body
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, reason_of(error)) from error
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def _json(self, path: str) -> Any:
         try:
             with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
-                return json.loads(self._whole(answer))
+                return _list_json(self._whole(answer))
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, reason_of(error)) from error
-        except (ValueError, RecursionError) as error:
+        except ValueError as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def _whole(self, answer: Any) -> bytes:
@@ -327,17 +335,17 @@ def _session_id(answer: object) -> str:
     return answer
 
 
-def _began_ns(path: Path) -> int:
-    with contextlib.closing(SessionFile(path)) as session:
-        return session.info.started_mono_ns
-
-
-def _is_another(path: Path, began_ns: int) -> bool:
+def _is_another(path: Path, began_ns: int, read_info: Callable[[Path], SessionInfo]) -> bool:
     """Whether a session here began at another moment of its recorder's clock; one that is broken makes room."""
     try:
-        return path.is_file() and _began_ns(path) != began_ns
-    except SessionError:
+        return path.is_file() and read_info(path).started_mono_ns != began_ns
+    except (SessionError, LimitExceeded):
         return False
+
+
+def _list_json(answer: bytes) -> Any:
+    """Parse an answer in which metadata of sessions are."""
+    return parse_json(answer, most_bytes=LIST_BYTES, most_depth=MOST_DEPTH + 4)
 
 
 def _size(path: Path) -> int:

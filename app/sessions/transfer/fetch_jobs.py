@@ -68,7 +68,12 @@ class Fetch:
     def _one(self, session: RemoteSession, fill: bool) -> None:
         local_id = self.remote.local_id(session)
         self._change(session_id=local_id, done_bytes=0, total_bytes=session.size_bytes)
-        path = self.remote.fetch(session, self.folder, lambda done, of: self._change(done_bytes=done, total_bytes=of))
+        path = self.remote.fetch(
+            session,
+            self.folder,
+            lambda done, of: self._change(done_bytes=done, total_bytes=of),
+            self.catalogue.read_info,
+        )
         self._change(fetched=(*self.state.fetched, local_id))
         if fill:
             for message in fill_from(self.catalogue, path, t_wall_ns=self.clock.wall_ns()):

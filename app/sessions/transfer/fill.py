@@ -20,6 +20,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecordedCanFrame, RecordedFrame, SessionInfo
 from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.session_info import filled_spans
 from app.sessions.recording.session_names import CLOCK_IS_SET_NS
 from app.sessions.recording.session_writer import SessionWriter, TableRow, event_row
 from app.sessions.storage.files import FETCHED, is_in_use, merge_log
@@ -74,7 +75,14 @@ class _Missing:
     after: int  # number of common frames before it
 
 
-def fill_gaps(path: Path, other: Path, *, t_wall_ns: int, on_progress: Progress = lambda done, of: None) -> Filled:
+def fill_gaps(
+    path: Path,
+    other: Path,
+    *,
+    t_wall_ns: int,
+    on_progress: Progress = lambda done, of: None,
+    open_file: Callable[[Path], SessionFile] = SessionFile,
+) -> Filled:
     """Fill the session at `path` from the one at `other` and return what was put in.
 
     Args:
@@ -82,6 +90,7 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int, on_progress: Progress 
         other: of the one that has more.
         t_wall_ns: when it is filled.
         on_progress: called with how far it is.
+        open_file: opens each.
 
     Raises:
         NothingInCommon: not one frame is in both.
@@ -93,19 +102,18 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int, on_progress: Progress 
     if is_in_use(path):
         raise NotNow(Message("session-in-use", session=path.stem))
     try:
-        return _fill(path, other, t_wall_ns, on_progress)
+        return _fill(path, other, t_wall_ns, on_progress, open_file)
     except (sqlite3.Error, OSError) as error:
         raise RecordingFailed(Message("not-written-anew", session=path.stem, error=str(error))) from error
 
 
 def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Message]:
     """Fill every session recorded here during the fetched one's run; return what was done."""
-    with SessionFile(fetched) as file:
-        info = file.info
+    info = catalogue.read_info(fetched)
     done: list[Message] = []
     for session in _candidates(catalogue, info):
         try:
-            filled = fill_gaps(session.path, fetched, t_wall_ns=t_wall_ns)
+            filled = fill_gaps(session.path, fetched, t_wall_ns=t_wall_ns, open_file=catalogue.open_file)
         except NothingInCommon:
             continue
         except AppError as error:
@@ -135,11 +143,13 @@ def _candidates(catalogue: Catalogue, fetched: SessionInfo) -> list[SessionInfo]
     ]
 
 
-def _fill(path: Path, other: Path, t_wall_ns: int, on_progress: Progress) -> Filled:
+def _fill(
+    path: Path, other: Path, t_wall_ns: int, on_progress: Progress, open_file: Callable[[Path], SessionFile]
+) -> Filled:
     with (
         tempfile.TemporaryDirectory(dir=path.parent, prefix=".filling-") as folder,
-        SessionFile(path) as session,
-        SessionFile(other) as source,
+        open_file(path) as session,
+        open_file(other) as source,
     ):
         missing = _missing(session, source, on_progress)
         if not missing:
@@ -262,8 +272,7 @@ def _write(
     info = session.info
     start_ns, end_ns = info.started_mono_ns, info.ended_mono_ns or info.started_mono_ns
     length_ns, begun = max(end_ns - start_ns, 1), READING * PARTS
-    before = info.metadata.get("filled", [])
-    spans = [*(before if isinstance(before, list) else []), *filled.spans]
+    spans = [*filled_spans(info), *filled.spans]
     filled_info = replace(info, path=copy, metadata={**info.metadata, "filled": sorted(map(list, spans))})
     writer = SessionWriter(filled_info, session.cell_file, session.loaded_battery)
     try:

@@ -53,6 +53,7 @@ class Follower:
         order: Order = "oldest",
         live_waits: Callable[[], bool] = lambda: False,
         note: Callable[[Message], None] = lambda _: None,
+        catalogue: Catalogue | None = None,
     ) -> None:
         """Only keep what is given.
 
@@ -63,6 +64,7 @@ class Follower:
             order: which of the missing pieces come first, at the start.
             live_waits: whether what is shown live is late, so that nothing else may use the link.
             note: told of every session that is whole, and of what was filled from it.
+            catalogue: of that folder, which says how sessions are read; None: in this process.
         """
         self.remote = remote
         self.state = FollowState(remote.url)
@@ -71,6 +73,7 @@ class Follower:
         self.order: Order = order  # from the next stretch on
         self._live_waits = live_waits
         self._note = note
+        self._catalogue = catalogue or Catalogue(folder)
         self._copies: dict[str, SessionCopy] = {}  # by the recorder's id; those that are not whole
         self._built: dict[str, int] = {}  # pieces in the session that was made last
         self._aside: set[str] = set()  # sessions that were refused: all others come first
@@ -180,13 +183,13 @@ class Follower:
     def _build_if_due(self, session_id: str, copy: SessionCopy) -> None:
         here = len(copy.have())
         if copy.is_whole():
-            path = copy.build()
+            path = copy.build(self._catalogue.parse)
             self._copies.pop(session_id, None)
             self._note(Message("session-fetched", session=copy.id, url=self.remote.url))
-            for message in fill_from(Catalogue(self._folder), path, t_wall_ns=self._clock.wall_ns()):
+            for message in fill_from(self._catalogue, path, t_wall_ns=self._clock.wall_ns()):
                 self._note(message)
         elif here - self._built.get(session_id, 0) >= max(FRESH_PIECES, self._built.get(session_id, 0) // 4):
-            copy.build()
+            copy.build(self._catalogue.parse)
             self._built[session_id] = here
 
     def _let_live_pass(self, ending: threading.Event | None) -> None:

@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from app.data_file import parse_object
 from app.sessions.info import SessionInfo
+from app.sessions.reading.parse import Parse, in_process
 from app.sessions.recording.session_writer import SessionWriter, TableRow
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE
 from app.sessions.storage.files import FETCHED, SUFFIX, merge_log
@@ -55,7 +57,7 @@ class SessionCopy:
     def head(self) -> dict[str, Any]:
         """What the other service said of the session; empty before that."""
         try:
-            return dict(json.loads((self._pieces / "head.json").read_text()))
+            return parse_object((self._pieces / "head.json").read_bytes())
         except (OSError, ValueError):
             return {}
 
@@ -118,8 +120,8 @@ class SessionCopy:
             head["can_frames"],
         )
 
-    def build(self) -> Path:
-        """Write the session of all pieces that are here; a whole copy needs its pieces no more.
+    def build(self, parse: Parse = in_process) -> Path:
+        """Write the session of all pieces that are here, its battery read by `parse`; a whole copy needs no pieces.
 
         Raises:
             OSError, sqlite3.Error: the disk does not take it; the pieces stay.
@@ -134,7 +136,7 @@ class SessionCopy:
         with tempfile.TemporaryDirectory(dir=self._path.parent, prefix=_HALF) as folder:
             made = Path(folder) / self._path.name
             made.touch()
-            self._write_session(replace(info, path=made), head)
+            self._write_session(replace(info, path=made), head, parse)
             for beside in ("-wal", "-shm"):
                 self._path.with_name(self._path.name + beside).unlink(missing_ok=True)
             made.replace(self._path)
@@ -144,9 +146,9 @@ class SessionCopy:
             shutil.rmtree(self._pieces)
         return self._path
 
-    def _write_session(self, info: SessionInfo, head: dict[str, Any]) -> None:
+    def _write_session(self, info: SessionInfo, head: dict[str, Any], parse: Parse) -> None:
         files = {name: base64.b64decode(data) for name, data in head["battery_files"]}
-        writer = SessionWriter(info, head["cell_file"], battery_from_files(files) if files else None)
+        writer = SessionWriter(info, head["cell_file"], parse(battery_from_files, files) if files else None)
         try:
             for piece in self._in_order():
                 rows = list(_table_rows(piece))

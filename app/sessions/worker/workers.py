@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
-from app.errors import LimitExceeded, NotNow
+from app.errors import LimitExceeded, NotNow, WorkerEnded
 from app.sessions.worker.child_process import command_of
 from app.sessions.worker.limits import Limits
 from app.words import Message, Quantity
@@ -45,19 +45,19 @@ class _Worker:
             self.process.stdin.flush()
             while True:
                 kind, value = pickle.load(self.process.stdout)
-                if kind == "progress":
-                    on_progress(*value)
-                elif kind == "failed":
-                    raise value
-                else:
-                    return value
+                if kind != "progress":
+                    break
+                on_progress(*value)
         except (EOFError, BrokenPipeError, pickle.UnpicklingError) as error:
             self.end()
             if self.is_late:
                 raise LimitExceeded(Message("limit-wall-time", limit=Quantity(round(wall_s), "s"))) from error
-            raise LimitExceeded(Message("worker-ended", code=self.process.returncode)) from error
+            raise WorkerEnded(Message("worker-ended", code=self.process.returncode)) from error
         finally:
             watch.cancel()
+        if kind == "failed":
+            raise value
+        return value
 
     def end(self) -> None:
         """Kill it: it keeps nothing but what it works on."""
@@ -92,6 +92,7 @@ class Workers:
 
         Raises:
             LimitExceeded: it needed more memory or time than `limits`.
+            WorkerEnded: the process was killed, or crashed.
             NotNow: too many others wait, or the service ends.
             Exception: what `function` raised.
         """

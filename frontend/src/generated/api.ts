@@ -2024,10 +2024,11 @@ export interface SessionSeries {
   filled: [number, number][];
 }
 
-/** Newest first. */
+/** Newest first; with the first page the files that cannot be read. */
 export interface Sessions {
   next_cursor: string | null;
   sessions: Session[];
+  unreadable: Unreadable[];
 }
 
 /** `instance` is another one after each start; `fixed`: command line or environment say what is read. */
@@ -2332,6 +2333,13 @@ export interface Understood {
 /** Seconds without the cable. */
 export interface Unplugged {
   for_s: number;
+}
+
+/** A file among the sessions that cannot be read, and why. */
+export interface Unreadable {
+  file: string;
+  reason: string;
+  reason_words: Words | null;
 }
 
 /** A scenario's file that cannot be used, and why. */

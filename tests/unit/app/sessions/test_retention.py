@@ -91,7 +91,7 @@ def test_a_clock_that_is_400_days_ahead_deletes_nothing_and_says_so_once(catalog
     clock = FakeClock(wall_s=(NOW_NS + 400 * DAY_NS) / 1e9)
     retention = Retention(catalogue, RetentionRule(keep_days=50), lambda *note: told.append(note), clock)
     for _ in range(3):
-        retention._apply()
+        retention.apply()
     assert len(names(catalogue)) == 3
     assert [(severity, message.code) for severity, message in told] == [("warning", "retention-clock-ahead")]
 

@@ -201,10 +201,12 @@ def test_a_table_has_the_shape_of_the_battery_that_is_named(tmp_path: Path) -> N
         import_file(path, profile, tmp_path / "sessions", pipeline, battery=load_battery("foxbms-2"))
 
 
-def test_a_session_whose_profile_cannot_be_understood_is_none_and_hides_no_other(tmp_path: Path) -> None:
+def test_a_session_whose_profile_cannot_be_understood_is_listed_and_says_why_it_cannot_be_opened(
+    tmp_path: Path,
+) -> None:
     done = imported(cell_number(), tmp_path, duration_s=1.0)
     with closing(sqlite3.connect(done.info.path, isolation_level=None)) as connection:
         connection.execute("UPDATE battery_files SET data = ? WHERE id = 1", (b"[battery]",))
     with pytest.raises(NotASession, match=r"battery\.segments|battery\.name"):
         SessionFile(done.info.path)
-    assert Catalogue(tmp_path / "sessions").list() == []
+    assert [info.id for info in Catalogue(tmp_path / "sessions").list()] == [done.info.id]

@@ -343,7 +343,7 @@ def test_a_session_of_which_nothing_can_be_made_here_does_not_keep_the_next_ones
 ):
     good, bad = record(tmp_path / "car", 15), record(tmp_path / "car", 25)  # the newer one is listed first
     build = SessionCopy.build
-    monkeypatch.setattr(SessionCopy, "build", lambda copy: 1 / 0 if copy.id.endswith(bad.id) else build(copy))
+    monkeypatch.setattr(SessionCopy, "build", lambda copy, parse: 1 / 0 if copy.id.endswith(bad.id) else build(copy))
     now = iter(range(0, 10**15, 10**10))  # the list is due each time
     follower = Follower(Car(tmp_path / "car"), pit, FunctionClock(lambda: next(now), lambda: WALL_NS))
     tries = iter(range(50))

@@ -2,12 +2,13 @@
 
 import gzip
 import os
+import signal
 import threading
 import time
 
 import pytest
 
-from app.errors import ImportFailed, LimitExceeded, NotNow
+from app.errors import ImportFailed, LimitExceeded, NotNow, WorkerEnded
 from app.sessions.transfer.import_jobs import columns_of
 from app.sessions.worker import Limits, Workers
 from app.sessions.worker import workers as module
@@ -41,8 +42,16 @@ def end() -> None:
     os._exit(7)
 
 
+def be_killed() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def fail() -> None:
     raise ImportFailed("their.csv", Message("file-empty"))
+
+
+def throw(kind: type[Exception]) -> None:
+    raise kind("of the job")
 
 
 def fail_oddly() -> None:
@@ -82,6 +91,14 @@ def test_errors_of_ours_come_back_as_they_are(workers):
     assert (caught.value.source, render(caught.value.message)) == ("their.csv", "their.csv: the file is empty")
 
 
+@pytest.mark.parametrize("kind", [EOFError, BrokenPipeError])
+def test_an_end_of_file_within_the_job_is_not_the_end_of_its_process(workers, kind):
+    process, _ = workers.run(FEW, about)
+    with pytest.raises(kind):
+        workers.run(FEW, throw, kind)
+    assert workers.run(FEW, about)[0] == process
+
+
 def test_an_error_that_cannot_be_sent_is_told_in_its_words(workers):
     with pytest.raises(Exception, match="of no module"):
         workers.run(FEW, fail_oddly)
@@ -93,13 +110,19 @@ def test_an_error_that_cannot_be_sent_is_told_in_its_words(workers):
         (FEW, (hold, 1 << 30), "256 MB of memory"),
         (Limits(1), (turn,), "1 s of processor time"),
         (FEW, (nest,), "nested deeper"),
-        (FEW, (end,), "code 7"),
     ],
-    ids=["memory", "time", "nesting", "death"],
+    ids=["memory", "time", "nesting"],
 )
 def test_a_limit_is_named_and_the_next_job_runs(workers, limits, job, words):
     with pytest.raises(LimitExceeded, match=words):
         workers.run(limits, *job)
+    assert workers.run(FEW, hold, 1000) == 1000
+
+
+@pytest.mark.parametrize(("job", "code"), [(end, "code 7"), (be_killed, "code -9")], ids=["exit", "SIGKILL"])
+def test_a_process_that_ended_is_no_limit_and_the_next_job_runs(workers, job, code):
+    with pytest.raises(WorkerEnded, match=code):
+        workers.run(FEW, job)
     assert workers.run(FEW, hold, 1000) == 1000
 
 
@@ -122,7 +145,7 @@ def test_closing_ends_what_runs():
     def run():
         try:
             workers.run(FEW, sleep, 600.0)
-        except LimitExceeded as error:
+        except WorkerEnded as error:
             failed.append(error)
 
     thread = threading.Thread(target=run)

@@ -1,0 +1,73 @@
+"""Files of the data folder that may be damaged: JSON within bounds, and how one that cannot be read is set aside."""
+
+import logging
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from app.clock import Clock
+
+MOST_DEPTH = 32
+LOGS = ("-wal", "-shm")  # of an SQLite file
+log = logging.getLogger(__name__)
+
+
+def parse_json(text: str | bytes, *, most_bytes: int = 16 << 20, most_depth: int = MOST_DEPTH) -> Any:
+    """Return the value of a JSON text whose nesting, size and numbers are bounded; its strings can be encoded.
+
+    Raises:
+        ValueError: it is none, is nested deeper than `most_depth`, or has more than `most_bytes`.
+    """
+    if len(text) > most_bytes:
+        raise ValueError(f"more than {most_bytes} bytes")
+    value = orjson.loads(text)  # at most 1,024 deep, only finite numbers and whole surrogate pairs
+    _require_depth(value, most_depth)
+    return value
+
+
+def parse_object(text: str | bytes, *, most_bytes: int = 16 << 20, most_depth: int = MOST_DEPTH) -> dict[str, Any]:
+    """Return the object of a JSON text, as `parse_json`.
+
+    Raises:
+        ValueError: also where it is another value.
+    """
+    value = parse_json(text, most_bytes=most_bytes, most_depth=most_depth)
+    if not isinstance(value, dict):
+        raise ValueError("no JSON object")  # noqa: TRY004  as all else that is wrong with it
+    return value
+
+
+def encodable(name: str) -> str:
+    """Return a file's name as text that can be sent: bytes that are no UTF-8 become question marks."""
+    return name.encode(errors="replace").decode()
+
+
+def set_aside(path: Path, clock: Clock | None = None) -> Path:
+    """Rename a damaged file, with its SQLite log, to a name with the time in it; return where it is now.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    now = datetime.fromtimestamp((clock or Clock()).wall_s(), UTC)
+    stem = f"{path.name}.damaged-{now:%Y%m%dT%H%M%SZ}"
+    number, target = 1, path.with_name(stem)
+    while target.exists():
+        number += 1
+        target = path.with_name(f"{stem}-{number}")
+    path.rename(target)
+    for end in LOGS:
+        rest = path.with_name(path.name + end)
+        if rest.exists():
+            rest.rename(target.with_name(target.name + end))
+    log.warning("%s is damaged; it is now %s", path, target.name)
+    return target
+
+
+def _require_depth(value: object, left: int) -> None:
+    if isinstance(value, dict | list):
+        if left == 0:
+            raise ValueError("nested too deep")
+        for each in value.values() if isinstance(value, dict) else value:
+            _require_depth(each, left - 1)

@@ -1,0 +1,74 @@
+"""Hostile files in the folder of a running service: named on the list, and in nobody's way."""
+
+from pathlib import Path
+
+import pytest
+
+from app.sessions.catalogue import Catalogue
+from tests.service_process import NO_CAR, until
+from tests.unit.app.sessions.conftest import recorder_in
+from tests.unit.app.sessions.hostile import BATTERIES, HARMLESS, UNREADABLE, hostile
+
+
+@pytest.fixture
+def sessions(tmp_path: Path) -> list[str]:
+    """Ids of two sound sessions, the older one first, among files of every kind of hostility."""
+    folder = tmp_path / "data" / "sessions"
+    recorder = recorder_in(folder)
+    ids = []
+    for name in ("older", "newer"):
+        ids.append(recorder.start(name).id)
+        recorder.stop()
+    recorder.close()
+    for k, change in enumerate((UNREADABLE | BATTERIES | HARMLESS).values()):
+        hostile(folder / f"{ids[0]}.sqlite", folder / f"hostile-{k:02}.sqlite", change)
+    (folder / "garbage.sqlite").write_bytes(b"\x00garbage" * 1000)
+    (folder / "empty.sqlite").touch()
+    (folder / "folder.sqlite").mkdir()
+    return ids
+
+
+def test_every_bad_session_is_a_row_with_its_reason_and_all_else_goes_on(make_service, sessions: list[str]) -> None:
+    service = make_service("--serial", NO_CAR, "--no-record")
+    with service.client() as client:
+        found = client.get("/sessions").json()
+        names = {each["file"] for each in found["unreadable"]}
+        assert {f"hostile-{k:02}.sqlite" for k in range(len(UNREADABLE))} < names
+        assert {"garbage.sqlite", "empty.sqlite", "folder.sqlite"} < names
+        assert len(names) == len(UNREADABLE) + 3
+        assert all(each["reason"] for each in found["unreadable"])
+        listed = [each["id"] for each in found["sessions"]]
+        assert set(sessions) < set(listed)
+        assert len(listed) == 2 + len(BATTERIES) + len(HARMLESS)
+        for path in ("/season", "/pieces", "/passport", "/blackboxes"):
+            assert client.get(path).status_code == 200, path
+        for file in [*names, *(f"{each}.sqlite" for each in listed)]:
+            for path in (
+                "",
+                "/series?signal=v[0]",
+                "/markers",
+                "/battery",
+                "/blackboxes",
+                "/report",
+                "/laps",
+                "/head",
+                "/file",
+            ):
+                answer = client.get(f"/sessions/{file.removesuffix('.sqlite')}{path}")
+                assert answer.status_code < 500, (file, path, answer.text)
+            assert client.post("/replay", json={"session_id": file.removesuffix(".sqlite")}).status_code < 500
+        client.post("/replay/stop")
+        assert client.delete("/sessions/garbage").status_code == 200
+        assert len(client.get("/sessions").json()["unreadable"]) == len(UNREADABLE) + 2
+
+
+def test_retention_goes_on_among_bad_sessions_and_names_them_once(make_service, sessions: list[str]) -> None:
+    service = make_service("--serial", NO_CAR, "--no-record", "--keep-gb", "1e-6")
+    folder = service.data / "sessions"
+    with service.client() as client:
+        until(lambda: not Catalogue(folder).list())
+        events = client.get("/events").json()["events"]
+    warnings = [each["text"] for each in events if "cannot be read" in each["text"]]
+    assert len(warnings) == 1
+    assert "hostile-00.sqlite" in warnings[0]
+    assert (folder / "garbage.sqlite").exists()
