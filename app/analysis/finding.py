@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from app.data_file import parse_object
-from app.words import Argument, Cell, Message, Text, message_from_json, render
+from app.words import Argument, Cell, Message, Text, message_from_json, message_or_text, render
 
 
 @dataclass(frozen=True)
@@ -38,15 +37,7 @@ def json_args(message: Message) -> Mapping[str, object]:
 
 def message_of_event(row: Mapping[str, Any]) -> Text:
     """Return what an event of a session says; its English text alone where an earlier version, or nobody, wrote it."""
-    text: str = row["text"]
-    if row.get("message") is None:
-        return text
-    try:
-        message = message_from_json(parse_object(row["message"]))
-        render(message)
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
-        return text
-    return message
+    return message_or_text(row["text"], row.get("message"))
 
 
 def english(text: Text) -> str:

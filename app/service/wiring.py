@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import keep_black_boxes
@@ -34,6 +35,7 @@ from app.live.pipeline import Output
 from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
+from app.service.damaged_files import DamagedFiles
 from app.service.events import Events
 from app.service.failures import Failures
 from app.service.health.checks import Health
@@ -162,7 +164,9 @@ def make_service(
     data.mkdir(parents=True, exist_ok=True)
 
     # Events, and what is recorded
-    events = Events(EventLog(data / "events.sqlite", clock), clock)
+    damaged = DamagedFiles()
+    events = Events(EventLog(data / "events.sqlite", clock, damaged.add), clock)
+    damaged.note_into(events.note)
     battery = load_battery(settings.battery)
     pipelines = Pipelines(settings, battery)
     recorder = AutoRecorder(
@@ -225,8 +229,20 @@ def make_service(
 
     is_simulated = source == "simulator"
     boxes_path = data / "blackboxes.sqlite"
+    boxes_lost = threading.Event()
+
+    def boxes_set_aside(path: Path, kept: Path) -> None:
+        damaged.add(path, kept)
+        boxes_lost.set()
+
     black_boxes = BlackBoxRecorder(
-        boxes_path, session_id, black_box_made, explain, is_simulated=is_simulated, battery=battery.battery
+        boxes_path,
+        session_id,
+        black_box_made,
+        explain,
+        is_simulated=is_simulated,
+        battery=battery.battery,
+        on_set_aside=boxes_set_aside,
     )
     passports = PassportKeeper(
         data,
@@ -235,6 +251,8 @@ def make_service(
         battery=battery.battery,
         simulated=is_simulated,
         also=lambda session: keep_black_boxes(session, black_boxes.store),
+        also_lost=boxes_lost,
+        on_set_aside=damaged.add,
     )
 
     # The pipeline of the live source, which goes on from what earlier runs learned; the replay has its own
@@ -371,7 +389,7 @@ def make_service(
         commands=MasterCommands(links, events, write_log),
         learned_state=learned_state,
         mqtt=mqtt,
-        health=Health(live, links, recorder, events, mqtt, clock, load),
+        health=Health(live, links, recorder, events, mqtt, clock, load, damaged),
         state=ServiceStateReader(recorder, replay, events, in_force, ClockRun(clock)),
         workers=workers,
         reading=reading,

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.storage.migrate import BLACKBOXES
+from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sessions.storage.small_store import Store, packed
 from app.telemetry import Severity
-from app.words import Message, Text, message_from_json, render
+from app.words import Message, Text, message_or_text, render
 
 _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete, message"
 
@@ -30,14 +31,14 @@ class StoredBox:
 class BlackBoxStore:
     """All black boxes of a data folder. Any thread; a box once complete is never replaced by less."""
 
-    def __init__(self, path: Path) -> None:
-        """Open or create the file.
+    def __init__(self, path: Path, on_set_aside: OnSetAside = nobody_asks) -> None:
+        """Open or create the file; a damaged one is set aside.
 
         Raises:
-            NotASession, SchemaTooNew: the file is something else, or a newer program's.
+            SchemaTooNew: the file is a newer program's.
             RecordingFailed: the disk does not take it.
         """
-        self._store = Store(path, BLACKBOXES)
+        self._store = Store(path, BLACKBOXES, on_set_aside)
 
     def close(self) -> None:
         """Close the file."""
@@ -76,7 +77,9 @@ class BlackBoxStore:
         values = () if session_id is None else (session_id,)
         rows = self._store.rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
         return [
-            StoredBox(box_id, time_ns / 1e9, session, code, severity, cell, _message(text, message), bool(is_complete))
+            StoredBox(
+                box_id, time_ns / 1e9, session, code, severity, cell, message_or_text(text, message), bool(is_complete)
+            )
             for box_id, time_ns, session, code, severity, cell, text, is_complete, message in rows
         ]
 
@@ -88,7 +91,3 @@ class BlackBoxStore:
         """
         rows = self._store.rows("SELECT body FROM blackboxes WHERE id = ?", (box_id,))
         return self._store.unpacked(rows[0][0], f"black box {box_id}") if rows else None
-
-
-def _message(text: str, message: str | None) -> Text:
-    return text if message is None else message_from_json(json.loads(message))

@@ -2,7 +2,7 @@
 
 import logging
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import astuple, dataclass
 from itertools import count
@@ -13,8 +13,8 @@ import orjson
 
 from app.clock import Clock
 from app.sessions.errors import SessionError
-from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.migrate import EVENTS
+from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Event
 from app.words import Message
 
@@ -53,18 +53,18 @@ class LoggedEvent:
 class EventLog:
     """An append-only list of events. All methods may be called from any thread; only `append` returns at once."""
 
-    def __init__(self, path: Path, clock: Clock) -> None:
-        """Open the log, or begin one.
+    def __init__(self, path: Path, clock: Clock, on_set_aside: OnSetAside = nobody_asks) -> None:
+        """Open the log, or begin one; a damaged one is set aside.
 
         Raises:
-            NotASession, SchemaTooNew: the file is something else.
+            SchemaTooNew: the file is a newer program's.
             SessionError: it cannot be created.
         """
         self._clock = clock
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._connection = open_for_writing(path, EVENTS)
-            last = int(self._connection.execute("SELECT coalesce(max(id), 0) FROM events").fetchone()[0])
+            self._database = OwnDatabase(path, EVENTS, on_set_aside)
+            last = self._database.run(_last_id)
         except (OSError, sqlite3.Error) as error:
             raise SessionError(Message("event-log", error=f"{path}: {error}")) from error
         self._ids = count(last + 1)
@@ -143,7 +143,7 @@ class EventLog:
         """Write what is left and close the file."""
         self._executor.submit(self._write_waiting)
         self._executor.shutdown(wait=True)
-        self._connection.close()
+        self._database.close()
 
     def _in_thread(self, work: Callable[[], T]) -> T:
         future: Future[T] = self._executor.submit(work)
@@ -164,12 +164,8 @@ class EventLog:
             return
         rows = [astuple(event)[:-2] for event in self._unwritten]  # not who has seen it
         try:
-            self._connection.execute("BEGIN IMMEDIATE")
-            self._connection.executemany(_INSERT, rows)
-            self._connection.execute("COMMIT")
+            self._database.run(lambda connection: _insert(connection, rows))
         except sqlite3.Error as error:
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
             if self._error is None:
                 logger.warning("event log does not reach the disk: %s", error)
             self._error = Message(
@@ -185,12 +181,13 @@ class EventLog:
         self, after: int, limit: int, severity: str | None, cell: int | None, up_to: int | None = None
     ) -> list[LoggedEvent]:
         self._write_waiting()
-        rows = self._connection.execute(
+        query = (
             f"SELECT {_COLUMNS} FROM events WHERE id > :after AND (:up_to IS NULL OR id <= :up_to)"
             " AND (:severity IS NULL OR severity = :severity) AND (:cell IS NULL OR cell = :cell)"
-            " ORDER BY id DESC LIMIT :limit",
-            {"after": after, "up_to": up_to, "severity": severity, "cell": cell, "limit": limit},
+            " ORDER BY id DESC LIMIT :limit"
         )
+        given = {"after": after, "up_to": up_to, "severity": severity, "cell": cell, "limit": limit}
+        rows = self._database.run(lambda connection: connection.execute(query, given).fetchall())
         waiting = [
             event
             for event in reversed(self._unwritten)
@@ -203,11 +200,30 @@ class EventLog:
 
     def _acknowledge(self, event_id: int, who: str) -> bool:
         self._write_waiting()
-        self._connection.execute(
-            "UPDATE events SET acknowledged_by = ?, acknowledged_ns = ? WHERE id = ? AND acknowledged_by IS NULL",
-            (who, self._clock.wall_ns(), event_id),
-        )
-        return self._connection.execute("SELECT 1 FROM events WHERE id = ?", (event_id,)).fetchone() is not None
+        update = "UPDATE events SET acknowledged_by = ?, acknowledged_ns = ? WHERE id = ? AND acknowledged_by IS NULL"
+        given = (who, self._clock.wall_ns(), event_id)
+
+        def work(connection: sqlite3.Connection) -> bool:
+            connection.execute(update, given)
+            return connection.execute("SELECT 1 FROM events WHERE id = ?", (event_id,)).fetchone() is not None
+
+        return self._database.run(work)
+
+
+def _last_id(connection: sqlite3.Connection) -> int:
+    return int(connection.execute("SELECT coalesce(max(id), 0) FROM events").fetchone()[0])
+
+
+def _insert(connection: sqlite3.Connection, rows: Sequence[tuple[object, ...]]) -> None:
+    """Insert all of them, or none."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        connection.executemany(_INSERT, rows)
+        connection.execute("COMMIT")
+    except sqlite3.Error:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
 
 
 def _message_json(event: Event) -> str | None:

@@ -75,8 +75,7 @@ class LimitedReader:
                 self._results[key] = known
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
-        result: T
-        result, failure = known
-        if failure is not None:
-            raise failure.with_traceback(None)
+        if known[1] is not None:
+            raise known[1].with_traceback(None)
+        result: T = known[0]
         return result

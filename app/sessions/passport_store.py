@@ -1,12 +1,17 @@
 """What sessions told about cells, and swaps of modules, on the disk: one file in the data folder."""
 
 import json
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.sessions.errors import NotASession
 from app.sessions.storage.migrate import PASSPORT
+from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sessions.storage.small_store import Store, packed
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -24,14 +29,14 @@ class StoredSwap:
 class PassportStore:
     """Records and swaps of a data folder; any thread."""
 
-    def __init__(self, path: Path) -> None:
-        """Open or create the file.
+    def __init__(self, path: Path, on_set_aside: OnSetAside = nobody_asks) -> None:
+        """Open or create the file; a damaged one is set aside.
 
         Raises:
-            NotASession, SchemaTooNew: the file is something else, or a newer program's.
+            SchemaTooNew: the file is a newer program's.
             RecordingFailed: the disk does not take it.
         """
-        self._store = Store(path, PASSPORT)
+        self._store = Store(path, PASSPORT, on_set_aside)
 
     def close(self) -> None:
         """Close the file."""
@@ -72,12 +77,18 @@ class PassportStore:
     def records(self, car: str) -> list[dict[str, Any]]:
         """The records of a car, the oldest first, with those of which nobody knows the car.
 
-        Raises:
-            NotASession: one cannot be read.
+        One that is damaged is deleted, so that its session is read again.
         """
         query = "SELECT session_id, body FROM records WHERE car = ? OR car IS NULL ORDER BY start_wall_ns, session_id"
         rows = self._store.rows(query, (car,))
-        return [self._store.unpacked(body, f"the record of {session_id}") for session_id, body in rows]
+        found = []
+        for session_id, body in rows:
+            try:
+                found.append(self._store.unpacked(body, f"the record of {session_id}"))
+            except NotASession as error:
+                log.warning("%s: it is deleted and made again", error)
+                self._store.change("DELETE FROM records WHERE session_id = ?", (session_id,))
+        return found
 
     def add_swap(self, t_wall_ns: int, cells: list[int], note: str, who: str | None, car: str | None) -> None:
         """Record that modules of a car were swapped; None: of every car.

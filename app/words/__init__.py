@@ -3,6 +3,7 @@
 from app.words.message import Argument, Cell, Message, Quantity, Text, message_from_json
 from app.words.places import name_cells_by, named_as_here, naming_cells
 from app.words.render import languages, render, table
+from app.words.stored import message_or_text
 
 __all__ = [
     "Argument",
@@ -12,6 +13,7 @@ __all__ = [
     "Text",
     "languages",
     "message_from_json",
+    "message_or_text",
     "name_cells_by",
     "named_as_here",
     "naming_cells",

@@ -1,5 +1,7 @@
 """Hostile files in the folder of a running service: named on the list, and in nobody's way."""
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -60,6 +62,51 @@ def test_every_bad_session_is_a_row_with_its_reason_and_all_else_goes_on(make_se
         client.post("/replay/stop")
         assert client.delete("/sessions/garbage").status_code == 200
         assert len(client.get("/sessions").json()["unreadable"]) == len(UNREADABLE) + 2
+
+
+DERIVED = ("events.sqlite", "blackboxes.sqlite", "passport.sqlite")
+
+
+def test_damaged_databases_are_set_aside_and_the_page_says_so(make_service) -> None:
+    service = make_service("--serial", NO_CAR, "--no-record", start=False)
+    service.data.mkdir()
+    for name in DERIVED:
+        (service.data / name).write_bytes(b"\x00garbage" * 1000)
+    service.start()
+    with service.client() as client:
+        reasons = [each for each in client.get("/health").json()["reasons"] if "was damaged" in each]
+        assert sorted(reason.split()[0] for reason in reasons) == sorted(DERIVED)
+        events = client.get("/events").json()["events"]
+        assert sorted(each["text"] for each in events if each["code"] == "file-set-aside") == sorted(reasons)
+        for path in ("/passport", "/blackboxes"):
+            assert client.get(path).status_code == 200
+    for name in DERIVED:
+        (kept,) = service.data.glob(f"{name}.damaged-*")
+        assert kept.read_bytes().startswith(b"\x00garbage")
+    service.stop()
+    service.start()
+    with service.client() as client:
+        assert not [each for each in client.get("/health").json()["reasons"] if "was damaged" in each]
+        assert len([each for each in client.get("/events").json()["events"] if each["code"] == "file-set-aside"]) == 3
+
+
+def test_damage_met_while_it_runs_stops_nothing(make_service) -> None:
+    service = make_service("--serial", NO_CAR, "--no-record")
+    with service.client() as client:
+        for number in range(50):
+            assert client.post("/sessions", json={"name": f"run {number}"}).status_code == 201
+            client.post(f"/sessions/{client.get('/sessions?limit=1').json()['sessions'][0]['id']}/stop")
+        path = service.data / "events.sqlite"
+        with closing(sqlite3.connect(path)) as other:
+            other.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        with path.open("r+b") as file:
+            file.seek(4096)
+            file.write(b"garbage!" * ((path.stat().st_size - 4096) // 8))
+        with closing(sqlite3.connect(path)) as other:  # so that the pages in the service's memory are dropped
+            other.execute("PRAGMA user_version = 2")
+        assert client.get("/events?limit=5000").status_code == 200
+        until(lambda: [each for each in client.get("/health").json()["reasons"] if "events.sqlite was damaged" in each])
+        assert "file-set-aside" in [each["code"] for each in client.get("/events").json()["events"]]
 
 
 def test_retention_goes_on_among_bad_sessions_and_names_them_once(make_service, sessions: list[str]) -> None:

@@ -22,6 +22,7 @@ from app.analysis.root_cause.cause import Cause
 from app.battery.battery import Battery
 from app.errors import AppError
 from app.sessions.black_box_store import BlackBoxStore
+from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sources.loaded_battery import team_battery
 from app.telemetry import Event, FloatArray, ProtectionLimits, Snapshot
 from app.telemetry.cell_findings import Finding
@@ -58,6 +59,7 @@ class BlackBoxRecorder:
         *,
         is_simulated: bool = False,
         battery: Battery | None = None,
+        on_set_aside: OnSetAside = nobody_asks,
     ) -> None:
         """Write into the file at `path`.
 
@@ -68,11 +70,12 @@ class BlackBoxRecorder:
             explain: finds the cause of a trip in the session that is being recorded; AppError where it cannot be read.
             is_simulated: the car is the simulator.
             battery: whose cells these are; None: the team's own.
+            on_set_aside: told where the store was damaged and set aside.
 
         Raises:
             AppError: the file cannot be used.
         """
-        self.store = BlackBoxStore(path)
+        self.store = BlackBoxStore(path, on_set_aside)
         self._session_id = session_id
         self._is_simulated = is_simulated
         self._battery = battery or team_battery().battery

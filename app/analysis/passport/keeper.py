@@ -29,6 +29,7 @@ from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
+from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sources.loaded_battery import team_battery
 from app.words import Message, named_as_here, naming_cells
 
@@ -117,6 +118,8 @@ class PassportKeeper:
         battery: Battery | None = None,
         simulated: bool = False,
         also: Callable[[SessionFile], object] | None = None,
+        also_lost: threading.Event | None = None,
+        on_set_aside: OnSetAside = nobody_asks,
     ) -> None:
         """Keep passports in a data folder: those of cars, or those of simulated ones, each by itself.
 
@@ -127,15 +130,19 @@ class PassportKeeper:
             battery: whose sessions are read, a file for each; None: the team's own.
             simulated: of the simulated car.
             also: is given every session that is read, while it is open.
+            also_lost: set where what `also` kept is lost: every session is read again.
+            on_set_aside: told where the store was damaged and set aside.
 
         Raises:
             AppError: the file cannot be used.
         """
         self.battery = battery or team_battery().battery
         own = "" if self.battery == team_battery().battery else f"-{file_name_of(self.battery.name)}"
-        self.store = PassportStore(folder / f"passport{own}{'-simulated' if simulated else ''}.sqlite")
+        self.store = PassportStore(folder / f"passport{own}{'-simulated' if simulated else ''}.sqlite", on_set_aside)
         self._is_simulated = simulated
         self._also = also
+        self._also_lost = also_lost or threading.Event()
+        self._again: set[str] = set()  # sessions of the store that are read again
         self._catalogue = catalogue
         self._cell = cell
         self._lock, self._reading = threading.Lock(), threading.Lock()
@@ -168,7 +175,11 @@ class PassportKeeper:
         for info in infos:
             if info.id in without_car:
                 self.store.name_car(info.id, car_of(info, self.battery.name))
-        known = self.store.known() | self._unreadable | self._of_other_batteries
+        stored = self.store.known()
+        if self._also_lost.is_set():
+            self._also_lost.clear()
+            self._again |= stored
+        known = (stored - self._again) | self._unreadable | self._of_other_batteries
         found = [
             info
             for info in infos
@@ -191,6 +202,7 @@ class PassportKeeper:
                 break
             self._progress = (k, len(new))
             on_progress(k, len(new))
+            self._again.discard(info.id)
             try:
                 with self._catalogue.open_file(info.path) as session:
                     if not self._is_of_battery(session.battery):

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Any, Literal
 
-import orjson
 from fastapi import APIRouter, Path, Query
 
+from app.api.encoding.words import words
 from app.api.schemas.service import AcknowledgedOut, EventsOut, SignedLogOut
 from app.api.web.dependencies import AuthenticationPart, ConfigHistoryPart, EventsPart, LivePart, UserDep
 from app.api.web.paging import CursorQuery, page_of, place_of
@@ -12,7 +12,7 @@ from app.api.web.problems import not_found
 from app.battery.fields import MOST_CELLS
 from app.configuration.history import ABOUT_PEOPLE
 from app.sessions.event_log import LoggedEvent
-from app.words import Message
+from app.words import Message, message_or_text
 
 router = APIRouter(tags=["events"])
 MAX_ID = (1 << 63) - 1
@@ -27,7 +27,7 @@ def _event_json(event: LoggedEvent) -> dict[str, Any]:
         "severity": event.severity,
         "code": event.code,
         "text": event.text,
-        "text_words": None if event.message is None else orjson.loads(event.message),
+        "text_words": words(message_or_text(event.text, event.message)),
         "cell": event.cell,
         "value": event.value,
         "limit": event.limit,

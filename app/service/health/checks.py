@@ -2,6 +2,7 @@
 
 from app.clock import Clock
 from app.live.load import Load
+from app.service.damaged_files import DamagedFiles
 from app.service.events import Events
 from app.service.links import Links
 from app.service.mqtt.publisher import MqttPublisher
@@ -27,7 +28,9 @@ class Health:
         mqtt: MqttPublisher | None,
         clock: Clock,
         load: Load,
+        damaged: DamagedFiles,
     ) -> None:
+        self._damaged = damaged
         self._load = load
         self._live = live
         self._links = links
@@ -46,7 +49,7 @@ class Health:
         """Return what is missing; empty while all is well."""
         mqtt = None if self._mqtt is None else self._mqtt.problem
         others = [self._recorder.status.warning, self._events.store.error, mqtt, self._load.problem]
-        found = [*self._live.problems(), *self.failures(), *others]
+        found = [*self._live.problems(), *self.failures(), *others, *self._damaged.problems]
         return list(dict.fromkeys(problem for problem in found if problem is not None))
 
     def failures(self) -> list[Message]:

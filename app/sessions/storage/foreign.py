@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import cache
 
 from app.sessions.errors import NotASession
-from app.sessions.storage.migrate import Schema, statements
+from app.sessions.storage.migrate import Schema, migrate, statements
 from app.words import Message
 
 QUERY_S = 20.0  # of one query; those of the service take milliseconds
@@ -47,6 +47,28 @@ def require_own_tables(connection: sqlite3.Connection, schema: Schema, path: str
         is_automatic = kind == "index" and text is None
         if not ((kind, name, text) in known or is_plain or is_automatic):
             raise NotASession(path, Message("session-foreign-table", kind=str(kind), name=str(name)[:100]))
+
+
+@cache
+def _newest(schema: Schema) -> frozenset[tuple[str, str, str | None]]:
+    """Kind, name and text of everything that a file of the newest version of a schema holds."""
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    try:
+        migrate(connection, schema, ":memory:")
+        return frozenset(connection.execute("SELECT type, name, sql FROM sqlite_master"))
+    finally:
+        connection.close()
+
+
+def require_all_tables(connection: sqlite3.Connection, schema: Schema, path: str) -> None:
+    """Refuse a file that lacks one of our tables.
+
+    Raises:
+        NotASession: names what it lacks.
+    """
+    there = set(connection.execute("SELECT type, name, sql FROM sqlite_master"))
+    if missing := sorted(name for _, name, _ in _newest(schema) - there):
+        raise NotASession(path, Message("damaged-lacks", missing=tuple(missing)))
 
 
 class Watch:

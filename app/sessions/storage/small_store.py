@@ -7,33 +7,32 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+import orjson
+
 from app.sessions.errors import NotASession, RecordingFailed
-from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.migrate import Schema
+from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.words import Message
 
 
 class Store:
     """One file of a kind; bodies in it are compressed JSON."""
 
-    def __init__(self, path: Path, schema: Schema) -> None:
-        """Open or create the file.
+    def __init__(self, path: Path, schema: Schema, on_set_aside: OnSetAside = nobody_asks) -> None:
+        """Open or create the file; a damaged one is set aside, now or when its damage is met.
 
         Raises:
-            NotASession, SchemaTooNew: the file is something else, or a newer program's.
+            SchemaTooNew: the file is a newer program's.
             RecordingFailed: the disk does not take it.
         """
         self.path = path
         self._lock = threading.Lock()
-        try:
-            self._connection = open_for_writing(path, schema)
-        except sqlite3.Error as error:
-            raise RecordingFailed(Message("of-source", source=str(path), reason=str(error))) from error
+        self._database = OwnDatabase(path, schema, on_set_aside)
 
     def close(self) -> None:
         """Close the file."""
         with self._lock:
-            self._connection.close()
+            self._database.close()
 
     def change(self, query: str, values: tuple[object, ...]) -> int:
         """Return how many rows a statement changed.
@@ -43,7 +42,7 @@ class Store:
         """
         with self._lock:
             try:
-                return self._connection.execute(query, values).rowcount
+                return self._database.run(lambda connection: connection.execute(query, values).rowcount)
             except sqlite3.Error as error:
                 raise RecordingFailed(Message("of-source", source=str(self.path), reason=str(error))) from error
 
@@ -51,13 +50,13 @@ class Store:
         """Return all rows of a query.
 
         Raises:
-            NotASession: the file is damaged.
+            RecordingFailed: the disk does not give them.
         """
         with self._lock:
             try:
-                return self._connection.execute(query, values).fetchall()
-            except sqlite3.DatabaseError as error:
-                raise NotASession(str(self.path), Message("damaged", error=str(error))) from error
+                return self._database.run(lambda connection: connection.execute(query, values).fetchall())
+            except sqlite3.Error as error:
+                raise RecordingFailed(Message("of-source", source=str(self.path), reason=str(error))) from error
 
     def unpacked(self, body: bytes, what: str) -> dict[str, Any]:
         """Return what `packed` made a body of.
@@ -66,8 +65,8 @@ class Store:
             NotASession: it is damaged; says of what.
         """
         try:
-            found: dict[str, Any] = json.loads(zlib.decompress(body))
-        except (zlib.error, ValueError) as error:
+            found: dict[str, Any] = orjson.loads(zlib.decompress(body))
+        except (zlib.error, TypeError, ValueError) as error:
             raise NotASession(str(self.path), Message("part-damaged", what=what, error=str(error))) from error
         return found
 

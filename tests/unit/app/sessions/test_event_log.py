@@ -1,11 +1,11 @@
 import sqlite3
 import threading
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from app.sessions.errors import NotASession
 from app.sessions.event_log import EventLog
 from app.sessions.storage.migrate import EVENTS
 from app.telemetry import Event, Severity
@@ -110,10 +110,12 @@ def test_a_log_of_the_first_version_keeps_its_sentences(path: Path) -> None:
     log.close()
 
 
-def test_a_session_is_no_event_log(tmp_path: Path) -> None:
+def test_another_programs_file_is_set_aside(tmp_path: Path) -> None:
     path = tmp_path / "x.sqlite"
     connection = sqlite3.connect(path)
     connection.execute("CREATE TABLE t (a)")
     connection.close()
-    with pytest.raises(NotASession):
-        EventLog(path, FakeClock())
+    EventLog(path, FakeClock()).close()
+    (kept,) = tmp_path.glob("x.sqlite.damaged-*")
+    with closing(sqlite3.connect(kept)) as other:
+        assert other.execute("SELECT name FROM sqlite_master").fetchall() == [("t",)]

@@ -252,3 +252,24 @@ def test_who_asks_first_is_told_that_sessions_are_being_read(client, make_sessio
     keeper._thread.join()
     done = client.get("/api/v1/passport").json()
     assert (done["sessions"], done["to_read"]) == (1, 0)
+
+
+def test_what_was_derived_of_sessions_is_derived_again_where_its_file_was_damaged(sessions, tmp_path):
+    seen, lost = [], threading.Event()
+
+    def keeper():
+        catalogue = Catalogue(tmp_path / "sessions")
+        return PassportKeeper(tmp_path, catalogue, CELL, also=lambda each: seen.append(each.info.id), also_lost=lost)
+
+    first = keeper()
+    assert (first.read_new(), first.read_new()) == (3, 0)
+    lost.set()  # what `also` kept
+    assert (first.read_new(), first.read_new()) == (3, 0)
+    assert sorted(seen) == sorted(2 * sessions)
+    before = first.passports()
+    first.close()
+    (tmp_path / "passport.sqlite").write_bytes(b"garbage" * 1000)
+    second = keeper()
+    assert second.read_new() == 3
+    assert second.passports().sessions == before.sessions
+    second.close()

@@ -1,11 +1,13 @@
 """Health asks every part that can fail."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from app.service import pipeline_thread
+from app.service.damaged_files import DamagedFiles
 from app.service.health.checks import Health
 from app.sources.items import LinkChange
 from app.words import Message, Quantity
@@ -18,6 +20,7 @@ class FakeParts:
     )
     events: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(store=SimpleNamespace(error=None)))
     mqtt: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(problem=None))
+    damaged: DamagedFiles = field(default_factory=DamagedFiles)
     load: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(problem=None))
     stuck_links: list[Message] = field(default_factory=list)
 
@@ -30,7 +33,7 @@ def parts():
 @pytest.fixture
 def health(bench, parts, clock):
     links = SimpleNamespace(stuck=lambda: parts.stuck_links)
-    return Health(bench.live, links, parts.recorder, parts.events, parts.mqtt, clock, parts.load)
+    return Health(bench.live, links, parts.recorder, parts.events, parts.mqtt, clock, parts.load, parts.damaged)
 
 
 @pytest.fixture
@@ -107,3 +110,13 @@ def test_uptime_counts_from_the_start(health, clock):
 def test_what_is_left_out_for_the_recorder_is_missing_and_no_failure(health, live, parts):
     parts.load.problem = Message("shed-pages")
     assert told(health) == (["shed-pages"], [], [])
+
+
+def test_a_file_that_was_set_aside_is_a_problem_and_no_failure(health, live, parts):
+    parts.damaged.add(Path("events.sqlite"), Path("events.sqlite.damaged-20260101T000000Z"))
+    assert told(health) == (["file-set-aside"], [], [])
+    notes = []
+    parts.damaged.note_into(lambda *note: notes.append(note))
+    assert [(severity, code) for severity, code, _ in notes] == [("warning", "file-set-aside")]
+    parts.damaged.add(Path("passport.sqlite"), Path("kept"))
+    assert len(notes) == 2
