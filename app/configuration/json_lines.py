@@ -22,12 +22,16 @@ class JsonLines:
         """Add a record after the lines that were read; it is on the disk when this returns.
 
         Raises:
-            OSError: it cannot be kept.
+            OSError: it cannot be kept; the error names the file.
         """
         is_cut = bool(after) and not after[-1].endswith(b"\n")
-        with self._path.open("ab") as file:
-            file.write((b"\n" if is_cut else b"") + json.dumps(record, ensure_ascii=False).encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
+        line = json.dumps(record, ensure_ascii=False).encode() + b"\n"
+        try:
+            with self._path.open("ab") as file:
+                file.write((b"\n" if is_cut else b"") + line)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
         if not after:
             flush_folder(self._path.parent)

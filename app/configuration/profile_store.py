@@ -2,6 +2,7 @@
 
 import re
 import threading
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -61,19 +62,23 @@ class Profiles:
         """Keep an image as the next version of a name; `converted_from` is the memory map that it was of.
 
         Raises:
-            ConfigError: the name cannot be a file's, or the disk refused.
+            ConfigError: the name cannot be a file's.
+            OSError: the disk does not take it; all is as before.
         """
         with self._lock:
             version = 1 + max([0, *self.versions(name), self._current(name)])
             now = datetime.fromtimestamp(self._clock.wall_s(), UTC).isoformat(timespec="seconds")
             profile = Profile(_checked(name), version, comment.strip()[:500], who, now, image, converted_from)
             text = profile_text(profile)
+            self._versions.mkdir(parents=True, exist_ok=True)
+            kept = self._versions / f"{name}@{version}.json"
+            replace_file(kept, text.encode())
             try:
-                self._versions.mkdir(parents=True, exist_ok=True)
-                for path in (self._versions / f"{name}@{version}.json", self._folder / f"{name}.json"):
-                    replace_file(path, text.encode())
-            except OSError as error:
-                raise ConfigError("profile", name, Message("cannot-be-saved", error=error.strerror)) from error
+                replace_file(self._folder / f"{name}.json", text.encode())
+            except OSError:
+                with suppress(OSError):
+                    kept.unlink()
+                raise
             return profile
 
     def _current(self, name: str) -> int:

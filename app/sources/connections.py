@@ -7,7 +7,6 @@ import contextlib
 import json
 import os
 import re
-import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
@@ -209,6 +208,7 @@ class Setup:
         Raises:
             ConfigError: there is not exactly one profile, a name is no file's, or the profile is wrong.
             ImportFailed, ExtraMissing: a DBC cannot be read.
+            OSError: the disk does not take it; one of this name stays as it was.
         """
         profiles = [name for name in files if name.endswith(".toml")]
         if len(profiles) != 1:
@@ -221,10 +221,18 @@ class Setup:
         batteries = self._folder / BATTERIES
         batteries.mkdir(parents=True, exist_ok=True)
         folder = batteries / profile.removesuffix(".toml")
-        with tempfile.TemporaryDirectory(prefix=".new-", dir=batteries) as fresh:
+        with tempfile.TemporaryDirectory(prefix=".new-", dir=batteries) as scratch:
+            fresh, before = Path(scratch) / "new", Path(scratch) / "before"
+            fresh.mkdir()
             for name, data in files.items():
-                (Path(fresh) / name).write_bytes(data)
-            self.load(str(Path(fresh) / profile), own_folder=True)
-            shutil.rmtree(folder, ignore_errors=True)
-            shutil.copytree(fresh, folder)
+                replace_file(fresh / name, data)
+            self.load(str(fresh / profile), own_folder=True)
+            if folder.exists():
+                folder.rename(before)
+            try:
+                fresh.rename(folder)
+            except OSError:
+                if before.exists():
+                    before.rename(folder)
+                raise
         return str(folder / profile)

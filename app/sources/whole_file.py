@@ -14,7 +14,7 @@ def replace_file(path: Path, content: bytes, *, is_private: bool = False) -> Non
         is_private: only its owner may read it.
 
     Raises:
-        OSError: the disk does not take it.
+        OSError: the disk does not take it; the error names the file.
     """
     draft = path.with_name(f".{path.name}.new")
     try:
@@ -25,10 +25,10 @@ def replace_file(path: Path, content: bytes, *, is_private: bool = False) -> Non
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)
-    except OSError:
+    except OSError as error:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
-        raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     flush_folder(path.parent)
 
 

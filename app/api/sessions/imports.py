@@ -84,6 +84,9 @@ async def upload(
         with path.open("wb") as file:
             async for piece in request.stream():
                 file.write(piece)
+    except OSError as error:
+        imports.discard(path)
+        raise OSError(error.errno, error.strerror, str(path)) from error
     except BaseException:
         imports.discard(path)
         raise

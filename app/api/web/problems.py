@@ -1,9 +1,11 @@
 """One error body for the whole API: RFC 9457 problem documents, from one table."""
 
+import errno
 import logging
 import math
 from collections.abc import Mapping
 from functools import reduce
+from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -17,6 +19,7 @@ from app.api.encoding.words import message_json
 from app.configuration.config_sources import NoSource
 from app.configuration.profile_store import NoProfile
 from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
+from app.data_file import encodable
 from app.errors import (
     AppError,
     ConfigError,
@@ -39,6 +42,7 @@ from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
 log = logging.getLogger(__name__)
 MEDIA_TYPE = "application/problem+json"
 HTTP_SLUGS = {400: "bad-request", 404: "not-found", 405: "method-not-allowed", 413: "too-large"}
+REFUSED_BY_DISK = {errno.ENOSPC, errno.EROFS, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 SHOWN = 200  # characters of a value that is shown back
 MOST_ERRORS = 20  # fields at fault that an answer names
 
@@ -230,6 +234,14 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(AppError)
     async def on_app_error(_: Request, error: AppError) -> JSONResponse:
         return _of_app_error(error).response()
+
+    @app.exception_handler(OSError)
+    async def on_os_error(request: Request, error: OSError) -> JSONResponse:
+        if error.errno not in REFUSED_BY_DISK:
+            raise error
+        what = request.scope["path"] if error.filename is None else Path(str(error.filename)).name
+        message = Message("not-stored", file=encodable(what), error=error.strerror or str(error))
+        return Problem(507, "storage", message).response()
 
     @app.exception_handler(EncodeError)
     async def on_encode_error(_: Request, error: EncodeError) -> JSONResponse:

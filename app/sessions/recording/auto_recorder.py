@@ -156,7 +156,7 @@ class AutoRecorder:
         """Use it from the next session on, also after a restart.
 
         Raises:
-            ConfigError: it cannot be kept.
+            OSError: the disk does not keep it.
         """
         save_plan(self._plan_path, plan)
         with self._lock:

@@ -65,12 +65,9 @@ def save_plan(path: Path, plan: RecordingPlan) -> None:
     """Keep it over restarts.
 
     Raises:
-        ConfigError: the file cannot be written.
+        OSError: the disk does not take it.
     """
-    try:
-        replace_file(path, (json.dumps(asdict(plan), indent=2) + "\n").encode())
-    except OSError as error:
-        raise ConfigError("recording plan", path, error.strerror or str(error)) from error
+    replace_file(path, (json.dumps(asdict(plan), indent=2) + "\n").encode())
 
 
 def checked(plan: RecordingPlan) -> RecordingPlan:
