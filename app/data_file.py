@@ -1,9 +1,12 @@
 """Files of the data folder that may be damaged: JSON within bounds, and how one that cannot be read is set aside."""
 
 import logging
+from dataclasses import is_dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import orjson
 
@@ -11,6 +14,7 @@ from app.clock import Clock
 
 MOST_DEPTH = 32
 LOGS = ("-wal", "-shm")  # of an SQLite file
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 
@@ -37,6 +41,40 @@ def parse_object(text: str | bytes, *, most_bytes: int = 16 << 20, most_depth: i
     if not isinstance(value, dict):
         raise ValueError("no JSON object")  # noqa: TRY004  as all else that is wrong with it
     return value
+
+
+def checked(value: T) -> T:
+    """Return a dataclass that was made of JSON, if every field is of its declared type; whole numbers fit 64 bits.
+
+    Raises:
+        TypeError: names a field that is not.
+    """
+    kind: type = type(value)
+    for name, hint in _hints(kind).items():
+        if not _fits(getattr(value, name), hint):
+            raise TypeError(name)
+    return value
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def _fits(value: object, hint: Any) -> bool:
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return any(_fits(value, each) for each in args)
+    if origin is Literal:
+        return value in args
+    if origin is tuple:
+        return isinstance(value, tuple) and all(_fits(each, args[0]) for each in value)
+    if hint in (int, float):
+        is_number = isinstance(value, hint | int) and not isinstance(value, bool)
+        return is_number and (isinstance(value, float) or -(1 << 63) <= value < 1 << 63)  # type: ignore[operator]
+    if is_dataclass(hint) and type(value) is hint:
+        return checked(value) is value
+    return isinstance(value, origin or hint)
 
 
 def encodable(name: str) -> str:

@@ -130,7 +130,7 @@ def _load(name: str) -> bytes:
 def _document(name: str, content: bytes) -> Any:
     try:
         return json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError("file", name, f"not JSON: {error}") from error
 
 
@@ -144,7 +144,7 @@ def _save(path: Path, content: bytes) -> None:
 def _value(name: str, text: str) -> Any:
     try:
         return json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(name, text, "a number, or a JSON list") from error
 
 

@@ -28,6 +28,7 @@ from typing import Any, Literal, get_args
 from filelock import FileLock
 
 from app.configuration.json_lines import JsonLines
+from app.data_file import checked, parse_object
 from app.sources.whole_file import replace_file
 
 ConfigAction = Literal["write", "load", "store", "rollback"]
@@ -177,10 +178,10 @@ def _signature(key: bytes, body: dict[str, Any], before: str) -> str:
 
 def _parse(line: bytes) -> tuple[dict[str, Any], str] | None:
     try:
-        body = json.loads(line)
+        body = parse_object(line)
         signature = body.pop("signature")
         _record(body, is_genuine=False)
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError):
         return None
     return body, str(signature)
 
@@ -191,15 +192,21 @@ def _signature_of(line: bytes) -> str:
 
 
 def _record(body: dict[str, Any], *, is_genuine: bool) -> Record:
-    return Record(
-        int(body["number"]),
-        int(body["t_wall_ns"]),
-        str(body["who"]),
+    """A record of its line.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is none.
+    """
+    record = Record(
+        body["number"],
+        body["t_wall_ns"],
+        body["who"],
         body["action"],
-        str(body["source"]),
-        str(body["reason"]),
+        body["source"],
+        body["reason"],
         base64.b64decode(body["before"], validate=True),
         base64.b64decode(body["after"], validate=True),
-        str(body["result"]),
+        body["result"],
         is_genuine,
     )
+    return checked(record)

@@ -1,13 +1,12 @@
 """Every check of a slave against a meter, in a file that only grows: one line of JSON each, `slave-checks.jsonl`."""
 
-import json
 import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from app.configuration.json_lines import JsonLines
 from app.configuration.slave_check import CheckedCell, QuantityName, Verdict
+from app.data_file import checked, parse_object
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +62,10 @@ class SlaveCheckLog:
 
 def _parse(line: bytes) -> SlaveCheck | None:
     try:
-        entry: dict[str, Any] = json.loads(line)
+        entry = parse_object(line)
         verdict = entry.pop("verdict")
         cells = tuple(CheckedCell(**cell) for cell in verdict.pop("cells"))
         verdict["out"] = tuple(verdict["out"])
-        return SlaveCheck(**entry, verdict=Verdict(cells, **verdict))
+        return checked(SlaveCheck(**entry, verdict=Verdict(cells, **verdict)))
     except (ValueError, KeyError, TypeError, AttributeError):
         return None

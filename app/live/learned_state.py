@@ -65,7 +65,7 @@ def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
                     _watched(file, n_cells),
                 ),
             )
-    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
         return None
     shapes = {state.soc.shape, state.soc_sigma.shape, state.cells.joint_baseline_ohm.shape}

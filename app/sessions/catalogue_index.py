@@ -12,18 +12,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from app.data_file import MOST_DEPTH, parse_object, set_aside
+from app.data_file import MOST_DEPTH, checked, parse_object, set_aside
 from app.sessions.info import SessionInfo
 from app.sessions.storage.files import SUFFIX
 
 INDEX = ".index.json"
 _VERSION = 1
 MOST_BYTES = 256 << 20
-_KINDS = {
-    "id": str, "path": str, "name": str, "started_wall_ns": int, "started_mono_ns": int, "ended_wall_ns": int,
-    "ended_mono_ns": int, "is_closed": bool, "frames": int, "can_frames": int, "events": int, "markers": int,
-    "size_bytes": int, "voltwall": str, "map_hash": str, "metadata": dict,
-}  # fmt: skip
 State = tuple[int, int]  # of a file: when it was changed [ns since 1970], bytes
 FullState = tuple[int, int, int, int]  # of a file and of its log
 Known = dict[str, tuple[State, SessionInfo]]
@@ -82,9 +77,6 @@ def _info(folder: Path, session_id: str, row: Mapping[str, object]) -> SessionIn
     """The facts of a session.
 
     Raises:
-        KeyError, TypeError: one is missing, or of another kind.
+        TypeError: one is of another kind, or not known.
     """
-    for name, kind in _KINDS.items():
-        if not isinstance(row[name], kind) or (kind is int and isinstance(row[name], bool)):
-            raise TypeError(name)
-    return SessionInfo(**{**row, "id": session_id, "path": folder / f"{session_id}{SUFFIX}"})  # type: ignore[arg-type]
+    return checked(SessionInfo(**{**row, "id": session_id, "path": folder / f"{session_id}{SUFFIX}"}))  # type: ignore[arg-type]

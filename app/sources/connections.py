@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from app.battery.by_shape import files_of_shape
 from app.battery.library import bundled_profiles
 from app.battery.shape import TEAM_PROFILE
+from app.data_file import checked, parse_object, set_aside
 from app.errors import ConfigError, NotNow
 from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
@@ -77,25 +78,22 @@ NAMES = tuple(field.name for field in fields(Connections))
 
 
 def load_connections(folder: Path) -> Connections | None:
-    """Return what was chosen, None where nothing was.
+    """Return what was chosen, None where nothing was; a file that is no such choice is set aside.
 
     Raises:
-        ConfigError: the file is no such choice.
+        ConfigError: the disk does not give it, or does not let it be renamed.
     """
     path = folder / FILE
     if not path.is_file():
         return None
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        is_choice = isinstance(values, dict) and all(
-            name in NAMES and ((isinstance(value, str) and value) or (value is None and name != "battery"))
-            for name, value in values.items()
-        )
-    except (OSError, ValueError) as error:
+        try:
+            found = _choice(path.read_bytes())
+        except (TypeError, ValueError):
+            set_aside(path)
+            return None
+    except OSError as error:
         raise ConfigError("data", path, str(error)) from error
-    if not is_choice:
-        raise ConfigError("data", path, Message("connections-file", names=NAMES))
-    found = Connections(**values)
     check_battery(folder, found.battery)
     return found
 
@@ -115,6 +113,18 @@ def check_battery(folder: Path, battery: str) -> None:
 
 def _uploaded(folder: Path) -> list[Path]:
     return sorted((folder / BATTERIES).glob("*/*.toml"))
+
+
+def _choice(content: bytes) -> Connections:
+    """Return the choice that a file holds.
+
+    Raises:
+        TypeError, ValueError: it is none.
+    """
+    chosen = checked(Connections(**parse_object(content)))
+    if "" in (chosen.serial, chosen.can, chosen.battery):
+        raise ValueError("an empty name")
+    return chosen
 
 
 def save_connections(folder: Path, connections: Connections) -> None:

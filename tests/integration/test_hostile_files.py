@@ -9,7 +9,7 @@ import pytest
 from app.sessions.catalogue import Catalogue
 from tests.service_process import NO_CAR, until
 from tests.unit.app.sessions.conftest import recorder_in
-from tests.unit.app.sessions.hostile import BATTERIES, HARMLESS, UNREADABLE, hostile
+from tests.unit.app.sessions.hostile import BATTERIES, DEEP_LIST, HARMLESS, UNREADABLE, hostile
 
 
 @pytest.fixture
@@ -107,6 +107,46 @@ def test_damage_met_while_it_runs_stops_nothing(make_service) -> None:
         assert client.get("/events?limit=5000").status_code == 200
         until(lambda: [each for each in client.get("/health").json()["reasons"] if "events.sqlite was damaged" in each])
         assert "file-set-aside" in [each["code"] for each in client.get("/events").json()["events"]]
+
+
+def test_damaged_state_files_are_set_aside_and_the_service_starts(make_service, sessions: list[str]) -> None:
+    service = make_service("--no-record", start=False)
+    folder = service.data / "sessions"
+    files = {
+        service.data / "connections.json": DEEP_LIST,
+        service.data / "recording.json": DEEP_LIST,
+        folder / ".index.json": DEEP_LIST,
+    }
+    for path, content in files.items():
+        path.write_text(content)
+    (service.data / "config-history.jsonl").write_text(f"{DEEP_LIST}\n")
+    (service.data / "slave-checks.jsonl").write_text(f"{DEEP_LIST}\n")
+    (service.data / "profiles").mkdir()
+    (service.data / "profiles" / "bad.json").write_text(DEEP_LIST)
+    service.start()
+    with service.client() as client:
+        assert set(sessions) < {each["id"] for each in client.get("/sessions").json()["sessions"]}
+        assert client.get("/config/history").json()["records"] == []
+        assert client.get("/calibration/slave").json()["checks"] == []
+        assert len(client.get("/config/profiles").json()["broken"]) == 1
+        assert client.get("/recorder").json()["plan"]["event"] == ""
+        assert client.get("/setup").json()["chosen"] is None
+    for path, content in files.items():
+        (kept,) = path.parent.glob(f"{path.name}.damaged-*")
+        assert kept.read_text() == content
+        assert any(kept.name in line for line in service.lines)
+    assert not [line for line in service.lines if "Traceback" in line]
+
+
+@pytest.mark.parametrize("content", [DEEP_LIST, "{}", '{"accounts": [{"name": 1}], "tokens": []}'])
+def test_damaged_accounts_are_refused_by_name_and_open_nothing(voltwall, tmp_path: Path, content: str) -> None:
+    path = tmp_path / "accounts.json"
+    path.write_text(content)
+    done = voltwall("serve", "--port", "0", "--data", str(tmp_path), "--serial", NO_CAR)
+    assert done.returncode != 0
+    (line,) = done.stderr.splitlines()
+    assert "accounts.json" in line
+    assert path.read_text() == content
 
 
 def test_retention_goes_on_among_bad_sessions_and_names_them_once(make_service, sessions: list[str]) -> None:

@@ -18,7 +18,8 @@ from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 from filelock import FileLock
 
-from app.api.access.roles import MOST_DAYS, ROLES, Role
+from app.api.access.roles import MOST_DAYS, Role
+from app.data_file import checked, parse_object
 from app.errors import AppError, ConfigError
 from app.service.settings import MOST_CHARACTERS, check_password
 from app.sources.whole_file import replace_file
@@ -237,11 +238,9 @@ class Accounts:
 
 
 def _parse(content: bytes) -> _Held:
-    lists = json.loads(content)
-    accounts = [Account(**each) for each in lists["accounts"]]
-    tokens = [Token(**each) for each in lists["tokens"]]
-    if {*(each.role for each in accounts), *(each.role for each in tokens)} - {*ROLES}:
-        raise ValueError("role")
+    lists = parse_object(content)
+    accounts = [checked(Account(**each)) for each in lists["accounts"]]
+    tokens = [checked(Token(**each)) for each in lists["tokens"]]
     return _Held({_folded(each.name): each for each in accounts}, {each.digest: each for each in tokens})
 
 

@@ -12,11 +12,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from app import __version__
+from app.data_file import checked, parse_object
 from app.errors import ConfigError
 
 SCHEMA: Final = 1
@@ -64,7 +66,8 @@ class Results:
         for path in self.folder.glob(f"*/{_SET}"):
             about = _read(path)
             if about is not None and about.pop("schema", None) == SCHEMA:
-                found.append((path.stat().st_mtime_ns, EstimateSet(**about)))
+                with suppress(TypeError):  # damaged
+                    found.append((path.stat().st_mtime_ns, checked(EstimateSet(**about))))
         return [each for _, each in sorted(found, key=lambda pair: (-pair[0], pair[1].id))]
 
     def find(self, name: str) -> EstimateSet:
@@ -109,10 +112,9 @@ class Results:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        return parse_object(path.read_bytes(), most_bytes=256 << 20)
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
 
 
 def _write(path: Path, body: dict[str, Any]) -> None:

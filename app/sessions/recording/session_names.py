@@ -3,10 +3,12 @@
 import json
 import logging
 import re
-from dataclasses import asdict, dataclass, fields
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.data_file import parse_object, set_aside
 from app.errors import ConfigError
 from app.sources.whole_file import replace_file
 from app.words import Message
@@ -46,19 +48,23 @@ def next_part(name: str) -> str:
 
 
 def load_plan(path: Path, event: str | None = None) -> RecordingPlan:
-    """Return what was kept, nothing where there is nothing; `event` given at the start of the service wins."""
+    """Return what was kept, nothing where there is nothing; `event` given at the start of the service wins.
+
+    What is no plan is set aside.
+    """
+    plan = RecordingPlan()
     try:
-        kept = json.loads(path.read_text(encoding="utf-8"))
+        kept = parse_object(path.read_bytes())
+        known = {each.name for each in fields(RecordingPlan)}
+        plan = checked(RecordingPlan(**{name: str(value) for name, value in kept.items() if name in known}))
     except FileNotFoundError:
-        kept = {}
-    except (OSError, ValueError) as error:
+        pass
+    except OSError as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
-        kept = {}
-    known = {each.name for each in fields(RecordingPlan)}
-    texts = {name: str(value) for name, value in kept.items() if name in known} if isinstance(kept, dict) else {}
-    if event is not None:
-        texts["event"] = event
-    return checked(RecordingPlan(**texts))
+    except (ValueError, ConfigError):
+        with suppress(OSError):
+            set_aside(path)
+    return plan if event is None else checked(replace(plan, event=event))
 
 
 def save_plan(path: Path, plan: RecordingPlan) -> None:

@@ -37,11 +37,16 @@ def test_what_was_kept_is_what_is_read_again(tmp_path):
     assert load_connections(tmp_path) == ORION
 
 
-@pytest.mark.parametrize("text", ["[]", '{"serial": 7}', '{"port": "COM6"}', "not json"])
-def test_a_file_that_is_no_choice_is_an_error_that_names_it(tmp_path, text):
+@pytest.mark.parametrize(
+    "text",
+    ["[]", "", '{"serial": 7}', '{"serial": ""}', '{"port": "COM6"}', "not json", "[" * 100_000, '{"can": "\\ud800"}'],
+)
+def test_a_file_that_is_no_choice_is_set_aside(tmp_path, text):
     (tmp_path / FILE).write_text(text)
-    with pytest.raises(ConfigError, match=FILE):
-        load_connections(tmp_path)
+    assert load_connections(tmp_path) is None
+    (kept,) = tmp_path.iterdir()
+    assert kept.name.startswith(f"{FILE}.damaged-2")
+    assert kept.read_text() == text
 
 
 def test_nothing_is_needed_once_something_was_chosen_or_the_command_line_says_it(tmp_path):
@@ -132,8 +137,7 @@ def test_a_kept_choice_may_leave_links_out_but_has_a_battery(tmp_path):
     (tmp_path / FILE).write_text('{"serial": null, "can": null}')
     assert load_connections(tmp_path) == Connections()
     (tmp_path / FILE).write_text('{"battery": null}')
-    with pytest.raises(ConfigError, match="serial, can, battery"):
-        load_connections(tmp_path)
+    assert load_connections(tmp_path) is None
 
 
 def test_a_choice_that_cannot_be_read_counts_as_none_and_can_be_made_again(tmp_path):

@@ -76,7 +76,22 @@ def test_a_token_ends_and_is_revoked(accounts):
     assert not accounts.revoke_token(made.id)
 
 
-@pytest.mark.parametrize("content", ["", "{", "{}", '{"accounts": [{"name": 1}], "tokens": []}'])
+_ADA = '{"accounts": [{"name": "ada", "role": "chief", "password": "x", "stamp": "y"}], "tokens": []}'
+BROKEN = {
+    "empty": "",
+    "cut": "{",
+    "another object": "{}",
+    "another list": "[]",
+    "no account": '{"accounts": [{"name": 1}], "tokens": []}',
+    "a name that is a number": _ADA.replace('"ada"', "1"),
+    "a password that is a list": _ADA.replace('"x"', "[]"),
+    "a role that is none": _ADA.replace("chief", "king"),
+    "deep": "[" * 100_000,
+    "a deep name": _ADA.replace('"ada"', "[" * 50_000 + "]" * 50_000),
+}
+
+
+@pytest.mark.parametrize("content", BROKEN.values(), ids=BROKEN)
 def test_a_broken_file_lets_nobody_in(accounts, tmp_path, content):
     (tmp_path / FILE).write_text(content)
     with pytest.raises(ConfigError, match="file of accounts"):
