@@ -28,7 +28,7 @@ from typing import Any, Literal, get_args
 from filelock import FileLock
 
 from app.configuration.json_lines import JsonLines
-from app.data_file import checked, parse_object
+from app.sources.data_file import checked, parse_object
 from app.sources.whole_file import replace_file
 
 ConfigAction = Literal["write", "load", "store", "rollback"]

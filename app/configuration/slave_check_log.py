@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.configuration.json_lines import JsonLines
 from app.configuration.slave_check import CheckedCell, QuantityName, Verdict
-from app.data_file import checked, parse_object
+from app.sources.data_file import checked, parse_object
 
 
 @dataclass(frozen=True, slots=True)

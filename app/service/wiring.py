@@ -35,10 +35,10 @@ from app.live.pipeline import Output
 from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
-from app.service.damaged_files import DamagedFiles
 from app.service.events import Events
 from app.service.failures import Failures
 from app.service.health.checks import Health
+from app.service.health.damaged_files import DamagedFiles
 from app.service.host import is_clock_synchronised
 from app.service.inbox import Inbox
 from app.service.learned_state_saver import LearnedStateSaver

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from app.data_file import MOST_DEPTH, checked, parse_object, set_aside
 from app.sessions.info import SessionInfo
 from app.sessions.storage.files import SUFFIX
+from app.sources.data_file import MOST_DEPTH, checked, parse_object, set_aside
 
 INDEX = ".index.json"
 _VERSION = 1

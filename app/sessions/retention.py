@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.clock import Clock
-from app.data_file import encodable
 from app.errors import AppError, message_of
 from app.sessions.catalogue import Catalogue
 from app.sessions.info import SessionInfo
+from app.sources.data_file import encodable
 from app.telemetry import Severity
 from app.words import Message, Quantity
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from app.battery.by_shape import files_of_shape
 from app.battery.library import bundled_profiles
 from app.battery.shape import TEAM_PROFILE
-from app.data_file import checked, parse_object, set_aside
 from app.errors import ConfigError, NotNow
+from app.sources.data_file import checked, parse_object, set_aside
 from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
 from app.sources.links.serial_url import check_url

@@ -20,6 +20,7 @@
 #define MAP 8192u
 #define MOST 2048u
 #define KEPT 4096u
+#define INPUT_S 60u /* an input takes microseconds */
 
 void __sanitizer_cov_trace_pc(void);
 
@@ -80,7 +81,9 @@ static int is_new(vw_fuzz_target_t target, const uint8_t *data, size_t length)
     tried->length = (uint32_t)length;
     memset(hits, 0, sizeof hits);
     before = 0u;
+    alarm(INPUT_S); /* SIGALRM ends the process as a sanitizer does */
     target(exact, length);
+    alarm(0);
     free(exact);
     for (i = 0; i < MAP; i++) {
         uint8_t now = bucket(hits[i]);

@@ -28,7 +28,7 @@ def main(name: str, seconds: float) -> None:
     corpus = FOLDER / "corpus" / name
     for folder in (found, corpus, FOLDER / "finds" / name):
         folder.mkdir(parents=True, exist_ok=True)
-    options = [f"-max_len={LONGEST}", f"-max_total_time={int(seconds)}", "-timeout=60", "-rss_limit_mb=3000"]
+    options = [f"-max_len={LONGEST}", f"-max_total_time={int(seconds)}", "-timeout=30", "-rss_limit_mb=3000"]
     options += [f"-artifact_prefix={found.parent}/{name}-", "-print_final_stats=1"]
     options += ["-seed=1"] * (seconds < SHORT_S)
     folders = [str(found), str(corpus), str(FOLDER / "finds" / name)]

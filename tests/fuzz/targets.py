@@ -3,11 +3,13 @@
 `python -m tests.fuzz.run TARGET` searches for such bytes by coverage; `tests/property/test_fuzz.py` repeats the corpus.
 """
 
+import signal
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
+INPUT_S = 5.0  # of processor time for an input of at most 4 KiB; the first of a kind imports its library
 IN_FILES = {  # each imports much
     "wires": ("framing", "messages", "master", "mqtt"),
     "files": ("dbc", "can_log", "csv", "profile", "session"),
@@ -16,10 +18,39 @@ IN_FILES = {  # each imports much
 TARGETS = {name: f"tests.fuzz.{file}" for file, names in IN_FILES.items() for name in names}
 
 
+class TooSlow(BaseException):
+    """An input took longer than it may; no handler of mere errors keeps it."""
+
+
 def target(name: str) -> Callable[[bytes], None]:
-    """Return a target by its name."""
+    """Return a target by its name; an input that takes longer than INPUT_S breaks it."""
     found: Callable[[bytes], None] = getattr(import_module(TARGETS[name]), name)
-    return found
+    found(b"")  # makes what every input needs
+    return limited(found)
+
+
+def limited(tried: Callable[[bytes], None], seconds: float = INPUT_S) -> Callable[[bytes], None]:
+    """Return a function that raises TooSlow where `tried` takes more processor time; in the main thread alone.
+
+    A regular expression that turns in circles is interrupted, too: Python's looks for signals meanwhile.
+    """
+    if not hasattr(signal, "setitimer"):  # Windows
+        return tried
+
+    def run(data: bytes) -> None:
+        before = signal.signal(signal.SIGPROF, _too_slow)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+        try:
+            tried(data)
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            signal.signal(signal.SIGPROF, before)
+
+    return run
+
+
+def _too_slow(*_: object) -> None:
+    raise TooSlow
 
 
 def kept(name: str) -> list[Path]:

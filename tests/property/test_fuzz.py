@@ -15,7 +15,7 @@ import pytest
 
 from tests.c_programs import build_fuzzer
 from tests.campaign import campaign, of_size, tell_figure
-from tests.fuzz.targets import FOLDER, TARGETS, kept, target
+from tests.fuzz.targets import FOLDER, TARGETS, TooSlow, kept, limited, target
 
 PROJECT = Path(__file__).parents[2]
 SEARCH_S = of_size(0, 2, 20, 600)
@@ -29,6 +29,16 @@ def test_what_is_kept_of_a_target_breaks_no_promise(name):
     assert paths, "run tests/fuzz/run.py"
     for path in paths:
         target(name)(path.read_bytes())
+
+
+def test_an_input_that_takes_too_long_breaks_a_target():
+    def backtrack(data):
+        re.fullmatch(rb"(a*)*b", data)  # doubles with each byte
+
+    limited(backtrack, 0.2)(b"aaab")
+    for tried in (backtrack, lambda data: [None for _ in iter(int, 1)]):
+        with pytest.raises(TooSlow):
+            limited(tried, 0.2)(b"a" * 40)
 
 
 @pytest.mark.skipif(not SEARCH_S, reason="make campaign searches")

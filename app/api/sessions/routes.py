@@ -41,7 +41,6 @@ from app.api.web.dependencies import (
 from app.api.web.paging import CursorQuery, LimitQuery, page_of
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
-from app.data_file import encodable
 from app.estimation.filters.estimators import FILTERS
 from app.sessions.errors import NotASession, SessionError, UnknownSignal, Unreadable
 from app.sessions.export.formats import FORMATS, Names
@@ -51,6 +50,7 @@ from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
 from app.sessions.storage.signals import LONGEST_NAME
 from app.sessions.worker import EXPORT
+from app.sources.data_file import encodable
 from app.words import Message
 
 SQLITE = "application/vnd.sqlite3"

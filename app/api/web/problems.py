@@ -19,7 +19,6 @@ from app.api.encoding.words import message_json
 from app.configuration.config_sources import NoSource
 from app.configuration.profile_store import NoProfile
 from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
-from app.data_file import encodable
 from app.errors import (
     AppError,
     ConfigError,
@@ -34,6 +33,7 @@ from app.errors import (
     limit_of,
 )
 from app.sessions.errors import NotASession, SchemaTooNew, SessionError, SessionNotFound
+from app.sources.data_file import encodable
 from app.words import Message, Text, render, table
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.errors import EncodeError

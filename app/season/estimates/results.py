@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from app import __version__
-from app.data_file import checked, parse_object
 from app.errors import ConfigError
 
 SCHEMA: Final = 1
@@ -67,7 +66,7 @@ class Results:
             about = _read(path)
             if about is not None and about.pop("schema", None) == SCHEMA:
                 with suppress(TypeError):  # damaged
-                    found.append((path.stat().st_mtime_ns, checked(EstimateSet(**about))))
+                    found.append((path.stat().st_mtime_ns, EstimateSet(**about)))
         return [each for _, each in sorted(found, key=lambda pair: (-pair[0], pair[1].id))]
 
     def find(self, name: str) -> EstimateSet:
@@ -112,9 +111,10 @@ class Results:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        return parse_object(path.read_bytes(), most_bytes=256 << 20)
-    except (OSError, ValueError):
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return None
+    return found if isinstance(found, dict) else None
 
 
 def _write(path: Path, body: dict[str, Any]) -> None:

@@ -2,8 +2,8 @@
 
 from app.clock import Clock
 from app.live.load import Load
-from app.service.damaged_files import DamagedFiles
 from app.service.events import Events
+from app.service.health.damaged_files import DamagedFiles
 from app.service.links import Links
 from app.service.mqtt.publisher import MqttPublisher
 from app.service.pipeline_thread import PipelineThread

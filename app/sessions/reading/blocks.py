@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.data_file import parse_object
 from app.sessions.reading.session_info import meta_of
 from app.sessions.recording.session_writer import IDS_PER_CHUNK
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, Track
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.streams import CountArray, stream_ranges, unpack_streams
+from app.sources.data_file import parse_object
 from app.sources.loaded_battery import LoadedBattery
 from firmware_protocol.older_maps import FIRST_MAP, fields_of, first_image
 

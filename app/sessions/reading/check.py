@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from app.data_file import parse_object
 from app.sessions.errors import NotASession
 from app.sessions.recording.session_writer import IDS_PER_CHUNK
 from app.sessions.storage.chunks import Chunk, ChunkBuilder, SeriesKey
 from app.sessions.storage.digests import COLUMNS, KEY, META, Digest, meta_digest
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.streams import stream_ranges, unpack_streams
+from app.sources.data_file import parse_object
 from app.words import render
 from firmware_protocol.framing import Frame, decode_chunk
 from firmware_protocol.older_maps import fields_of, is_known

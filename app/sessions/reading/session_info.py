@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
-from app.data_file import parse_object
 from app.sessions.errors import NotASession
 from app.sessions.info import SessionInfo
 from app.sessions.reading.notes import MOST_BYTES, read_note
 from app.sessions.storage.digests import KEY
 from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
+from app.sources.data_file import parse_object
 from app.words import Message
 
 _NAME_BYTES = 1000

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.data_file import parse_object, set_aside
 from app.errors import ConfigError
+from app.sources.data_file import parse_object, set_aside
 from app.sources.whole_file import replace_file
 from app.words import Message
 

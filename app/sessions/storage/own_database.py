@@ -5,12 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from app.data_file import set_aside
 from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.database import code_of, open_for_writing
 from app.sessions.storage.files import identity
 from app.sessions.storage.foreign import require_all_tables
 from app.sessions.storage.migrate import Schema
+from app.sources.data_file import set_aside
 from app.words import Message
 
 T = TypeVar("T")

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import urlsplit
 
-from app.data_file import MOST_DEPTH, parse_json, parse_object
 from app.errors import ConfigError, LimitExceeded, WorkerEnded, message_of
 from app.sessions.errors import FetchFailed, SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.reading.session_info import read_info
 from app.sessions.storage.files import FETCHED, SUFFIX
 from app.sessions.transfer.trust import opener
+from app.sources.data_file import MOST_DEPTH, parse_json, parse_object
 from app.words import Message, Text
 
 TIMEOUT_S = 15.0

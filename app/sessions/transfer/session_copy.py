@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from app.data_file import parse_object
 from app.sessions.info import SessionInfo
 from app.sessions.reading.parse import Parse, in_process
 from app.sessions.recording.session_writer import SessionWriter, TableRow
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE
 from app.sessions.storage.files import FETCHED, SUFFIX, merge_log
 from app.sessions.transfer.pieces import PIECE_NS, Piece, parse_piece
+from app.sources.data_file import parse_object
 from app.sources.loaded_battery import battery_from_files
 
 COPIES = ".copies"

@@ -12,11 +12,11 @@ import pytest
 from app.configuration.history import ConfigHistory
 from app.configuration.slave_check import Cause, CheckedCell, Verdict
 from app.configuration.slave_check_log import SlaveCheckLog
-from app.data_file import MOST_DEPTH, checked, parse_json, parse_object, set_aside
 from app.season.estimates.results import _SET as SET
 from app.season.estimates.results import SCHEMA, Results
 from app.sessions.recording.session_names import RecordingPlan, load_plan, save_plan
 from app.sessions.transfer.session_copy import SessionCopy
+from app.sources.data_file import MOST_DEPTH, checked, parse_json, parse_object, set_aside
 from firmware_protocol.config_image import default_image
 from tests.fake_clock import FakeClock
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from app.data_file import encodable
+from app.sources.data_file import encodable
 from app.telemetry import Severity
 from app.words import Message
 
