@@ -9,7 +9,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import keep_black_boxes
@@ -189,15 +188,9 @@ def make_service(
     # Sessions on the disk
     remove_left_halves(sessions_folder, clock.wall_s())
     reading = Workers()  # for itself, so that a list waits for no export
-    recorded: set[object] = set()  # ids of this run
-
-    def note_recorded(event: Event) -> None:
-        if event.code in ("recording-started", "recording-split"):
-            recorded.add(event.message.args["session"])
-
-    events.subscribe(note_recorded)
-    own = (battery.files, format_cell(pipelines.cell))
-    catalogue = Catalogue(sessions_folder, LimitedReader(reading, own, recorded.__contains__))
+    limited = LimitedReader(reading, (battery.files, format_cell(pipelines.cell)))
+    events.subscribe(limited.on_event)
+    catalogue = Catalogue(sessions_folder, limited)
     rule = RetentionRule(settings.keep_days, settings.keep_gb)
     retention = Retention(
         catalogue,
@@ -230,11 +223,6 @@ def make_service(
     is_simulated = source == "simulator"
     boxes_path = data / "blackboxes.sqlite"
     boxes_lost = threading.Event()
-
-    def boxes_set_aside(path: Path, kept: Path) -> None:
-        damaged.add(path, kept)
-        boxes_lost.set()
-
     black_boxes = BlackBoxRecorder(
         boxes_path,
         session_id,
@@ -242,7 +230,7 @@ def make_service(
         explain,
         is_simulated=is_simulated,
         battery=battery.battery,
-        on_set_aside=boxes_set_aside,
+        on_set_aside=damaged.adding(boxes_lost.set),
     )
     passports = PassportKeeper(
         data,

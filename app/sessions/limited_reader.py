@@ -10,6 +10,7 @@ from app.errors import NotNow, WorkerEnded
 from app.sessions.info import SessionInfo
 from app.sessions.reading.session_info import read_info
 from app.sessions.worker import DEFINITIONS, Limits, Workers
+from app.telemetry import Event
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -24,20 +25,23 @@ class LimitedReader:
         self,
         workers: Workers,
         own: tuple[object, ...] = (),
-        is_ours: Callable[[str], bool] = lambda session_id: False,
     ) -> None:
         """Prepare; no process runs before it is needed.
 
         Args:
             workers: of the processes.
             own: battery files and cell file of the service itself.
-            is_ours: whether a session of this id was, or is being, recorded by this process.
         """
         self._workers = workers
         self._own = own
-        self._is_ours = is_ours
+        self._recorded: set[object] = set()  # ids of this run
         self._lock = threading.Lock()
         self._results: OrderedDict[tuple[object, object], tuple[Any, Exception | None]] = OrderedDict()
+
+    def on_event(self, event: Event) -> None:
+        """Take note of the sessions that are recorded here."""
+        if event.code in ("recording-started", "recording-split"):
+            self._recorded.add(event.message.args["session"])
 
     def info(self, path: Path) -> SessionInfo:
         """Return what there is to say about a session's file.
@@ -47,7 +51,7 @@ class LimitedReader:
             LimitExceeded, WorkerEnded: it takes too long, or ends the process.
             NotNow: the processes are busy, or the service ends.
         """
-        if self._is_ours(path.stem):
+        if path.stem in self._recorded:
             return read_info(path)
         return self._workers.run(LISTING, read_info, path)
 

@@ -12,9 +12,8 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 from starlette.background import BackgroundTask
 
-from app.analysis.finding import message_of_event
 from app.analysis.laps.from_session import LAP_KINDS
-from app.api.encoding.words import message_json, words
+from app.api.encoding.sessions import event_json, marker_json, session_json, unreadable_json
 from app.api.schemas.sessions import (
     DeletedOut,
     MarkedOut,
@@ -42,15 +41,13 @@ from app.api.web.paging import CursorQuery, LimitQuery, page_of
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
 from app.estimation.filters.estimators import FILTERS
-from app.sessions.errors import NotASession, SessionError, UnknownSignal, Unreadable
+from app.sessions.errors import SessionError, UnknownSignal
 from app.sessions.export.formats import FORMATS, Names
-from app.sessions.info import SessionInfo
 from app.sessions.replay import SESSION_CELL, ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
 from app.sessions.storage.signals import LONGEST_NAME
 from app.sessions.worker import EXPORT
-from app.sources.data_file import encodable
 from app.words import Message
 
 SQLITE = "application/vnd.sqlite3"
@@ -102,31 +99,6 @@ class ReplayControl(Body):
     estimates: Literal["recomputed", "recorded"] | None = None
 
 
-def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
-    """One session."""
-    return {
-        "id": info.id,
-        "name": info.name,
-        "started": info.started_wall_ns / 1e9,
-        "ended": None if info.id == recording_id or info.ended_wall_ns is None else info.ended_wall_ns / 1e9,
-        "duration_s": info.duration_s,
-        "frames": info.frames,
-        "can_frames": info.can_frames,
-        "bytes": info.size_bytes,
-        "recording": info.id == recording_id,
-        "closed": info.is_closed,
-        "event_count": info.events,
-        "marker_count": info.markers,
-        "version": info.voltwall,
-        "metadata": dict(info.metadata),
-    }
-
-
-def _unreadable_json(problem: Unreadable) -> dict[str, Any]:
-    reason = problem.reason if isinstance(problem, NotASession) else problem.message
-    return {"file": encodable(Path(problem.path).name), **message_json("reason", reason)}
-
-
 def _recording_id(recorder: RecorderPart) -> str | None:
     session = recorder.session
     return None if session is None else session.id
@@ -155,7 +127,7 @@ def sessions(
     shown, following = page_of(infos, lambda info: (info.started_wall_ns, info.id), limit, cursor)
     return {
         "sessions": [session_json(info, recording) for info in shown],
-        "unreadable": [_unreadable_json(each) for each in (problems if cursor is None else ())],
+        "unreadable": [unreadable_json(each) for each in (problems if cursor is None else ())],
         "next_cursor": following,
     }
 
@@ -175,8 +147,8 @@ def session(session_id: str, catalogue: CataloguePart, recorder: RecorderPart) -
     """One session with its markers, events and configurations."""
     with catalogue.open(session_id) as file:
         return session_json(file.info, _recording_id(recorder)) | {
-            "markers": [_marker_json(marker) for marker in file.markers()],
-            "events": [_event_json(event) for event in file.events()],
+            "markers": [marker_json(marker) for marker in file.markers()],
+            "events": [event_json(event) for event in file.events()],
             "configs": [{"time": c.t_wall_ns / 1e9, "why": c.why} for c in file.configs()],
             "signals": file.signal_names(),
         }
@@ -228,7 +200,7 @@ def markers(
     """The markers of a session, in the order in which they were made."""
     with catalogue.open(session_id) as file:
         shown, following = page_of(file.markers(), lambda each: (each.id, ""), limit, cursor, newest_first=False)
-    return {"markers": [_marker_json(marker) for marker in shown], "next_cursor": following}
+    return {"markers": [marker_json(marker) for marker in shown], "next_cursor": following}
 
 
 @router.delete("/sessions/{session_id}", response_model=DeletedOut)
@@ -380,22 +352,3 @@ def stop_replay(replay: ReplayPart, user: UserDep) -> dict[str, Any]:
     """Back to the live source."""
     replay.stop()
     return {"replay": None}
-
-
-def _marker_json(marker: Any) -> dict[str, Any]:
-    return {
-        "id": marker.id,
-        "time": marker.t_wall_ns / 1e9,
-        "kind": marker.kind,
-        "text": marker.text,
-        "who": marker.who,
-    }
-
-
-_OTHERWISE = ("t_mono_ns", "t_wall_ns", "limit_value", "message")  # sent by another name
-
-
-def _event_json(event: dict[str, Any]) -> dict[str, Any]:
-    body = {name: value for name, value in event.items() if name not in _OTHERWISE}
-    message = words(message_of_event(event))
-    return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value"), "text_words": message}
