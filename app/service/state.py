@@ -47,4 +47,5 @@ class ServiceStateReader:
             config_stored_hash=self._configuration.stored_hash(),
             sent_s=now_ns / 1e9,
             run=self._run.id,
+            not_recording=self._recorder.stall,
         )

@@ -56,6 +56,7 @@ class RecorderStatus:
     warning: Message | None  # the disk will be full soon
     error: Message | None  # why it is stalled
     commit_delay_s: float | None = None  # from a frame's arrival to its commit, the longest of the last minute
+    stalled_ns: int | None = None  # since when nothing gets onto the disk, since 1970 UTC
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from app.telemetry.fields import SentAs, Unit
+from app.telemetry.fields import LEFT_OUT, MESSAGE, SentAs, Unit
 from app.telemetry.snapshot import Number
+from app.words import Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +16,14 @@ class Recording:
     since_ns: Annotated[int, SentAs("since", 1e9)]
     frames: int
     bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stall:
+    """What should be recorded does not get onto the disk."""
+
+    since_ns: Annotated[int, SentAs("since", 1e9)]
+    reason: Annotated[Message, MESSAGE]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,3 +65,4 @@ class ServiceState:
     config_stored_hash: str | None
     sent_s: Annotated[Number, Unit("s", "service's monotonic clock when this was sent; null in a file", 3)] = None
     run: str | None = None  # of that clock: times of another run count from elsewhere; null in a file
+    not_recording: Annotated[Stall | None, LEFT_OUT] = None  # kept in memory up to a bound, or not at all

@@ -16,6 +16,7 @@ from app.sessions.recording.session_names import RecordingPlan, load_plan, next_
 from app.sources.items import CanItem, Item, SerialItem
 from app.sources.loaded_battery import LoadedBattery
 from app.telemetry import Event, Severity, Source
+from app.telemetry.service_state import Stall
 from app.words import Message
 from firmware_protocol.framing import Frame
 
@@ -84,6 +85,7 @@ class AutoRecorder:
         self._status: tuple[float, RecorderStatus] | None = None
         self._reported: Message | str | None = None
         self.start_failure: Message | None = None  # why nothing is recorded although the master speaks
+        self._failing_ns: int | None = None  # since when, wall clock
         self._session_id: str | None = None
 
     @property
@@ -98,6 +100,21 @@ class AutoRecorder:
     def session(self) -> SessionInfo | None:
         """The session being recorded."""
         return self.status.session
+
+    @property
+    def stall(self) -> Stall | None:
+        """Why nothing gets onto the disk although it should, and since when; None where it does, or nothing should."""
+        status = self.status
+        if status.error is not None and status.stalled_ns is not None and status.session is not None:
+            return Stall(status.stalled_ns, status.error)
+        if self.start_failure is not None and self._failing_ns is not None and status.session is None:
+            return Stall(self._failing_ns, self.start_failure)
+        return None
+
+    def stuck(self) -> list[Message]:
+        """Return that the recorder's thread has ended; one that waits for the disk is not stuck."""
+        error = self.status.error
+        return [] if self._recorder.is_alive or error is None else [error]
 
     @property
     def commit_delay_s(self) -> float | None:
@@ -121,6 +138,7 @@ class AutoRecorder:
             self._config = None
             self._status = None
             self._session_id = info.id
+            self.start_failure = self._failing_ns = None
         self._on_event(self._event("recording-started", Message("recording-started", session=info.id)))
         return info
 
@@ -131,7 +149,7 @@ class AutoRecorder:
         return self._end(Message("ended-by-hand"))
 
     def file_loss(self, session_id: str) -> Message | None:
-        """Return what to say of a session whose file was deleted or replaced while it was recorded."""
+        """Return what to say of a session whose file was lost while it was recorded."""
         return self._recorder.file_loss(session_id)
 
     def split(self) -> SessionInfo:
@@ -245,9 +263,9 @@ class AutoRecorder:
     def _start_by_itself(self, t_mono_ns: int) -> None:
         try:
             self.start()
-            self.start_failure = None
         except AppError as error:
             self.start_failure = error.message
+            self._failing_ns = self._failing_ns or self._clock.wall_ns()
             self._retry_ns = t_mono_ns + int(RETRY_S * 1e9)
             if self._reported != error.message:
                 self._reported = error.message
@@ -276,11 +294,11 @@ class AutoRecorder:
         return Event(self._clock.wall_ns(), severity, code, message)
 
     def _report_trouble(self) -> None:
-        """Tell of each kind of trouble once, and when it is over; the megabytes in its text change all the time."""
+        """Tell of each kind of trouble once, and when it is over; megabytes and seconds in its text change all the time."""
         status = self.status
         trouble = status.error or status.warning
         is_low = status.warning is not None and status.warning.code == "disk-low"
-        kind = status.error or ("low" if is_low else status.warning)
+        kind = status.error.code if status.error else "low" if is_low else status.warning
         if kind == self._reported:
             return
         if trouble is not None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from app.sessions.info import SessionInfo
 from app.sessions.recording.session_writer import TableRow, event_row
-from app.sessions.storage.files import size_on_disk
 from app.telemetry import Event
 from app.words import Message, Quantity
 
@@ -18,7 +17,7 @@ class DiskLimits:
 
     warn_free_bytes: int = 1 << 30
     stop_free_bytes: int = 64 << 20  # the system and the closing of the file need some
-    queue_bytes: int = 32 << 20
+    queue_bytes: int = 32 << 20  # then the oldest are left out: estimates, then frames
     session_bytes: int | None = None  # a session longer than this goes on in a new file
 
 
@@ -42,11 +41,11 @@ def low_warning(session: SessionInfo, free: int | None, limits: DiskLimits) -> M
     return Message("disk-low", free=Quantity(free >> 20, "MB"), left=left)
 
 
-def up_to_now(session: SessionInfo, counts: Mapping[str, int], now_ns: int) -> SessionInfo:
+def up_to_now(session: SessionInfo, counts: Mapping[str, int], now_ns: int, size_bytes: int) -> SessionInfo:
     """Return a session that is being recorded with its length, size and number of rows by table."""
     return replace(
         session,
-        size_bytes=size_on_disk(session.path),
+        size_bytes=size_bytes,
         ended_mono_ns=now_ns,
         frames=counts.get("frames", 0),
         can_frames=counts.get("can_frames", 0),

@@ -1,16 +1,16 @@
 """The recorder: callers hand over what was received and go on at once; one thread brings it to the disk.
 
 Items wait in memory for at most `COMMIT_S`, then go into one transaction that is forced to the disk. Where the disk
-does not take them they stay in memory, up to a limit, and are tried again; what is lost beyond it is counted and
-written down as an event as soon as the disk takes anything.
+does not take them they stay in memory, up to a limit, and are tried again; beyond it the oldest are left out, counted,
+and written down as an event as soon as the disk takes anything. Nobody but the thread waits for a disk.
 """
 
 import logging
 import sqlite3
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,12 +21,12 @@ from app.clock import Clock
 from app.errors import NotNow, message_of
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
-from app.sessions.recording.commit_delay import CommitDelay, oldest_frame_ns
+from app.sessions.recording.commit_queue import CommitQueue
 from app.sessions.recording.disk import DiskLimits, loss_event, low_warning, up_to_now
 from app.sessions.recording.disk import free_bytes as free_bytes_of
 from app.sessions.recording.session_writer import MEMORY_MAP, Row, SessionWriter, event_row
-from app.sessions.recording.waiting_rows import START, STOP, WaitingRows
-from app.sessions.storage.files import new_file, size_on_disk
+from app.sessions.recording.waiting_rows import START, STOP
+from app.sessions.storage.files import new_file
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.telemetry import Event
 from app.words import Message, Quantity, render
@@ -34,11 +34,7 @@ from firmware_protocol.memory_map import MAP_HASH
 
 logger = logging.getLogger(__name__)
 
-COMMIT_S = 0.3  # the time that the last commits took included; at most 0.5 s of a session are not on the disk
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
-DUE_S = 0.15  # what waits longer is committed next
-PAUSE_S = 0.05  # between two commits at least
-STUCK_S = 10.0  # a disk that has taken nothing for so long, and not said why
 _CONTENT = ("frames", "can_frames", "markers")
 
 
@@ -68,22 +64,18 @@ class Recorder:
         self._clock = clock
         self._limits = limits or DiskLimits()
         self._free_bytes = free_bytes
-        self._lock = threading.Lock()
-        self._progress = threading.Condition(self._lock)
+        self._queue = CommitQueue(clock, self._limits.queue_bytes)
+        self._lock, self._waiting = self._queue.lock, self._queue.waiting
         self._wake = threading.Event()
         self._ending = False
         self._session: SessionInfo | None = None
-        self._waiting = WaitingRows(self._limits.queue_bytes)
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
         self._map_hash: str | None = None  # of the master's memory map, once it told it
         self._file_losses: dict[str, Message] = {}  # sessions whose file was taken away, by id
-        self._error: Message | None = None
         self._free: int | None = None
-        self._committed_s = time.monotonic()  # when the thread last did
-        self._commit_began_s = self._committed_s
-        self._delay = CommitDelay()
+        self._size = 0  # of the session's file and log
         self._writer: SessionWriter | None = None  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
@@ -96,9 +88,15 @@ class Recorder:
             RecordingFailed: the folder or the file cannot be created.
         """
         with self._lock:
-            if self._session is not None:
-                raise NotNow(Message("is-being-recorded", session=self._session.id))
-            return self._begin(name, metadata or {})
+            self._require_idle()
+        path = self._new_file()
+        try:
+            with self._lock:
+                self._require_idle()
+                return self._begin(path, name, metadata or {})
+        except NotNow:  # somebody else was faster
+            path.unlink()
+            raise
 
     def split(self, metadata: Mapping[str, object] | None = None) -> SessionInfo:
         """End the session and go on in a new one, losing no frame between them; without `metadata` it keeps the same.
@@ -108,9 +106,16 @@ class Recorder:
             RecordingFailed: the new file cannot be created; the session goes on.
         """
         with self._lock:
-            if (session := self._session) is None:
-                raise NotNow(Message("nothing-recorded"))
-            return self._go_on(session, session.metadata if metadata is None else metadata)
+            self._require_session()
+        path = self._new_file()
+        try:
+            with self._lock:
+                session = self._require_session()
+                self._append_stop(self._clock.monotonic_ns(), self._clock.wall_ns())
+                return self._go_on(path, session, session.metadata if metadata is None else metadata)
+        except NotNow:  # it was stopped meanwhile
+            path.unlink()
+            raise
 
     def stop(self) -> None:
         """End the session; nothing without one. What it still holds in memory is written by the thread."""
@@ -173,39 +178,35 @@ class Recorder:
     def status(self) -> RecorderStatus:
         """What is being recorded, and how well."""
         with self._lock:
-            session, error, free = self._session, self._error, self._free
+            session, free, size = self._session, self._free, self._size
             waiting = self._waiting
             queue = (waiting.items, waiting.bytes, waiting.lost)
             counts, losses = self._counts.copy(), self._file_losses.copy()
-            waited_s = time.monotonic() - waiting.since_s if waiting.items else 0.0
-        if error is None and waited_s > STUCK_S:
-            error = Message("disk-silent", time=Quantity(waited_s, "s", 0))
+            error, stalled_ns = self._queue.trouble()
         warning = None
         if session is not None:
-            session = up_to_now(session, counts, self._clock.monotonic_ns())
+            session = up_to_now(session, counts, self._clock.monotonic_ns(), size)
             warning = losses.get(str(session.metadata.get("continues"))) or low_warning(session, free, self._limits)
         state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
-        delay_s = None if session is None else self._delay.longest_s
-        return RecorderStatus(state, session, *queue, free, warning, error, delay_s)
+        delay_s = None if session is None else self._queue.delay.longest_s
+        return RecorderStatus(state, session, *queue, free, warning, error, delay_s, stalled_ns)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether its thread runs."""
+        return self._thread.is_alive()
 
     @property
     def commit_delay_s(self) -> float | None:
-        """How long the newest frames took from their arrival to the disk, or wait already; None while idle."""
-        with self._lock:
-            if self._session is None:
-                return None
-            waiting = oldest_frame_ns(self._waiting.oldest)
-        return self._delay.now_s(waiting, self._clock.monotonic_ns())
+        """See `CommitQueue.delay_s`; None while idle, too."""
+        return None if self._session is None else self._queue.delay_s
 
     def wait_for_commit(self, timeout_s: float) -> None:
-        """Return when a commit that runs or is due has ended, at once where none is, or after so long."""
-        with self._progress:
-            waiting = oldest_frame_ns(self._waiting.oldest)
-            if waiting is not None and self._clock.monotonic_ns() - waiting > DUE_S * 1e9:
-                self._progress.wait(timeout_s)
+        """See `CommitQueue.wait_for_commit`."""
+        self._queue.wait_for_commit(timeout_s)
 
     def file_loss(self, session_id: str) -> Message | None:
-        """Return what to say of a session whose file was deleted or replaced while it was recorded."""
+        """Return what to say of a session whose file was lost while it was recorded."""
         with self._lock:
             return self._file_losses.get(session_id)
 
@@ -215,16 +216,7 @@ class Recorder:
         Raises:
             RecordingFailed: it is not; it stays in memory and is tried again.
         """
-        deadline = time.monotonic() + timeout_s
-        with self._progress:
-            goal = self._waiting.taken
-            while self._waiting.done < goal:
-                self._wake.set()
-                remaining = deadline - time.monotonic()
-                if remaining <= 0 or not self._progress.wait(remaining):
-                    raise RecordingFailed(self._error or Message("not-written-within", time=Quantity(timeout_s, "s")))
-                if self._error and self._waiting.done < goal:
-                    raise RecordingFailed(self._error)
+        self._queue.flush(timeout_s, self._wake.set)
 
     def close(self, timeout_s: float = 5.0) -> None:
         """End the session, write what is left and end the thread. Nothing may be handed over afterwards."""
@@ -233,15 +225,25 @@ class Recorder:
         self._wake.set()
         self._thread.join(timeout_s)
 
-    def _begin(self, name: str | None, metadata: Mapping[str, object], *, beside: Path | None = None) -> SessionInfo:
-        """End what is being recorded, or was in the file `beside`, and begin anew; the lock is held."""
-        started_wall_ns, started_mono_ns = self._clock.wall_ns(), self._clock.monotonic_ns()
+    def _require_idle(self) -> None:
+        if self._session is not None:
+            raise NotNow(Message("is-being-recorded", session=self._session.id))
+
+    def _require_session(self) -> SessionInfo:
+        if self._session is None:
+            raise NotNow(Message("nothing-recorded"))
+        return self._session
+
+    def _new_file(self, *, beside: Path | None = None) -> Path:
+        """Create a session's file; the lock is not held, since the disk may take its time."""
         try:
-            path = new_file(self._folder, started_wall_ns, beside=beside)
+            return new_file(self._folder, self._clock.wall_ns(), beside=beside)
         except OSError as error:
             raise RecordingFailed(Message("of-source", source=str(self._folder), reason=error.strerror)) from error
-        if self._session is not None and beside is None:
-            self._append_stop(started_mono_ns, started_wall_ns)
+
+    def _begin(self, path: Path, name: str | None, metadata: Mapping[str, object]) -> SessionInfo:
+        """Begin a session in a new file; the lock is held."""
+        started_wall_ns, started_mono_ns = self._clock.wall_ns(), self._clock.monotonic_ns()
         self._session = SessionInfo(
             path.stem, path, name or path.stem, started_wall_ns, started_mono_ns,
             voltwall=self._version, map_hash=self._map_hash or MAP_HASH.hex(), metadata=dict(metadata),
@@ -250,15 +252,16 @@ class Recorder:
         self._config = None
         self._file_losses.pop(path.stem, None)
         self._counts.clear()
+        self._size = 0
         self._waiting.append((START, (self._session,)))
         self._note_clock(started_mono_ns, started_wall_ns, None)
         self._wake.set()
         return self._session
 
-    def _go_on(self, session: SessionInfo, metadata: Mapping[str, object], beside: Path | None = None) -> SessionInfo:
+    def _go_on(self, path: Path, session: SessionInfo, metadata: Mapping[str, object]) -> SessionInfo:
         """Begin the session that follows another, with the configuration in force; the lock is held."""
         name, config = None if session.name == session.id else self._next_name(session.name), self._config
-        begun = self._begin(name, {**metadata, "continues": session.id}, beside=beside)
+        begun = self._begin(path, name, {**metadata, "continues": session.id})
         if config is not None:
             self._config = config
             self._put("configs", (begun.started_mono_ns, begun.started_wall_ns, "as before", config))
@@ -266,8 +269,9 @@ class Recorder:
 
     def _put(self, table: str, row: Row) -> None:
         """Queue a row; the lock is held."""
-        if self._session is not None and self._waiting.offer((table, row)):
+        if self._session is not None:
             self._counts[table] += 1
+            self._counts.subtract(self._waiting.offer((table, row)))
 
     def _append_stop(self, t_mono_ns: int, t_wall_ns: int) -> None:
         """Queue the session's end, and whether its file stays; the lock is held."""
@@ -286,9 +290,7 @@ class Recorder:
         while True:
             with self._lock:
                 is_idle = self._session is None and not self._waiting.items
-            # What came during the last commit has waited that long already, and the next one takes as long again
-            since_s = time.monotonic() - self._committed_s + 2 * self._delay.commit_s
-            self._wake.wait(None if is_idle and not self._ending else max(PAUSE_S, COMMIT_S - since_s))
+            self._wake.wait(None if is_idle and not self._ending else self._queue.pause_s)
             self._wake.clear()
             ending = self._ending
             self._work()
@@ -299,15 +301,13 @@ class Recorder:
                 return
 
     def _work(self) -> None:
-        self._commit_began_s = time.monotonic()
-        with self._lock:
-            self._waiting.take()
-            unreported = self._waiting.unreported
+        unreported = self._queue.begin()
         error: Message | None = None
         free = None
         try:
             self._watch_file()
-            free = self._free_bytes(self._folder) if self._folder.exists() else None
+            with suppress(FileNotFoundError):
+                free = self._free_bytes(self._folder)
             if self._waiting.batch and free is not None and free < self._limits.stop_free_bytes:
                 error = Message("disk-full", kept=Quantity(self._limits.stop_free_bytes >> 20, "MB"))
             else:
@@ -315,13 +315,15 @@ class Recorder:
                 self._split_where_long()
         except (sqlite3.Error, OSError, SessionError) as failure:
             error = Message("disk-refuses", error=message_of(failure))
-        if error and error != self._error:
+        with self._lock:
+            self._free = free
+            if self._writer is not None and self._session is not None and self._writer.path == self._session.path:
+                self._size = self._writer.size_bytes
+        before = self._queue.end(error)
+        if error and error != before:
             logger.warning("recording stalled: %s", render(error))
-        elif self._error and not error:
+        elif before and not error:
             logger.info("recording goes on, %d items were lost", unreported)
-        with self._progress:
-            self._error, self._free = error, free
-            self._progress.notify_all()
 
     def _watch_file(self) -> None:
         """Go on in a new file where the session's was deleted or replaced; what waits goes into the new one.
@@ -330,13 +332,17 @@ class Recorder:
             RecordingFailed: there can be none; it is tried again.
         """
         writer = self._writer
-        if writer is None or writer.is_in_place():
+        if writer is None or writer.is_intact():
             return
+        with self._lock:
+            is_recorded = self._session is not None and self._session.path == writer.path
+        path = self._new_file(beside=writer.path) if is_recorded else None
         with self._lock:
             session, lost = self._session, writer.path.stem
             self._waiting.take()
-            if session is not None and session.path == writer.path:
-                loss = Message("recording-file-gone", session=lost, following=self._begin_elsewhere(session).id)
+            if path is not None and session is not None and session.path == writer.path:
+                following = self._begin_elsewhere(path, session)
+                loss = Message("recording-file-gone", session=lost, following=following.id)
             else:  # up to the session's end there is nowhere to put what waits
                 self._waiting.finish(self._waiting.n_of_session + 1)
                 loss = Message("recording-file-gone-at-end", session=lost)
@@ -345,21 +351,21 @@ class Recorder:
         self._writer = None
         writer.abandon()
 
-    def _begin_elsewhere(self, session: SessionInfo) -> SessionInfo:
+    def _begin_elsewhere(self, path: Path, session: SessionInfo) -> SessionInfo:
         """Begin a session in place of one whose file is gone, with all that waits; the lock is held."""
         waiting, self._waiting.batch = self._waiting.batch, []
-        following = self._go_on(session, session.metadata, session.path)
+        following = self._go_on(path, session, session.metadata)
         self._waiting.take()
         self._waiting.batch += waiting
         self._counts.update(table for table, _ in waiting)
         return following
 
     def _write_batch(self, unreported: int) -> None:
-        while self._waiting.batch:
-            kind, row = self._waiting.batch[0]
+        while rows := self._queue.next_rows():
+            kind, row = rows[0]
             if kind == START:
                 self._writer = SessionWriter(row[0], self._cell_file, self._battery, self._commit_waiting)
-                self._finish(1)
+                self._queue.finish(rows)
                 continue
             if self._writer is None:
                 raise RecordingFailed("no session is open")
@@ -370,39 +376,26 @@ class Recorder:
                 else:
                     self._writer.discard()
                 self._writer = None
-                self._finish(1)
+                self._queue.finish(rows)
             else:
-                n = self._waiting.n_of_session
-                items = self._waiting.batch[:n]
-                if unreported:
-                    items = [*items, loss_event(row[0], self._clock.wall_ns(), unreported)]
-                self._writer.write(items)
-                self._finish(n, unreported)
+                loss = [loss_event(row[0], self._clock.wall_ns(), unreported)] if unreported else []
+                self._writer.write([*rows, *loss])
+                self._queue.finish(rows, unreported)
                 unreported = 0
-                self._writer.close_chunk_if_due(items[-1][1][0])
+                self._writer.close_chunk_if_due(rows[-1][1][0])
 
     def _commit_waiting(self) -> None:
         """Commit what came while a chunk is packed, which takes longer than COMMIT_S on a busy machine."""
-        if time.monotonic() - self._committed_s < COMMIT_S:
+        if not self._queue.is_due or self._writer is None:
             return
-        self._commit_began_s = time.monotonic()
-        with self._lock:
-            self._waiting.take()
-        n = self._waiting.n_of_session
-        if n and self._writer is not None:
-            self._writer.write(self._waiting.batch[:n])
-            self._finish(n)
+        self._queue.begin()
+        rows = self._queue.next_rows()
+        if rows and rows[0][0] not in (START, STOP):
+            self._writer.write(rows)
+            self._queue.finish(rows)
 
     def _split_where_long(self) -> None:
-        limit = self._limits.session_bytes
-        with self._lock:
-            session = self._session
-        if limit is not None and session is not None and not self._waiting.batch and size_on_disk(session.path) > limit:
-            logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, self.split().id)
-
-    def _finish(self, n: int, reported: int = 0) -> None:
-        self._committed_s = time.monotonic()
-        oldest_ns = oldest_frame_ns(self._waiting.batch[:n])
-        self._delay.committed(oldest_ns, self._clock.monotonic_ns(), self._committed_s - self._commit_began_s)
-        with self._lock:
-            self._waiting.finish(n, reported)
+        limit, writer = self._limits.session_bytes, self._writer
+        if limit is not None and writer is not None and not self._waiting.batch and writer.size_bytes > limit:
+            with suppress(NotNow):  # it was stopped meanwhile
+                logger.info("%s is %d MB long and goes on as %s", writer.path.stem, limit >> 20, self.split().id)

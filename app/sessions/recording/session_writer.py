@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,11 @@ import numpy as np
 import orjson
 
 from app.sessions.info import SessionInfo
+from app.sessions.recording.file_watch import FileWatch
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
 from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.digests import COLUMNS, KEY, Digests
-from app.sessions.storage.files import identity, remove
+from app.sessions.storage.files import remove
 from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
 from app.sources.loaded_battery import LoadedBattery, team_battery
@@ -30,17 +32,20 @@ Row = tuple[Any, ...]
 TableRow = tuple[str, Row]  # table and values
 
 _INSERT = {
-    "frames": "INSERT INTO frames (t_mono_ns, t_wall_ns, link, ok, raw) VALUES (?, ?, ?, ?, ?)",
-    "can_frames": "INSERT INTO can_frames (t_mono_ns, t_wall_ns, can_id, data) VALUES (?, ?, ?, ?)",
-    "estimates": "INSERT INTO estimates (t_mono_ns, uptime_ms, soc, sigma) VALUES (?, ?, ?, ?)",
-    "events": "INSERT INTO events (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit_value, unit, who,"
-    " message) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-    "markers": "INSERT INTO markers (t_mono_ns, t_wall_ns, kind, text, who) VALUES (?, ?, ?, ?, ?)",
-    "configs": "INSERT INTO configs (t_mono_ns, t_wall_ns, why, image) VALUES (?, ?, ?, ?)",
-    "clock": "INSERT INTO clock (t_mono_ns, t_wall_ns, uptime_ms) VALUES (?, ?, ?)",
-    "battery_files": "INSERT INTO battery_files (name, data) VALUES (?, ?)",
-    "meta": "INSERT OR REPLACE INTO meta (key, value) VALUES (?, ?)",
+    "frames": ("INSERT INTO frames (t_mono_ns, t_wall_ns, link, ok, raw)", 5),
+    "can_frames": ("INSERT INTO can_frames (t_mono_ns, t_wall_ns, can_id, data)", 4),
+    "estimates": ("INSERT INTO estimates (t_mono_ns, uptime_ms, soc, sigma)", 4),
+    "events": (
+        "INSERT INTO events (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit_value, unit, who, message)",
+        11,
+    ),
+    "markers": ("INSERT INTO markers (t_mono_ns, t_wall_ns, kind, text, who)", 5),
+    "configs": ("INSERT INTO configs (t_mono_ns, t_wall_ns, why, image)", 4),
+    "clock": ("INSERT INTO clock (t_mono_ns, t_wall_ns, uptime_ms)", 3),
+    "battery_files": ("INSERT INTO battery_files (name, data)", 2),
+    "meta": ("INSERT OR REPLACE INTO meta (key, value)", 2),
 }
+_ROWS_AT_ONCE = 100  # in one statement
 
 
 def event_row(t_mono_ns: int, event: Event) -> TableRow:
@@ -118,22 +123,26 @@ class SessionWriter:
         }
         if cell_file is not None:
             facts["cell_file"] = cell_file
+        self._watch = FileWatch(info.path, info.id)
         try:
             self.write([*(("meta", pair) for pair in facts.items()), *_battery_rows(battery)])
         except sqlite3.Error:
             self._connection.close()
             raise
-        files = (self._path, info.path.with_name(info.path.name + "-wal"))  # a disk without locks has no log
-        self._files = {path: found for path in files if (found := identity(path)) is not None}
 
     @property
     def path(self) -> Path:
         """Of the file."""
         return self._path
 
-    def is_in_place(self) -> bool:
-        """Whether file and log still stand where they were: what is written into a deleted file, nobody ever reads."""
-        return all(identity(path) == before for path, before in self._files.items())
+    @property
+    def size_bytes(self) -> int:
+        """Of file and log, at the last `is_intact`."""
+        return self._watch.size_bytes
+
+    def is_intact(self) -> bool:
+        """Whether what was written is still in the file: see `FileWatch`."""
+        return self._watch.is_intact()
 
     def write(self, items: Sequence[TableRow]) -> None:
         """Commit the items, in order within each table.
@@ -155,7 +164,7 @@ class SessionWriter:
             rows["meta"].append((KEY, digests.text()))
         with _Transaction(self._connection):
             for table, of_table in rows.items():
-                self._connection.executemany(_INSERT[table], of_table)
+                _insert(self._connection, table, of_table)
         self._digests = digests
         if told:
             self._builder.map_hash = told[-1][1]
@@ -171,6 +180,7 @@ class SessionWriter:
             first = (*rows["frames"][:1], *rows["estimates"][:1], *rows["can_frames"][:1])
             self._chunk_start_ns = min((row[0] for row in first), default=None)
         self._frames += len(rows["frames"])
+        self._watch.written()
 
     def close_chunk_if_due(self, t_mono_ns: int) -> None:
         """Close the chunk once it is a minute long.
@@ -195,6 +205,7 @@ class SessionWriter:
         digests = self._digests.copy()
         digests.take("meta", [pair for _, pair in end])
         self.write([*end, ("meta", (KEY, digests.text()))])
+        self._watch.close()
         # The estimates that a chunk took over left free pages; execute() would take one step of this and stop.
         self._connection.executescript("PRAGMA incremental_vacuum")
         # A closed session is one file that any tool opens, also on a read-only medium; not where somebody reads it now.
@@ -234,10 +245,12 @@ class SessionWriter:
 
     def abandon(self) -> None:
         """Close the file as it is: what was committed stays, the session remains marked as not closed."""
+        self._watch.close()
         self._connection.close()
 
     def discard(self) -> None:
         """Close the file and delete it: nothing came into it."""
+        self._watch.close()
         self._connection.close()
         remove(self._path)
 
@@ -266,7 +279,7 @@ class SessionWriter:
             self._connection.executemany("INSERT INTO tracks VALUES (?, ?, ?, ?)", tracks)
             self._connection.executemany("INSERT INTO columns VALUES (?, ?, ?, ?)", columns)
             self._connection.execute("DELETE FROM estimates WHERE id <= ?", (closing.last_estimate,))
-            self._connection.execute(_INSERT["meta"], (KEY, digests.text()))
+            _insert(self._connection, "meta", [(KEY, digests.text())])
         self._digests = digests
         self._series |= new
         self._chunks = number
@@ -282,6 +295,19 @@ class SessionWriter:
         self._bad_frames = 0
         self._builder.clear()
         return closing
+
+
+def _insert(connection: sqlite3.Connection, table: str, rows: Sequence[Row]) -> None:
+    """Insert rows by few statements: at the end of each the interpreter goes to another thread, and waits for its turn.
+
+    Raises:
+        sqlite3.Error: the disk does not take them.
+    """
+    insert, columns = _INSERT[table]
+    places = f"({', '.join('?' * columns)})"
+    for i in range(0, len(rows), _ROWS_AT_ONCE):
+        some = rows[i : i + _ROWS_AT_ONCE]
+        connection.execute(f"{insert} VALUES {', '.join([places] * len(some))}", [*chain.from_iterable(some)])
 
 
 def _columns(

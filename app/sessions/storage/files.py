@@ -30,15 +30,6 @@ def new_file(folder: Path, wall_ns: int, *, beside: Path | None = None) -> Path:
             return path
 
 
-def identity(path: Path) -> tuple[int, int] | None:
-    """Return what tells a file from another one of the same name; None where there is none."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_dev, found.st_ino
-
-
 def remove(path: Path) -> None:
     """Delete a session with its log."""
     for name in (path.name, f"{path.name}-wal", f"{path.name}-shm", path.name + FETCHED):

@@ -24,7 +24,7 @@ def test_every_part_is_asked_each_time():
     events = SimpleNamespace(store=SimpleNamespace(last_id=41))
     in_force = SimpleNamespace(stored_hash=lambda: "abc")
     run = SimpleNamespace(id="a1")
-    state = ServiceStateReader(SimpleNamespace(session=SESSION), replay, events, in_force, run)
+    state = ServiceStateReader(SimpleNamespace(session=SESSION, stall=None), replay, events, in_force, run)
     assert state.at(7_250_000_000).sent_s == 7.25
     assert state.at(0).last_event_id == 41
     assert state.at(0).run == "a1"

@@ -14,7 +14,7 @@ from app.errors import NotNow
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording import recorder as module
+from app.sessions.recording import commit_queue as module
 from app.sessions.recording import session_writer
 from app.sessions.recording.disk import DiskLimits
 from app.sessions.recording.recorder import Recorder
