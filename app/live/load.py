@@ -2,6 +2,9 @@
 
 The order is fixed: predictions and findings first, which nobody misses for seconds; then pages, which get one snapshot
 a second. The estimator takes every sample; one that falls behind delays no recording (see `Inbox`).
+
+Recording is first in processor time, never in waiting. A slow or stalled disk is no lack of processor time: while the
+items do not wait for the pipeline's thread, nothing is left out, however long frames wait for the disk.
 """
 
 import logging
@@ -17,6 +20,9 @@ WELL_S = 0.35  # below this it takes back the last step
 HARDER_S = 0.5  # between two steps down
 EASIER_S = 5.0  # between two steps back; twice as long each time that one had to be taken again
 MOST_EASIER_S = 80.0
+LATE_S = 0.1  # items that wait this long for the pipeline's thread: the processor is short
+SMOOTHED_S = 0.5  # over so long: a single late item is no lack
+GIVE_WAY_S = 0.1  # a commit
 
 
 class Shed(IntEnum):
@@ -33,9 +39,9 @@ class Load:
     def __init__(
         self, delay_s: Callable[[], float | None], clock: Clock, wait_for_commit: Callable[[float], None]
     ) -> None:
-        """Watch `delay_s`: how long the last frames took to be committed; None while nothing is recorded.
+        """Watch `delay_s`: how long the last frames took to be committed; None while nothing is, or the disk stalls.
 
-        `wait_for_commit` returns when the commit that is due is done, or after so many seconds.
+        `wait_for_commit` returns when the commit that is due is done, or after so many seconds, once for each commit.
         """
         self._delay_s = delay_s
         self._wait_for_commit = wait_for_commit
@@ -44,12 +50,15 @@ class Load:
         self._changed_s = clock.monotonic_s()
         self._easier_s = EASIER_S
         self._eased_s: float | None = None  # when the last step back was
+        self._waited_s, self._asked_s = 0.0, self._changed_s
 
-    def now(self) -> Shed:
-        """Return what to leave out."""
+    def now(self, waited_s: float) -> Shed:
+        """Return what to leave out, after the next item has waited so long for the pipeline's thread."""
         delay_s, now_s = self._delay_s() or 0.0, self._clock.monotonic_s()
         before, since_s = self._shed, now_s - self._changed_s
-        if delay_s > BOUND_S and before < Shed.PAGES and since_s >= HARDER_S:
+        self._waited_s += (waited_s - self._waited_s) * min((now_s - self._asked_s) / SMOOTHED_S, 1.0)
+        self._asked_s = now_s
+        if self._waited_s > LATE_S and delay_s > BOUND_S and before < Shed.PAGES and since_s >= HARDER_S:
             self._shed = Shed(before + 1)
             if self._eased_s is not None:
                 is_soon = now_s - self._eased_s < MOST_EASIER_S
@@ -66,7 +75,7 @@ class Load:
     def give_way(self) -> None:
         """Let a commit that is due go first, where something is left out: it shares the interpreter with the caller."""
         if self._shed > Shed.NOTHING:
-            self._wait_for_commit(BOUND_S)
+            self._wait_for_commit(GIVE_WAY_S)
 
     @property
     def problem(self) -> Message | None:

@@ -206,7 +206,7 @@ class PipelineThread:
         now_ns = self._clock.monotonic_ns()
         shed = Shed.NOTHING
         if self._load is not None:
-            shed = self._load.now()
+            shed = self._load.now((now_ns - item.t_mono_ns) / 1e9)
             self._load.give_way()
         if self._is_ending:
             return  # the recorder has it

@@ -178,7 +178,9 @@ def test_at_the_end_a_full_inbox_is_recorded_to_the_last_item_though_nothing_is_
 def test_what_is_left_out_for_the_recorder_is_never_an_estimate(bench, clock, master, monkeypatch, shed, shown, judged):
     asked, waits = [], []
     monkeypatch.setattr(bench.pipeline, "predict", lambda: asked.append(True))
-    monkeypatch.setattr(bench.live, "_load", SimpleNamespace(now=lambda: shed, give_way=lambda: waits.append(True)))
+    monkeypatch.setattr(
+        bench.live, "_load", SimpleNamespace(now=lambda waited_s: shed, give_way=lambda: waits.append(True))
+    )
     for _ in range(5):
         clock.advance(0.1)
         bench.feed(master.frame())
