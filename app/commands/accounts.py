@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
         return show(folder, as_json=args.json)
     folder.mkdir(parents=True, exist_ok=True)
     accounts, clock = Accounts(folder), Clock()
-    signed = partial(WriteLog(ConfigHistory(folder), _tell, clock).signed, "command line", "access")
+    signed = partial(WriteLog(ConfigHistory(folder), _tell, clock, patience=20.0).signed, "command line", "access")
     match args.action:
         case "add":
             password = _password()

@@ -110,14 +110,13 @@ class ConfigHistory:
         """Return all records, oldest first; lines that are none are left out and make the next one not genuine."""
         found: list[Record] = []
         intents: dict[int, int] = {}  # number: place
-        with self._lock:
-            for record in self._read():
-                if (place := intents.pop(record.number, None)) is not None:
-                    found[place] = replace(record, is_genuine=record.is_genuine and found[place].is_genuine)
-                    continue
-                if record.result == BEGUN:
-                    intents[record.number] = len(found)
-                found.append(record)
+        for record in self._read():  # without the lock, under which a record may wait for the disk
+            if (place := intents.pop(record.number, None)) is not None:
+                found[place] = replace(record, is_genuine=record.is_genuine and found[place].is_genuine)
+                continue
+            if record.result == BEGUN:
+                intents[record.number] = len(found)
+            found.append(record)
         return found
 
     def record(self, number: int) -> Record | None:

@@ -7,13 +7,17 @@ from typing import Protocol
 
 from app.clock import Clock
 from app.configuration.history import BEGUN, Action, ConfigHistory, OtherAction
+from app.configuration.record_queue import Entry, RecordQueue
 from app.errors import message_of
 from app.sessions.errors import RecordingFailed
 from app.telemetry import Severity
-from app.words import Message
+from app.words import Message, Quantity
 from firmware_protocol.config_image import Change, image_hash
 
 NO_IMAGE = b""
+INTENT_S = 0.5  # for the intent to be on the disk; then nothing is done
+NEEDED_S = 0.2  # for that of what is done all the same
+OUTCOME_S = 0.3  # for the outcome; then it is written when the disk takes it
 
 
 class Note(Protocol):
@@ -34,44 +38,54 @@ class Attempt:
     before: bytes = NO_IMAGE
     after: bytes = NO_IMAGE
     number: int | None = None  # of its record, once it has begun
+    intent: Entry | None = None
 
 
 class WriteLog:
     """Thread-safe."""
 
-    def __init__(self, history: ConfigHistory, note: Note, clock: Clock) -> None:
-        self._history = history
+    def __init__(self, history: ConfigHistory, note: Note, clock: Clock, *, patience: float = 1.0) -> None:
+        """Write into a history; `patience` times as long as usual is waited for the disk."""
+        self._queue = RecordQueue(history)
         self._note = note
         self._clock = clock
+        self._patience = patience
+
+    def close(self, timeout_s: float = 2.0) -> None:
+        """Write what waits."""
+        self._queue.close(timeout_s)
 
     def begun(self, attempt: Attempt) -> None:
         """The master is about to be asked.
 
         Raises:
-            RecordingFailed: the history does not take it, so the master must not be asked.
+            RecordingFailed: the disk has not taken it within INTENT_S, so the master must not be asked.
         """
-        try:
-            attempt.number = self._append(attempt, BEGUN)
-        except OSError as error:
-            message = Message("history-comes-first", error=error.strerror or str(error))
+        entry = self._put(attempt, BEGUN, is_kept=False)
+        trouble = self._trouble(entry, INTENT_S)
+        if trouble is not None:
+            self._queue.withdraw(entry)
+            message = Message("history-comes-first", error=trouble)
             self._note("warning", "config-history-failed", message, attempt.who)
-            raise RecordingFailed(message) from error
+            raise RecordingFailed(message) from entry.error
+        attempt.number, attempt.intent = entry.number, entry
 
     @contextmanager
     def signed(self, who: str, action: OtherAction, what: str, *, is_needed: bool = False) -> Iterator[None]:
         """Keep the intent, then what became of what is done within.
 
-        With `is_needed` it is done even where the log takes no intent: what ends a danger waits for no disk.
+        With `is_needed` it is done even where the log takes no intent: what ends a danger waits for no disk. Then both
+        are written when the disk takes them.
 
         Raises:
             RecordingFailed: the log does not take it; nothing was done.
         """
         attempt = Attempt(who, action, what)
-        try:
+        if is_needed:
+            attempt.intent = self._put(attempt, BEGUN, is_kept=True)
+            attempt.intent.tried.wait(NEEDED_S * self._patience)
+        else:
             self.begun(attempt)
-        except RecordingFailed:
-            if not is_needed:
-                raise
         try:
             yield
         except Exception as error:
@@ -117,15 +131,25 @@ class WriteLog:
             self._remember(attempt, result)
 
     def _remember(self, attempt: Attempt, result: str) -> None:
-        try:
-            self._append(attempt, result)
-        except OSError as error:
-            self._note("warning", "config-history-failed", Message("history-failed", error=str(error)), attempt.who)
+        entry = self._put(attempt, result, is_kept=True)
+        trouble = self._trouble(entry, OUTCOME_S)
+        if trouble is not None:
+            self._note("warning", "config-history-failed", Message("history-failed", error=trouble), attempt.who)
 
-    def _append(self, attempt: Attempt, result: str) -> int:
-        who, action, source, reason = attempt.who, attempt.action, attempt.source, attempt.reason.strip()
-        now_ns, number = self._clock.wall_ns(), attempt.number
-        return self._history.append(now_ns, who, action, source, reason, attempt.before, attempt.after, result, number)
+    def _put(self, attempt: Attempt, result: str, *, is_kept: bool) -> Entry:
+        entry = Entry(
+            self._clock.wall_ns(), attempt.who, attempt.action, attempt.source, attempt.reason.strip(),
+            attempt.before, attempt.after, result, attempt.intent, is_kept,
+        )  # fmt: skip
+        self._queue.put(entry)
+        return entry
+
+    def _trouble(self, entry: Entry, seconds: float) -> str | Message | None:
+        """Why a record is not on the disk after so long; None where it is."""
+        seconds *= self._patience
+        if not entry.tried.wait(seconds):
+            return Message("not-written-within", time=Quantity(seconds, "s", 1))
+        return None if entry.error is None else entry.error.strerror or str(entry.error)
 
 
 def _changes_message(changes: list[Change]) -> Message:

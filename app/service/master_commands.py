@@ -7,7 +7,7 @@ from app.service.links import Links
 from app.words import Message
 from firmware_protocol.messages import Command
 
-ENDING = ("charge-stop", "balance-stop", "stream-stop")  # wait for no disk
+NEEDED = ("charge-stop", "balance-stop", "stream-stop", "clear-faults")  # are sent although the disk takes no record
 
 
 class MasterCommands:
@@ -23,11 +23,11 @@ class MasterCommands:
 
         Raises:
             LinkError: see MasterClient.request.
-            RecordingFailed: the signed log does not take it, so nothing was sent; what ends something is sent anyway.
+            RecordingFailed: the signed log does not take it, so nothing was sent; what is NEEDED is sent anyway.
         """
         text = f"{name} {details}".strip()
         try:
-            with self._log.signed(who, "command", text, is_needed=name in ENDING):
+            with self._log.signed(who, "command", text, is_needed=name in NEEDED):
                 self._links.master.request(command)
         except LinkError as error:
             self._events.note("warning", "command-failed", Message("of-source", source=text, reason=error.message), who)
@@ -42,6 +42,6 @@ class MasterCommands:
             RecordingFailed: see send.
         """
         name = "stream-start" if on else "stream-stop"
-        with self._log.signed(who, "command", name, is_needed=name in ENDING):
+        with self._log.signed(who, "command", name, is_needed=name in NEEDED):
             self._links.stream(on=on)
         self._events.note("info", "command", Message("command", command=name), who)

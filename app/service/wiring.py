@@ -147,6 +147,7 @@ class Service:
         self.recorder.close()
         if self.mqtt is not None:
             self.mqtt.stop()
+        self.write_log.close()
         self.events.store.close()
 
 

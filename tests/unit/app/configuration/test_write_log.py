@@ -1,6 +1,8 @@
 """Every change of the configuration is one line of the event log, and one record where the master was asked."""
 
 import errno
+import threading
+import time
 
 import pytest
 
@@ -12,6 +14,7 @@ from app.sessions.errors import RecordingFailed
 from app.words import render
 from firmware_protocol.config_image import default_image, difference, with_raw
 from tests.fake_clock import FakeClock
+from tests.service_process import WAIT_S, until
 
 HOTTER = with_raw(default_image(), "t_cell_max", 55)
 
@@ -125,14 +128,81 @@ def test_where_the_history_takes_no_intent_the_write_is_refused(log, notes, monk
     assert [(severity, code) for severity, code, _, _ in notes] == [("warning", "config-history-failed")]
 
 
-def test_a_disk_that_is_full_at_the_end_leaves_the_intent(log, notes, history, monkeypatch):
+def test_a_disk_that_is_full_at_the_end_leaves_the_intent_until_it_takes_the_outcome(log, notes, history, monkeypatch):
     begun = attempt()
     log.begun(begun)
     with monkeypatch.context() as full:
         full.setattr(JsonLines, "append", full_disk)
         log.written(begun, [])
-    assert [record.result for record in history.records()] == [BEGUN]
+        assert [record.result for record in history.records()] == [BEGUN]
     assert "config-history-failed" in [code for _, code, _, _ in notes]
+    until(lambda: [record.result for record in history.records()] == ["done"])
+
+
+class HangingDisk:
+    """Takes nothing until it is let go."""
+
+    def __init__(self, monkeypatch):
+        self.go_on, real = threading.Event(), JsonLines.append
+
+        def append(*args, **kwargs):
+            assert self.go_on.wait(WAIT_S)
+            real(*args, **kwargs)
+
+        monkeypatch.setattr(JsonLines, "append", append)
+
+
+def results(history):
+    return [(record.source, record.result, record.is_genuine) for record in history.records()]
+
+
+def test_a_disk_that_hangs_refuses_an_intent_within_a_second_and_its_late_record_says_so(log, history, monkeypatch):
+    disk, began_s = HangingDisk(monkeypatch), time.monotonic()
+    for _ in range(3):
+        with pytest.raises(RecordingFailed, match="not written within"):
+            log.begun(attempt())
+    assert time.monotonic() - began_s < 3 * 1.0
+    disk.go_on.set()
+    until(lambda: results(history))
+    log.close()
+    assert results(history) == [("draft", "nothing was changed: the disk was too slow", True)], "the others never began"
+
+
+@pytest.mark.parametrize("stall", ["hangs", "full"])
+def test_what_is_needed_waits_for_no_disk_and_is_written_afterwards(log, history, monkeypatch, stall):
+    done = []
+    with monkeypatch.context() as stalled:
+        disk = HangingDisk(stalled) if stall == "hangs" else stalled.setattr(JsonLines, "append", full_disk)
+        began_s = time.monotonic()
+        for name in ("charge-stop", "clear-faults"):
+            with log.signed("anna", "command", name, is_needed=True):
+                done.append(name)
+        assert time.monotonic() - began_s < 2 * 1.0
+        assert done == ["charge-stop", "clear-faults"]
+        if stall == "hangs":
+            with pytest.raises(RecordingFailed):
+                log.begun(attempt())
+            disk.go_on.set()
+    until(lambda: results(history) == [(name, "done", True) for name in done])
+    assert {record.t_wall_ns for record in history.records()} == {5 * 10**9}
+
+
+def test_what_cannot_be_written_before_the_end_is_named(log, history, monkeypatch, caplog):
+    monkeypatch.setattr(JsonLines, "append", full_disk)
+    with log.signed("anna", "command", "charge-stop", is_needed=True):
+        pass
+    log.close()
+    assert "2 records are not in the signed log" in caplog.text
+
+
+def test_records_are_read_while_another_waits_for_the_disk(log, history, monkeypatch):
+    log.note("anna", "command", "first")
+    disk = HangingDisk(monkeypatch)
+    log.note("anna", "command", "second")
+    assert [record.source for record in history.records()] == ["first"]
+    disk.go_on.set()
+    log.close()
+    assert [record.source for record in history.records()] == ["first", "second"]
 
 
 def test_an_attempt_that_begun_and_asked_nothing_has_an_outcome_too(log, history):
