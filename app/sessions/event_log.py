@@ -1,32 +1,37 @@
-"""The event log: what happened, kept over restarts in one SQLite file. One thread writes and reads it."""
+"""The event log: what happened, kept over restarts in one SQLite file.
+
+One thread writes it; who reads it reads beside that thread, and never waits for what the disk does not take.
+"""
 
 import logging
 import sqlite3
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import astuple, dataclass
 from itertools import count
+from operator import attrgetter
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import orjson
 
 from app.clock import Clock
-from app.sessions.errors import SessionError
+from app.sessions.errors import RecordingFailed, SessionError
+from app.sessions.storage.database import code_of
 from app.sessions.storage.migrate import EVENTS
-from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
+from app.sessions.storage.own_database import DAMAGE, OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Event
-from app.words import Message
+from app.words import Message, Quantity
 
-logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 MAX_UNWRITTEN = 10_000  # events kept in memory while the disk takes none
+RETRY_S = 1.0
+ACKNOWLEDGED_S = 1.0  # then it is refused
 _GIVEN = "id, t_wall_ns, uptime_ms, severity, code, text, cell, value, limit_value, unit, who, message"
 _COLUMNS = f"{_GIVEN}, acknowledged_by, acknowledged_ns"
 _INSERT = f"INSERT INTO events ({_GIVEN}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-
-
 log = logging.getLogger(__name__)
 
 
@@ -51,7 +56,7 @@ class LoggedEvent:
 
 
 class EventLog:
-    """An append-only list of events. All methods may be called from any thread; only `append` returns at once."""
+    """An append-only list of events. All methods may be called from any thread."""
 
     def __init__(self, path: Path, clock: Clock, on_set_aside: OnSetAside = nobody_asks) -> None:
         """Open the log, or begin one; a damaged one is set aside.
@@ -61,12 +66,22 @@ class EventLog:
             SessionError: it cannot be created.
         """
         self._clock = clock
+        self._is_reader_old = False  # the file was set aside since it was opened
+
+        def on_damage(path: Path, kept: Path) -> None:
+            self._is_reader_old = True
+            on_set_aside(path, kept)
+
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._database = OwnDatabase(path, EVENTS, on_set_aside)
+            self._database = OwnDatabase(path, EVENTS, on_damage)
             last = self._database.run(_last_id)
         except (OSError, sqlite3.Error) as error:
             raise SessionError(Message("event-log", error=f"{path}: {error}")) from error
+        self._reader, self._is_reader_old = self._database.reader(), False
+        self._reading = threading.Lock()
+        self._lock = threading.Lock()  # of what follows
+        self._is_queued = False  # a write of all that waits
         self._ids = count(last + 1)
         self._last_id = last
         self._unwritten: list[LoggedEvent] = []
@@ -103,10 +118,13 @@ class EventLog:
             event.who,
             message,
         )
-        try:
-            self._executor.submit(self._write, logged)
-        except RuntimeError:  # closed: whoever still has something to tell at the end must not fail by it
-            log.warning("told after the event log was closed: %s", event.text)
+        with self._lock:
+            self._unwritten.append(logged)
+            if len(self._unwritten) > MAX_UNWRITTEN:
+                del self._unwritten[0]
+                self._dropped += 1
+        if not self._queue_write():  # whoever still has something to say at the end must not fail by it
+            log.warning("came after the event log was closed: %s", event.text)
         return event_id
 
     def query(
@@ -117,17 +135,46 @@ class EventLog:
         cell: int | None = None,
         up_to: int | None = None,
     ) -> list[LoggedEvent]:
-        """Return at most `limit` events with an id above `after`, and none above `up_to`, newest first."""
-        return self._in_thread(lambda: self._query(after, limit, severity, cell, up_to))
+        """Return at most `limit` events with an id above `after`, and none above `up_to`, newest first.
+
+        Raises:
+            SessionError: the file cannot be read.
+        """
+        with self._lock:  # before the file is read: what is written meanwhile is in one of both
+            waiting = self._unwritten.copy()
+        query = (
+            f"SELECT {_COLUMNS} FROM events WHERE id > :after AND (:up_to IS NULL OR id <= :up_to)"
+            " AND (:severity IS NULL OR severity = :severity) AND (:cell IS NULL OR cell = :cell)"
+            " ORDER BY id DESC LIMIT :limit"
+        )
+        given = {"after": after, "up_to": up_to, "severity": severity, "cell": cell, "limit": limit}
+        rows = self._rows(lambda connection: connection.execute(query, given).fetchall())
+        found = {
+            event.id: event
+            for event in waiting
+            if event.id > after
+            and (up_to is None or event.id <= up_to)
+            and severity in (None, event.severity)
+            and cell in (None, event.cell)
+        } | {row[0]: LoggedEvent(*row) for row in rows}
+        return sorted(found.values(), key=attrgetter("id"), reverse=True)[:limit]
 
     def get(self, event_id: int) -> LoggedEvent | None:
         """Return one event, None where there is none."""
-        found = self._in_thread(lambda: self._query(event_id - 1, 1, None, None, up_to=event_id))
+        found = self.query(event_id - 1, 1, up_to=event_id)
         return found[0] if found else None
 
     def acknowledge(self, event_id: int, who: str) -> bool:
-        """Note who has seen an event; the first one stays. False where there is no such event."""
-        return self._in_thread(lambda: self._acknowledge(event_id, who))
+        """Note who has seen an event; the first one stays. False where there is no such event.
+
+        Raises:
+            RecordingFailed: the disk does not take it within ACKNOWLEDGED_S.
+        """
+        try:
+            return self._in_thread(lambda: self._acknowledge(event_id, who), ACKNOWLEDGED_S)
+        except TimeoutError as error:
+            late = Message("not-written-within", time=Quantity(ACKNOWLEDGED_S, "s"))
+            raise RecordingFailed(Message("event-log", error=late)) from error
 
     def flush(self) -> None:
         """Return once every event is on the disk.
@@ -144,59 +191,67 @@ class EventLog:
         self._executor.submit(self._write_waiting)
         self._executor.shutdown(wait=True)
         self._database.close()
+        with self._reading:
+            self._reader.close()
 
-    def _in_thread(self, work: Callable[[], T]) -> T:
+    def _rows(self, work: Callable[[sqlite3.Connection], list[tuple[Any, ...]]]) -> list[tuple[Any, ...]]:
+        """What a query finds; a damaged file is set aside by the thread that writes it, which asks the new one."""
+        try:
+            with self._reading:
+                if self._is_reader_old:
+                    self._reader.close()
+                    self._reader, self._is_reader_old = self._database.reader(), False
+                return work(self._reader)
+        except sqlite3.Error as error:
+            if code_of(error) not in DAMAGE:
+                raise SessionError(Message("event-log", error=str(error))) from error
+        try:
+            return self._in_thread(lambda: self._database.run(work), ACKNOWLEDGED_S)
+        except TimeoutError as error:
+            raise SessionError(Message("event-log", error="damaged")) from error
+
+    def _queue_write(self) -> bool:
+        """Let the thread write what waits, once however many ask; False after the end."""
+        with self._lock:
+            if self._is_queued:
+                return True
+            try:
+                self._executor.submit(self._write_waiting)
+            except RuntimeError:
+                return False
+            self._is_queued = True
+        return True
+
+    def _in_thread(self, work: Callable[[], T], timeout_s: float | None = None) -> T:
         future: Future[T] = self._executor.submit(work)
         try:
-            return future.result()
+            return future.result(timeout_s)
         except sqlite3.Error as error:
             raise SessionError(Message("event-log", error=str(error))) from error
 
-    def _write(self, event: LoggedEvent) -> None:
-        self._unwritten.append(event)
-        if len(self._unwritten) > MAX_UNWRITTEN:
-            del self._unwritten[0]
-            self._dropped += 1
-        self._write_waiting()
-
     def _write_waiting(self) -> None:
-        if not self._unwritten:
+        with self._lock:
+            self._is_queued = False
+            writing = self._unwritten.copy()
+        if not writing:
             return
-        rows = [astuple(event)[:-2] for event in self._unwritten]  # not who has seen it
         try:
+            rows = [astuple(event)[:-2] for event in writing]  # not who has seen it
             self._database.run(lambda connection: _insert(connection, rows))
         except sqlite3.Error as error:
             if self._error is None:
-                logger.warning("event log does not reach the disk: %s", error)
-            self._error = Message(
-                "event-log-waits", error=str(error), waiting=len(self._unwritten), dropped=self._dropped
-            )
-        else:
-            if self._error is not None:
-                logger.info("event log reaches the disk again")
-            self._error = None
-            self._unwritten.clear()
-
-    def _query(
-        self, after: int, limit: int, severity: str | None, cell: int | None, up_to: int | None = None
-    ) -> list[LoggedEvent]:
-        self._write_waiting()
-        query = (
-            f"SELECT {_COLUMNS} FROM events WHERE id > :after AND (:up_to IS NULL OR id <= :up_to)"
-            " AND (:severity IS NULL OR severity = :severity) AND (:cell IS NULL OR cell = :cell)"
-            " ORDER BY id DESC LIMIT :limit"
-        )
-        given = {"after": after, "up_to": up_to, "severity": severity, "cell": cell, "limit": limit}
-        rows = self._database.run(lambda connection: connection.execute(query, given).fetchall())
-        waiting = [
-            event
-            for event in reversed(self._unwritten)
-            if event.id > after
-            and (up_to is None or event.id <= up_to)
-            and severity in (None, event.severity)
-            and cell in (None, event.cell)
-        ]
-        return (waiting + [LoggedEvent(*row) for row in rows])[:limit]
+                log.warning("event log does not reach the disk: %s", error)
+            self._error = Message("event-log-waits", error=str(error), waiting=len(writing), dropped=self._dropped)
+            again = threading.Timer(RETRY_S, self._queue_write)
+            again.daemon = True
+            again.start()
+            return
+        if self._error is not None:
+            log.info("event log reaches the disk again")
+        self._error = None
+        written = {event.id for event in writing}
+        with self._lock:
+            self._unwritten = [event for event in self._unwritten if event.id not in written]
 
     def _acknowledge(self, event_id: int, who: str) -> bool:
         self._write_waiting()

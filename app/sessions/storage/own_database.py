@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from app.sessions.errors import NotASession, RecordingFailed
-from app.sessions.storage.database import code_of, open_for_writing
+from app.sessions.storage.database import code_of, open_for_reading, open_for_writing
 from app.sessions.storage.files import identity
 from app.sessions.storage.foreign import require_all_tables
 from app.sessions.storage.migrate import Schema
@@ -15,7 +15,7 @@ from app.words import Message
 
 T = TypeVar("T")
 OnSetAside = Callable[[Path, Path], None]  # the file, and where the damaged one is now
-_DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 def nobody_asks(path: Path, kept: Path) -> None:
@@ -50,10 +50,16 @@ class OwnDatabase:
         try:
             return work(self._connection)
         except sqlite3.DatabaseError as error:
-            if code_of(error) not in _DAMAGE:
+            if code_of(error) not in DAMAGE:
                 raise
             self._renew()
             return work(self._connection)
+
+    def reader(self) -> sqlite3.Connection:
+        """Return another connection to the file, for a thread that only reads."""
+        connection = open_for_reading(self.path, self._schema)
+        connection.text_factory = _text
+        return connection
 
     def close(self) -> None:
         """Close the file."""
@@ -75,7 +81,7 @@ class OwnDatabase:
         except NotASession:
             self._set_aside()
         except sqlite3.DatabaseError as error:
-            is_damage = code_of(error) in (*_DAMAGE, sqlite3.SQLITE_ERROR)  # the last: a step met other tables
+            is_damage = code_of(error) in (*DAMAGE, sqlite3.SQLITE_ERROR)  # the last: a step met other tables
             if not is_damage and not self.path.is_dir():
                 raise
             self._set_aside()

@@ -1,16 +1,19 @@
 import sqlite3
 import threading
+import time
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from app.sessions.errors import RecordingFailed
 from app.sessions.event_log import EventLog
 from app.sessions.storage.migrate import EVENTS
 from app.telemetry import Event, Severity
 from app.words import Message, render
 from tests.fake_clock import FakeClock
+from tests.service_process import until
 
 
 def event(text: str, severity: Severity = "info", **about: Any) -> Event:
@@ -86,13 +89,31 @@ def test_events_wait_in_memory_while_the_disk_takes_none(path: Path) -> None:
     other.execute("CREATE TRIGGER full BEFORE INSERT ON events BEGIN SELECT RAISE(FAIL, 'disk is full'); END")
     waiting = log.append(event("meanwhile"))
     assert [event.text for event in log.query()] == ["meanwhile", "before"]
-    assert log.error is not None
+    until(lambda: log.error is not None)
     assert "disk is full" in render(log.error)
     other.execute("DROP TRIGGER full")
-    log.flush()
-    assert log.error is None
+    until(lambda: log.error is None)
     assert other.execute("SELECT text FROM events WHERE id = ?", (waiting,)).fetchone() == ("meanwhile",)
     other.close()
+    log.close()
+
+
+def test_another_program_that_holds_the_lock_delays_neither_events_nor_who_reads_them(path: Path) -> None:
+    log = EventLog(path, FakeClock())
+    before = log.append(event("before"))
+    log.flush()
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        began_s = time.monotonic()
+        for number in range(20):
+            log.append(event(str(number)))
+            assert log.query(limit=1)[0].text == str(number)
+        with pytest.raises(RecordingFailed):
+            log.acknowledge(before, "anna")
+        assert time.monotonic() - began_s < 3.0
+        other.execute("ROLLBACK")
+    log.flush()
+    assert [each.text for each in log.query()] == [*(str(number) for number in reversed(range(20))), "before"]
     log.close()
 
 
