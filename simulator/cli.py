@@ -82,8 +82,10 @@ def _simulate(arguments: argparse.Namespace, scenario: Scenario, battery: DbcBat
     control = None if arguments.control is None else ControlServer(arguments.control, Control(player, runner))
     runner.open()
     try:
-        for signum in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(signum, lambda *_: runner.stop())
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            signum = getattr(signal, name, None)  # Windows knows no SIGHUP
+            if signum is not None and signal.getsignal(signum) is not signal.SIG_IGN:  # as nohup asks
+                signal.signal(signum, lambda *_: runner.stop())
         if serial is not None:
             print(f"serial: {serial.url}", flush=True)
         for port in can:

@@ -191,9 +191,11 @@ def _run(
     )
     if setup is not None:
         setup.on_choice = server.start_again
-    for number in (signal.SIGINT, signal.SIGTERM):
-        # Until uvicorn listens to it; it ends in order, then raises the signal again
-        signal.signal(number, lambda *_: setattr(server, "should_exit", True))
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the last of a terminal that is closed; Windows has none
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as nohup asks
+            # Until uvicorn listens to it; it ends in order, then raises the signal again
+            signal.signal(number, lambda *_: setattr(server, "should_exit", True))
     asyncio.run(server.serve(sockets=[listener]))
     if not server.started:
         print("voltwall serve: did not start", file=sys.stderr)
@@ -263,7 +265,7 @@ class _Server(uvicorn.Server):
         for listener in sockets or ():
             listener.listen(_WAIT_AT_THE_DOOR)  # in the kernel: the event loop takes but few at once
         if self.started:
-            print(self._ready_line, flush=True)
+            log.say(self._ready_line)
             notify("READY=1")
             self._tasks.append(asyncio.create_task(keep_alive(self._stalls)))
             if self._renewal is not None:

@@ -1,5 +1,6 @@
 """Saves what was learned about the cells, every few minutes and at the end."""
 
+import threading
 from pathlib import Path
 
 from app.clock import Clock
@@ -8,10 +9,11 @@ from app.live.pipeline import Output, Pipeline
 from app.live.prediction import Predictor
 
 EVERY_S = 300.0
+END_S = 5.0  # for the disk, at the end
 
 
 class LearnedStateSaver:
-    """Reads the pipeline in its own thread, and once more after that thread has ended."""
+    """Reads the pipeline in its own thread, and once more after that thread has ended; another one waits for the disk."""
 
     def __init__(self, path: Path, pipeline: Pipeline, predictor: Predictor, clock: Clock) -> None:
         self._path = path
@@ -19,17 +21,33 @@ class LearnedStateSaver:
         self._predictor = predictor
         self._clock = clock
         self._saved_ns = clock.monotonic_ns()
+        self._writing: threading.Thread | None = None
 
     def on_output(self, output: Output, t_mono_ns: int) -> None:
         """Save where the last time is long ago."""
         if output.snapshot is not None and t_mono_ns - self._saved_ns > EVERY_S * 1e9:
-            self.save()
+            self._begin()
 
     def save(self) -> None:
         """Save now; nothing before the first estimate."""
+        self._wait()
+        self._begin()
+        self._wait()
+
+    def _wait(self) -> None:
+        if self._writing is not None:
+            self._writing.join(END_S)
+
+    def _begin(self) -> None:
+        """Save in a thread of its own, unless the disk has not taken the last one yet."""
         self._saved_ns = self._clock.monotonic_ns()
+        if self._writing is not None and self._writing.is_alive():
+            return
         estimates = self._pipeline.estimates
         if estimates is not None:
             cells = self._predictor.learned_cells
             state = LearnedState(self._clock.wall_ns(), estimates.soc, estimates.soc_sigma, cells)
-            save_learned_state(self._path, state)
+            self._writing = threading.Thread(
+                target=save_learned_state, args=(self._path, state), name="learned state", daemon=True
+            )
+            self._writing.start()

@@ -1,11 +1,20 @@
-"""Logging: one line a happening, and one line for many of the same kind."""
+"""Logging: one line a happening, one line for many of the same kind; no thread waits for where the lines go."""
 
+import atexit
 import logging
+import os
+import queue
+import sys
+import threading
 from dataclasses import dataclass
+from logging.handlers import QueueHandler
+from typing import TextIO
 
 WINDOW_S = 10.0
 MOST = 20  # lines of one kind in a window
 _MOST_KINDS = 1000
+_MOST_WAITING = 1000  # lines; then the newest are left out
+_END_S = 2.0
 
 
 @dataclass(slots=True)
@@ -40,11 +49,62 @@ class OfOneKind(logging.Filter):
         return window.lines <= MOST
 
 
+class LinesInTurn(QueueHandler):
+    """Hands lines to a thread that writes them: a full disk, or a terminal that is held, stops nobody else."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._lines: queue.Queue[logging.LogRecord | None] = queue.Queue(_MOST_WAITING)
+        super().__init__(self._lines)
+        self._stream = stream
+        self._left_out = 0
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._thread.start()
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        """Queue a line; where there is no room it is left out and counted."""
+        try:
+            self._lines.put_nowait(record)
+        except queue.Full:
+            self._left_out += 1
+
+    def end(self) -> None:
+        """Write what waits, unless that takes long."""
+        try:
+            self._lines.put(None, timeout=_END_S)
+        except queue.Full:
+            return
+        self._thread.join(_END_S)
+
+    def _write(self) -> None:
+        while (record := self._lines.get()) is not None:
+            left_out, self._left_out = self._left_out, 0
+            more = f" ({left_out:,} lines before this one were left out)" if left_out else ""
+            try:
+                self._stream.write(f"{record.message}{more}\n")
+                self._stream.flush()
+            except (OSError, ValueError):  # a full disk, a terminal that is gone, a closed stream
+                self._left_out += 1 + left_out
+
+
+def say(text: str) -> None:
+    """Print a line that other programs wait for; where standard output takes none, the service goes on without it."""
+    try:
+        print(text, flush=True)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())  # what is still inside would fail again at the end
+        os.close(nowhere)
+
+
 def configure(level: str) -> None:
     """Set up the root logger; called by the command line only."""
-    logging.basicConfig(
-        level=level.upper(), format="%(asctime)s %(levelname)-7s %(name)s: %(message)s", datefmt="%H:%M:%S"
-    )
-    for handler in logging.getLogger().handlers:
-        handler.addFilter(OfOneKind())
+    root = logging.getLogger()
+    root.setLevel(level.upper())
+    if not root.handlers:
+        handler = LinesInTurn(sys.stderr)
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s", "%H:%M:%S"))
+        root.addHandler(handler)
+        atexit.register(handler.end)
+    for each in root.handlers:
+        each.addFilter(OfOneKind())
     logging.getLogger("can").setLevel(logging.WARNING)

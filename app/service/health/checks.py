@@ -49,8 +49,7 @@ class Health:
         """Return what is missing; empty while all is well."""
         mqtt = None if self._mqtt is None else self._mqtt.problem
         others = [self._recorder.status.warning, self._events.store.error, mqtt, self._load.problem]
-        found = [*self._live.problems(), *self.failures(), *others, *self._damaged.problems]
-        return list(dict.fromkeys(problem for problem in found if problem is not None))
+        return _once([*self._live.problems(), *self.failures(), *others, *self._damaged.problems])
 
     def failures(self) -> list[Message]:
         """Return why nothing is shown or recorded: links, recorder, pipeline. A master that is switched off is one."""
@@ -63,10 +62,19 @@ class Health:
             self._recorder.status.error,
             self._recorder.start_failure,
         ]
-        return list(dict.fromkeys(failure for failure in found if failure is not None))
+        return _once(found)
 
     def stalls(self) -> list[Message]:
-        """Return what stands still for good: threads of pipeline, links, recorder. Nothing that waits for the car."""
-        recorder = self._recorder.status.error
-        silent = [recorder] if recorder is not None and recorder.code == "disk-silent" else []
-        return [*self._live.stuck(), *self._links.stuck(), *silent]
+        """Return what stands still for good: threads of pipeline, links, recorder.
+
+        Nothing that waits for the car, nor for the disk: a restart would lose what waits in memory, and show nothing.
+        """
+        return [*self._live.stuck(), *self._links.stuck(), *self._recorder.stuck()]
+
+
+def _once(found: list[Message | None]) -> list[Message]:
+    """Each message once, and the pipeline's silence, whose seconds go on between two readings, once."""
+    each = {
+        message.code if message.code == "no-snapshot-for" else message: message for message in found[::-1] if message
+    }
+    return [*each.values()][::-1]

@@ -42,12 +42,15 @@ async def keep_alive(stalls: Callable[[], Sequence[Message]], environment: Mappi
     every_s = period_s(environment)
     if every_s is None:
         return
+    was_silent = False
     while True:
         found = stalls()
         if found:
             why = "; ".join(map(render, found))
-            log.error("no sign of life to systemd: %s", why)
+            if not was_silent:
+                log.error("no sign of life to systemd: %s", why)
             notify(f"STATUS={why}", environment)
         else:
             notify("WATCHDOG=1", environment)
+        was_silent = bool(found)
         await asyncio.sleep(every_s)

@@ -16,7 +16,9 @@ from app.words import Message, Quantity
 @dataclass
 class FakeParts:
     recorder: SimpleNamespace = field(
-        default_factory=lambda: SimpleNamespace(status=SimpleNamespace(error=None, warning=None), start_failure=None)
+        default_factory=lambda: SimpleNamespace(
+            status=SimpleNamespace(error=None, warning=None), start_failure=None, stuck=lambda: []
+        )
     )
     events: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(store=SimpleNamespace(error=None)))
     mqtt: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(problem=None))
@@ -78,8 +80,14 @@ def test_a_recording_that_cannot_begin_fails(health, live, parts):
     assert told(health) == (["disk-refuses"], ["disk-refuses"], [])
 
 
-def test_a_disk_that_hangs_is_a_stall(health, live, parts):
+def test_a_disk_that_hangs_fails_and_a_restart_would_lose_what_waits(health, live, parts):
     parts.recorder.status.error = Message("disk-silent", time=Quantity(30, "s", 0))
+    assert told(health) == (["disk-silent"], ["disk-silent"], [])
+
+
+def test_a_recorder_that_has_ended_is_a_stall(health, live, parts):
+    parts.recorder.status.error = ended = Message("disk-silent", time=Quantity(30, "s", 0))
+    parts.recorder.stuck = lambda: [ended]
     assert told(health) == (["disk-silent"], ["disk-silent"], ["disk-silent"])
 
 
@@ -93,6 +101,19 @@ def test_a_pipeline_that_hangs_in_an_item_fails_at_once_and_is_a_stall_later(hea
     assert told(health) == (["no-snapshot-for"], ["no-snapshot-for"], [])
     clock.advance(pipeline_thread.STUCK_S)
     assert told(health)[2] == ["no-snapshot-for"]
+
+
+def test_a_pipeline_that_hangs_is_named_once_although_its_seconds_go_on(health, live, clock, monkeypatch):
+    live.live.step(0.0)
+    clock.advance(pipeline_thread.STUCK_S + 1)
+    now_ns = clock.monotonic_ns
+
+    def later():
+        clock.advance(0.6)
+        return now_ns()
+
+    monkeypatch.setattr(clock, "monotonic_ns", later)
+    assert told(health)[:2] == (["no-snapshot-for"], ["no-snapshot-for"])
 
 
 def test_what_is_not_the_batterys_is_missing_and_fails_nothing(health, live, parts):

@@ -58,8 +58,9 @@ def test_who_is_not_watched_sends_none(environment, changed):
     asyncio.run(asyncio.wait_for(keep_alive(list, environment | changed), 10))
 
 
-def test_signs_of_life_stop_while_something_stands_still_and_come_back(systemd, environment):
-    answers = iter([[], [], [Message("disk-silent", time=30.0)], []])
+def test_signs_of_life_stop_while_something_stands_still_and_come_back(systemd, environment, caplog):
+    stands_still = [Message("disk-silent", time=30.0)]
+    answers = iter([[], [], stands_still, stands_still, []])
     ends = asyncio.CancelledError()
 
     def stalls():
@@ -70,6 +71,7 @@ def test_signs_of_life_stop_while_something_stands_still_and_come_back(systemd, 
 
     with pytest.raises(asyncio.CancelledError):
         asyncio.run(keep_alive(stalls, environment))
-    told = [systemd.recv(200) for _ in range(4)]
-    assert told[:2] + told[3:] == [b"WATCHDOG=1"] * 3
+    told = [systemd.recv(200) for _ in range(5)]
+    assert told[:2] + told[4:] == [b"WATCHDOG=1"] * 3
     assert told[2].startswith(b"STATUS=the disk has taken nothing")
+    assert caplog.text.count("no sign of life") == 1
