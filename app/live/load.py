@@ -8,6 +8,7 @@ items do not wait for the pipeline's thread, nothing is left out, however long f
 """
 
 import logging
+import time
 from collections.abc import Callable
 from enum import IntEnum
 
@@ -16,13 +17,15 @@ from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)
 BOUND_S = 0.4  # from a frame's arrival to its commit; 0.5 s is what a kill may cost
-WELL_S = 0.35  # below this it takes back the last step
+WELL_S = 0.35  # below this, and while items do not wait, it takes back the last step
 HARDER_S = 0.5  # between two steps down
 EASIER_S = 5.0  # between two steps back; twice as long each time that one had to be taken again
 MOST_EASIER_S = 80.0
 LATE_S = 0.1  # items that wait this long for the pipeline's thread: the processor is short
 SMOOTHED_S = 0.5  # over so long: a single late item is no lack
-GIVE_WAY_S = 0.1  # a commit
+CALM_S = 0.03  # items that wait less than this: there is processor time left
+GIVE_WAY_S = 0.2  # to a commit
+PAUSE_S = 0.1  # after an item, at most
 
 
 class Shed(IntEnum):
@@ -37,7 +40,11 @@ class Load:
     """Asked by the pipeline's thread with each item; `problem` by any."""
 
     def __init__(
-        self, delay_s: Callable[[], float | None], clock: Clock, wait_for_commit: Callable[[float], None]
+        self,
+        delay_s: Callable[[], float | None],
+        clock: Clock,
+        wait_for_commit: Callable[[float], None],
+        pause: Callable[[float], None] = time.sleep,
     ) -> None:
         """Watch `delay_s`: how long the last frames took to be committed; None while nothing is, or the disk stalls.
 
@@ -45,12 +52,14 @@ class Load:
         """
         self._delay_s = delay_s
         self._wait_for_commit = wait_for_commit
+        self._pause = pause
         self._clock = clock
         self._shed = Shed.NOTHING
         self._changed_s = clock.monotonic_s()
         self._easier_s = EASIER_S
         self._eased_s: float | None = None  # when the last step back was
         self._waited_s, self._asked_s = 0.0, self._changed_s
+        self._busy_s = self._changed_s  # when items last waited
 
     def now(self, waited_s: float) -> Shed:
         """Return what to leave out, after the next item has waited so long for the pipeline's thread."""
@@ -58,13 +67,16 @@ class Load:
         before, since_s = self._shed, now_s - self._changed_s
         self._waited_s += (waited_s - self._waited_s) * min((now_s - self._asked_s) / SMOOTHED_S, 1.0)
         self._asked_s = now_s
+        is_calm = self._waited_s < CALM_S
         if self._waited_s > LATE_S and delay_s > BOUND_S and before < Shed.PAGES and since_s >= HARDER_S:
             self._shed = Shed(before + 1)
             if self._eased_s is not None:
                 is_soon = now_s - self._eased_s < MOST_EASIER_S
                 self._easier_s = min(2 * self._easier_s, MOST_EASIER_S) if is_soon else EASIER_S
                 self._eased_s = None
-        elif delay_s < WELL_S and before > Shed.NOTHING and since_s >= self._easier_s:
+        elif not is_calm:
+            self._busy_s = now_s
+        elif delay_s < WELL_S and before > Shed.NOTHING and min(since_s, now_s - self._busy_s) >= self._easier_s:
             self._shed = Shed(before - 1)
             self._eased_s = now_s
         if self._shed != before:
@@ -72,10 +84,14 @@ class Load:
             log.warning("a frame takes %.2f s to the disk: left out is %s", delay_s, self._shed.name.lower())
         return self._shed
 
-    def give_way(self) -> None:
-        """Let a commit that is due go first, where something is left out: it shares the interpreter with the caller."""
+    def give_way(self, took_s: float) -> None:
+        """Let recording go first where something is left out: it shares processor and interpreter with the caller.
+
+        A commit that is due, and then for as long as the caller's last item took: half of the time at most is its own.
+        """
         if self._shed > Shed.NOTHING:
             self._wait_for_commit(GIVE_WAY_S)
+            self._pause(min(took_s, PAUSE_S))
 
     @property
     def problem(self) -> Message | None:

@@ -79,6 +79,7 @@ class PipelineThread:
         self._load = load
         self._drained_ns: int | None = None  # once it ends: only recorded from then on
         self._beat_ns: int | None = None  # when the thread last took or awaited an item, by the clock
+        self._took_s = 0.0  # for the last item
         self._published_ns = 0  # by the items' time
         self._shown_ns = 0  # by the clock's
         self._thread = threading.Thread(target=named_as_here(self._run), name="pipeline", daemon=True)
@@ -207,13 +208,15 @@ class PipelineThread:
         shed = Shed.NOTHING
         if self._load is not None:
             shed = self._load.now((now_ns - item.t_mono_ns) / 1e9)
-            self._load.give_way()
+            self._load.give_way(self._took_s)
         if self._is_ending:
             return  # the recorder has it
         shown_s = SHED_SHOWN_S if shed >= Shed.PAGES else LATE_SHOWN_S
         is_late = shed >= Shed.PAGES or now_ns - item.t_mono_ns > LATE_S * 1e9
+        began_s = self._clock.monotonic_s()
         output = self._pipeline.feed(item, publishes=not is_late or now_ns - self._shown_ns >= shown_s * 1e9)
         self._hand_on(output, item.t_mono_ns)
+        self._took_s = self._clock.monotonic_s() - began_s
         if output.snapshot is not None:
             self._published_ns, self._shown_ns = item.t_mono_ns, now_ns
             if shed < Shed.PREDICTION:

@@ -97,7 +97,7 @@ class CommitQueue:
     @property
     def is_due(self) -> bool:
         """Whether the last commit is so long ago that another is wanted, whatever the recorder's thread does."""
-        return time.monotonic() - self._committed_s >= COMMIT_S
+        return self.pause_s <= PAUSE_S
 
     def begin(self) -> int:
         """Let the next commits write all that waits; return how many lost rows no event on the disk names yet."""

@@ -1,8 +1,21 @@
-"""What is left out goes by the recorder's delay alone, one step at a time, and comes back slower than it went."""
+"""What is left out goes by the recorder's delay where the processor is short, and comes back slower than it went."""
 
 import pytest
 
-from app.live.load import BOUND_S, EASIER_S, GIVE_WAY_S, HARDER_S, LATE_S, MOST_EASIER_S, SMOOTHED_S, WELL_S, Load, Shed
+from app.live.load import (
+    BOUND_S,
+    CALM_S,
+    EASIER_S,
+    GIVE_WAY_S,
+    HARDER_S,
+    LATE_S,
+    MOST_EASIER_S,
+    PAUSE_S,
+    SMOOTHED_S,
+    WELL_S,
+    Load,
+    Shed,
+)
 from app.words import render
 from tests.fake_clock import FakeClock
 
@@ -26,7 +39,7 @@ def waits():
 
 @pytest.fixture
 def load(recorder, clock, waits):
-    made = Load(lambda: recorder["delay_s"], clock, waits.append)
+    made = Load(lambda: recorder["delay_s"], clock, waits.append, waits.append)
     clock.advance(EASIER_S)
     return made
 
@@ -44,7 +57,7 @@ def test_a_disk_that_takes_nothing_leaves_out_nothing_where_the_processor_is_not
     for _ in range(100):
         clock.advance(HARDER_S)
         assert load.now(0.01) is Shed.NOTHING
-        load.give_way()
+        load.give_way(0.003)
     assert waits == []
     assert load.problem is None
 
@@ -61,7 +74,7 @@ def test_a_disk_that_stalls_ends_what_was_left_out_before(load, recorder, clock)
     assert load.now(LATE) is Shed.PREDICTION
     recorder["delay_s"] = None  # the recorder knows that the disk takes nothing
     clock.advance(EASIER_S)
-    assert load.now(LATE) is Shed.NOTHING
+    assert load.now(0.0) is Shed.NOTHING
 
 
 def test_the_order_is_predictions_pages_and_back(load, recorder, clock):
@@ -75,7 +88,7 @@ def test_the_order_is_predictions_pages_and_back(load, recorder, clock):
     found = []
     for _ in range(3):
         clock.advance(EASIER_S)
-        found.append(load.now(LATE))
+        found.append(load.now(0.0))
     assert found == [Shed.PREDICTION, Shed.NOTHING, Shed.NOTHING]
 
 
@@ -101,7 +114,7 @@ def test_what_was_taken_back_too_early_stays_left_out_longer_each_time(load, rec
         recorder["delay_s"] = BOUND_S + 0.01
         assert load.now(LATE) is Shed.PREDICTION
         recorder["delay_s"], began_s = 0.0, clock.monotonic_s()
-        while load.now(LATE) is Shed.PREDICTION:
+        while load.now(0.0) is Shed.PREDICTION:
             clock.advance(1.0)
         took_s.append(clock.monotonic_s() - began_s)
     assert took_s == [EASIER_S, 2 * EASIER_S, 4 * EASIER_S, 8 * EASIER_S, MOST_EASIER_S, MOST_EASIER_S]
@@ -113,23 +126,35 @@ def test_it_forgets_that_once_it_went_well_for_long(load, recorder, clock):
         load.now(LATE)
         recorder["delay_s"] = 0.0
         clock.advance(MOST_EASIER_S)
-        assert load.now(LATE) is Shed.NOTHING
+        assert load.now(0.0) is Shed.NOTHING
     clock.advance(MOST_EASIER_S)
     recorder["delay_s"] = BOUND_S + 0.01
     load.now(LATE)
     recorder["delay_s"] = 0.0
     clock.advance(EASIER_S)
-    assert load.now(LATE) is Shed.NOTHING
+    assert load.now(0.0) is Shed.NOTHING
 
 
-def test_commits_go_first_only_where_something_is_left_out(load, recorder, waits):
+def test_recording_goes_first_only_where_something_is_left_out(load, recorder, waits):
     load.now(LATE)
-    load.give_way()
+    load.give_way(0.003)
     assert waits == []
     recorder["delay_s"] = 3.0
     load.now(LATE)
-    load.give_way()
-    assert waits == [GIVE_WAY_S]
+    load.give_way(0.003)
+    load.give_way(60.0)
+    assert waits == [GIVE_WAY_S, 0.003, GIVE_WAY_S, PAUSE_S], "half of the time, and bounded"
+
+
+def test_while_items_wait_for_the_processor_nothing_is_taken_back(load, recorder, clock):
+    recorder["delay_s"] = 3.0
+    assert load.now(LATE) is Shed.PREDICTION
+    recorder["delay_s"] = 0.2
+    for _ in range(100):
+        clock.advance(EASIER_S)
+        assert load.now(CALM_S) is Shed.PREDICTION
+    clock.advance(EASIER_S)
+    assert load.now(0.0) is Shed.NOTHING
 
 
 def test_it_says_what_is_left_out_and_why(load, recorder, clock):

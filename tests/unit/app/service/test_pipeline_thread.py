@@ -179,7 +179,7 @@ def test_what_is_left_out_for_the_recorder_is_never_an_estimate(bench, clock, ma
     asked, waits = [], []
     monkeypatch.setattr(bench.pipeline, "predict", lambda: asked.append(True))
     monkeypatch.setattr(
-        bench.live, "_load", SimpleNamespace(now=lambda waited_s: shed, give_way=lambda: waits.append(True))
+        bench.live, "_load", SimpleNamespace(now=lambda waited_s: shed, give_way=lambda took_s: waits.append(True))
     )
     for _ in range(5):
         clock.advance(0.1)
