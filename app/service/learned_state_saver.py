@@ -13,7 +13,7 @@ END_S = 5.0  # for the disk, at the end
 
 
 class LearnedStateSaver:
-    """Reads the pipeline in its own thread, and once more after that thread has ended; another one waits for the disk."""
+    """Reads the pipeline in its own thread, and once more after that thread has ended; another waits for the disk."""
 
     def __init__(self, path: Path, pipeline: Pipeline, predictor: Predictor, clock: Clock) -> None:
         self._path = path

@@ -78,7 +78,7 @@ class LinesInTurn(QueueHandler):
     def _write(self) -> None:
         while (record := self._lines.get()) is not None:
             left_out, self._left_out = self._left_out, 0
-            more = f" ({left_out:,} lines before this one were left out)" if left_out else ""
+            more = f" ({left_out:,} lines were left out)" if left_out else ""
             try:
                 self._stream.write(f"{record.message}{more}\n")
                 self._stream.flush()
@@ -89,7 +89,8 @@ class LinesInTurn(QueueHandler):
 def say(text: str) -> None:
     """Print a line that other programs wait for; where standard output takes none, the service goes on without it."""
     try:
-        print(text, flush=True)
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
     except OSError:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())  # what is still inside would fail again at the end

@@ -1,6 +1,9 @@
+import io
 import logging
+import threading
 
-from app.service.log import MOST, WINDOW_S, OfOneKind
+from app.service.log import MOST, WINDOW_S, LinesInTurn, OfOneKind
+from tests.service_process import WAIT_S, until
 
 
 def line(text, *values, at_s=0.0):
@@ -29,3 +32,44 @@ def test_a_clock_that_is_set_back_silences_nothing():
     for number in range(MOST + 1):
         few.filter(line("no %s", number))
     assert few.filter(line("no %s", 1, at_s=-100.0))
+
+
+class HeldTerminal(io.StringIO):
+    """Takes nothing until it is let go, as one on which somebody pressed Ctrl+S."""
+
+    def __init__(self):
+        super().__init__()
+        self.go_on = threading.Event()
+
+    def write(self, text):
+        assert self.go_on.wait(WAIT_S)
+        return super().write(text)
+
+
+def test_a_terminal_that_is_held_holds_nobody_who_logs():
+    terminal = HeldTerminal()
+    handler = LinesInTurn(terminal)
+    for number in range(3000):
+        handler.handle(line("no %s", number))
+    terminal.go_on.set()
+    until(lambda: "no 999\n" in terminal.getvalue())
+    handler.handle(line("at last"))
+    handler.end()
+    lines = terminal.getvalue().splitlines()
+    assert [each.split()[1] for each in lines[:1000]] == [str(number) for number in range(1000)]
+    assert "lines were left out" in terminal.getvalue()
+    assert len(lines) < 1100
+
+
+class FullDisk(io.StringIO):
+    def write(self, text):
+        raise OSError(28, "No space left on device")
+
+
+def test_a_full_disk_costs_only_the_lines(capsys):
+    disk = FullDisk()
+    handler = LinesInTurn(disk)
+    handler.handle(line("one"))
+    handler.handle(line("two"))
+    handler.end()
+    assert capsys.readouterr().err == ""
