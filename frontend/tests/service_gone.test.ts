@@ -59,4 +59,25 @@ describe('the strip over every page', () => {
     }
     live.connection = 'open';
   });
+
+  it('says on every page since when nothing is recorded, and why', async () => {
+    const { default: NotRecording } = await import('../src/parts/NotRecording.svelte');
+    const over = (hash: string): string => {
+      route.hash = hash;
+      return render(NotRecording).body;
+    };
+    live.snapshot = DRIVING;
+    expect(over('#/overview')).not.toContain('not-recording');
+    live.snapshot = {
+      ...DRIVING,
+      not_recording: { since: 1000, reason: 'disk nearly full', reason_words: null },
+    };
+    for (const hash of ['#/overview', '#/sessions/run-1', '#/events']) {
+      expect(over(hash), hash).toContain('NOT RECORDING since');
+      expect(over(hash), hash).toContain('disk nearly full');
+    }
+    live.connection = 'lost'; // then it is not known
+    expect(over('#/overview')).not.toContain('not-recording');
+    live.connection = 'open';
+  });
 });

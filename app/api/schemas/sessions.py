@@ -192,6 +192,7 @@ class RecorderOut(BaseModel):
     lost_items: int
     commit_delay_s: Number | None  # from a frame's arrival to its commit, the longest of the last minute
     disk_free_bytes: int | None
+    stalled_since: Number | None  # nothing gets onto the disk; `error` says why
     warning: str | None
     warning_words: WordsOut | None
     error: str | None

@@ -1657,6 +1657,7 @@ export interface Recorder {
   lost_items: number;
   commit_delay_s: number | null;
   disk_free_bytes: number | null;
+  stalled_since: number | null;
   warning: string | null;
   warning_words: Words | null;
   error: string | null;
@@ -2156,6 +2157,7 @@ export interface Snapshot {
   config_stored_hash: string | null;
   sent_s: number | null;
   run: string | null;
+  not_recording?: Stall | null;
 }
 
 /** A configuration by the name of its source. */
@@ -2169,6 +2171,13 @@ export interface Source {
 /** Times real time. */
 export interface Speed {
   speed: number | 'max';
+}
+
+/** What should be recorded does not get onto the disk. */
+export interface Stall {
+  since: number;
+  reason: string;
+  reason_words: Words | null;
 }
 
 /** One step: `timing` where it was measured, else `why` not, or what the crew said of skipping it. */
