@@ -1,4 +1,6 @@
 import re
+import sqlite3
+import time
 from dataclasses import replace
 
 import pytest
@@ -9,10 +11,13 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.catalogue import Catalogue
+from app.sessions.errors import RecordingFailed
 from app.sessions.recording.auto_recorder import GONE_S, AutoRecorder
 from app.sessions.recording.disk import DiskLimits
+from app.sessions.recording.session_writer import SessionWriter
 from app.sources.items import CanItem, LinkChange
 from app.sources.master.source import MasterSource
+from app.words import render
 from firmware_protocol.framing import decode_chunk
 from tests.fake_clock import FakeClock
 
@@ -142,6 +147,58 @@ def test_a_folder_that_takes_nothing_is_told_once_and_tried_again(make, pipeline
     play(recorder, pipeline, master, 1)
     assert recorder.session is not None
     assert recorder.start_failure is None
+
+
+def test_what_cannot_be_started_is_a_stall_since_the_first_try(make, pipeline, master, tmp_path):
+    folder = tmp_path / "sessions"
+    clock = FakeClock()
+    recorder = make(folder=folder, clock=clock)
+    assert recorder.stall is None
+    folder.rmdir()
+    folder.write_text("in the way")
+    since_ns = clock.wall_ns()
+    for _ in range(3):
+        play(recorder, pipeline, master, 1)
+        master.advance(10_000)
+        clock.advance(10)
+    assert (recorder.stall.since_ns, recorder.stall.reason) == (since_ns, recorder.start_failure)
+    folder.unlink()
+    play(recorder, pipeline, master, 1)
+    assert recorder.stall is None
+
+
+def test_a_full_disk_is_a_stall_and_an_event_once_although_its_numbers_change(
+    make, pipeline, master, events, monkeypatch
+):
+    recorder = make()
+    play(recorder, pipeline, master, 3)
+    recorder.flush()
+    began_ns = time.time_ns()
+    with monkeypatch.context() as full:
+        full.setattr(SessionWriter, "write", Refusal())
+        for _ in range(5):
+            play(recorder, pipeline, master, 1)
+            with pytest.raises(RecordingFailed):
+                recorder.flush()
+            recorder._status = None  # at most half a second old
+        assert "disk is full" in render(recorder.stall.reason)
+        assert abs(recorder.stall.since_ns - began_ns) < 2e9
+    recorder.flush()
+    recorder._status = None
+    play(recorder, pipeline, master, 1)
+    assert recorder.stall is None
+    assert codes(events) == ["recording-started", "recording-trouble", "recording-resumed"]
+
+
+class Refusal:
+    """Of a disk, with another text each time."""
+
+    def __init__(self):
+        self.times = 0
+
+    def __call__(self, items):
+        self.times += 1
+        raise sqlite3.OperationalError(f"database or disk is full ({self.times})")
 
 
 def test_a_wall_clock_that_is_set_does_not_end_a_session(make, pipeline, master, tmp_path):
