@@ -53,6 +53,7 @@ TESTS = (
     "tests/integration/test_sessions_campaign.py::test_a_kill_at_any_instant_loses_nothing_that_was_acknowledged",
     "tests/integration/test_sessions_campaign.py::test_a_power_cut_at_any_instant_loses_nothing_that_was_acknowledged",
     "tests/integration/test_disk_faults.py",
+    "tests/integration/test_stalled_disk.py",
     "tests/integration/test_sessions_survive.py::test_a_killed_recorder_loses_at_most_the_last_half_second",
     "tests/integration/test_season_campaign.py",
     "tests/integration/test_season_s3.py",

@@ -35,6 +35,7 @@ WAITING = ("e2e", "integration")  # most of their time they wait for a car, a se
 LONGEST = (  # half a minute and more
     "integration/test_evidence.py",
     "integration/test_simulator_scenarios.py",
+    "integration/test_stalled_disk.py",
     "e2e/test_debrief.py",
     "integration/test_evidence_c_master.py",
     "e2e/test_parameters_page.py",

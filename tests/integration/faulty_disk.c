@@ -4,6 +4,8 @@
  * from now on fail once: with errno `error`, or where that is 0 a write of half of its bytes. fault_calls() counts.
  * WRITE_LOG names a file that gets a record of every change: op u8 (1 write, 2 truncate, 3 sync, 4 unlink, 5 note,
  * 6 rename, 7 create), offset u64, length u32, length of the path u16, path, bytes (of a rename the new path).
+ * FAULT_SWITCH names a file: while it begins with "h" every change waits until it does not, with "f" it is refused as by
+ * a full disk. The file of the EEPROM is the car's: it never stalls.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -65,6 +67,25 @@ static const char *path_of(int fd, char *full)
     return inside(full, full);
 }
 
+/* Waits while the disk hangs; whether it is full. The lock is not held: what lies elsewhere passes meanwhile. */
+static int stalls(const char *path)
+{
+    const char *name = getenv("FAULT_SWITCH");
+    static int (*real_open)(int, const char *, int, ...);
+    if (!path || !name || strstr(path, "eeprom")) return 0;
+    if (!real_open) real_open = dlsym(RTLD_NEXT, "openat64");
+    for (;;) {
+        char state = 0;
+        int fd = real_open(AT_FDCWD, name, O_RDONLY | O_CLOEXEC);
+        if (fd >= 0) {
+            if (read(fd, &state, 1) != 1) state = 0;
+            close(fd);
+        }
+        if (state != 'h') return state == 'f';
+        usleep(5000);
+    }
+}
+
 /* Whether this call is the one. The lock is held. */
 static int fails(unsigned op, const char *name, const char *path)
 {
@@ -109,6 +130,11 @@ static ssize_t put(int fd, const void *data, size_t length, off64_t offset, int 
     const char *path = path_of(fd, full);
     errno = kept;
     if (!path) return at ? real_pwrite(fd, data, length, offset) : real_write(fd, data, length);
+    if (stalls(path)) {
+        errno = ENOSPC;
+        return -1;
+    }
+    errno = kept;
     pthread_mutex_lock(&lock);
     if (fails(WRITE, "write", path)) {
         if (failure) {
@@ -138,6 +164,7 @@ static int cut(int fd, off64_t length)
     char full[4096];
     if (!real) real = dlsym(RTLD_NEXT, "ftruncate64");
     const char *path = path_of(fd, full);
+    stalls(path);
     pthread_mutex_lock(&lock);
     if (fails(TRUNCATE, "ftruncate", path)) {
         pthread_mutex_unlock(&lock);
@@ -158,6 +185,7 @@ static int synced(int fd, const char *name)
     int (*real)(int) = dlsym(RTLD_NEXT, name);
     char full[4096];
     const char *path = path_of(fd, full);
+    stalls(path);
     pthread_mutex_lock(&lock);
     int is_failing = fails(SYNC, name, path);
     pthread_mutex_unlock(&lock);
@@ -181,6 +209,10 @@ static int opened(int at, const char *name, int flags, mode_t mode)
     char full[4096];
     if (!real) real = dlsym(RTLD_NEXT, "openat64");
     const char *path = at == AT_FDCWD || name[0] == '/' ? inside(name, full) : NULL;
+    if (flags & (O_CREAT | O_TRUNC) && stalls(path)) {
+        errno = ENOSPC;
+        return -1;
+    }
     pthread_mutex_lock(&lock);
     if (fails(OPEN, "open", path)) {
         pthread_mutex_unlock(&lock);
@@ -217,6 +249,7 @@ int rename(const char *from, const char *to)
     char full[4096], full_to[4096];
     if (!real) real = dlsym(RTLD_NEXT, "rename");
     const char *path = inside(from, full), *target = inside(to, full_to);
+    stalls(path);
     pthread_mutex_lock(&lock);
     if (fails(RENAME, "rename", path)) {
         pthread_mutex_unlock(&lock);
