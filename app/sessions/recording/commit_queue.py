@@ -28,7 +28,7 @@ class CommitQueue:
         self.delay = CommitDelay()
         self._clock = clock
         self._progress = threading.Condition(self.lock)
-        self._error: Message | None = None
+        self.error: Message | None = None  # of the last commits
         self._stalled_ns: int | None = None
         self._committed_s = self._began_s = time.monotonic()
         self._commits = 0  # begun
@@ -38,7 +38,7 @@ class CommitQueue:
         """Return why nothing gets onto the disk, and since when (wall clock, ns); the lock is held."""
         waited_s = self.waiting.waited_s
         silent = Message("disk-silent", time=Quantity(waited_s, "s", 0)) if waited_s > STUCK_S else None
-        trouble = self._error or silent
+        trouble = self.error or silent
         if trouble is None:
             self._stalled_ns = None
         elif self._stalled_ns is None:
@@ -83,9 +83,9 @@ class CommitQueue:
                 wake()
                 remaining = deadline - time.monotonic()
                 if remaining <= 0 or not self._progress.wait(remaining):
-                    raise RecordingFailed(self._error or Message("not-written-within", time=Quantity(timeout_s, "s")))
-                if self._error and self.waiting.done < goal:
-                    raise RecordingFailed(self._error)
+                    raise RecordingFailed(self.error or Message("not-written-within", time=Quantity(timeout_s, "s")))
+                if self.error and self.waiting.done < goal:
+                    raise RecordingFailed(self.error)
 
     @property
     def pause_s(self) -> float:
@@ -119,9 +119,8 @@ class CommitQueue:
         with self.lock:
             self.waiting.finish(len(rows), reported)
 
-    def end(self, error: Message | None) -> Message | None:
-        """Let those go on who wait for the commits; return the error of the commits before."""
+    def end(self, error: Message | None) -> None:
+        """Let those go on who wait for the commits, which have failed by `error` or are on the disk."""
         with self._progress:
-            before, self._error = self._error, error
+            self.error = error
             self._progress.notify_all()
-        return before

@@ -319,11 +319,11 @@ class Recorder:
             self._free = free
             if self._writer is not None and self._session is not None and self._writer.path == self._session.path:
                 self._size = self._writer.size_bytes
-        before = self._queue.end(error)
-        if error and error != before:
+        if error and error != self._queue.error:
             logger.warning("recording stalled: %s", render(error))
-        elif before and not error:
+        elif self._queue.error and not error:
             logger.info("recording goes on, %d items were lost", unreported)
+        self._queue.end(error)
 
     def _watch_file(self) -> None:
         """Go on in a new file where the session's was deleted or replaced; what waits goes into the new one.
