@@ -19,7 +19,6 @@ COMMANDS = {
     "replay": "play a recorded session through the same pipeline",
     "sessions": "recorded sessions: list, check, fetch, import, prune; laps, reports, black boxes, cell passports",
     "accounts": "people and programs that may come in: add, remove, make and revoke tokens; what they did",
-    "drill": "ten bad days on the simulated car: what failed? for the crew, or for the product by itself",
     "evidence": "measure how fast the master opens the shutdown circuit, as a document for the scrutineers",
     "battery": "batteries other than the team's own: profiles, what one means, what is doubtful, learn one from a bus",
     "season": "many sessions together: a lake of Parquet files, SQL over it, trends, ageing, packs, estimate again",

@@ -12,7 +12,6 @@ from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
-from app.analysis.drill.drill import Drill
 from app.api import balancing, simulator
 from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
@@ -128,9 +127,6 @@ def create_app(
     authentication = Authentication(settings, clock, accounts, logins) if first is None else first.authentication
     served = [] if first is None else first.served
     served.append(ServedBattery(path, app, battery=service.battery, live=service.live, stalls=service.health.stalls))
-    drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)
-    if drill is not None:
-        service.events.subscribe(drill.on_event)
     setup = setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery))
     setup.load = lambda name, **named: service.workers.run(DEFINITIONS, load_battery, name, **named)
     encoder = SnapshotEncoder(service.state, service.clock)
@@ -143,7 +139,6 @@ def create_app(
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,
         setup=setup,
-        drill=drill,
         served=served,
         certificate=certificate if first is None else first.certificate,
     )

@@ -1,14 +1,10 @@
 """The simulated car: what it does, its scenarios and faults. Only where the service started it."""
 
-import secrets
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from app.analysis.drill.days import CHOICES, DAYS, POOL
-from app.analysis.drill.score import Answer
-from app.api.schemas.drill import DrillOut, drill_out
 from app.api.schemas.simulator import (
     FaultsInForceOut,
     PhaseOut,
@@ -17,13 +13,12 @@ from app.api.schemas.simulator import (
     SpeedOut,
     UnpluggedOut,
 )
-from app.api.web.dependencies import NEEDS_MASTER, DrillPart, EventsPart, SimulatorPart, UserDep
+from app.api.web.dependencies import EventsPart, SimulatorPart, UserDep
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.service.simulator_control import SimulatorRefused
 from app.words import Message
 
-MAX_SEED = 1_000_000
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 
 
@@ -54,21 +49,6 @@ class UnplugIn(Body):
     for_s: float = Field(gt=0, le=3600)
 
 
-class DrillIn(Body):
-    """Which days: the same seed gives the same."""
-
-    seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
-    days: int = Field(default=DAYS, ge=1, le=len(POOL))
-
-
-class AnswerIn(Body):
-    """What failed, and where."""
-
-    fault: str = Field(max_length=60)
-    pack: Pack = None
-    cell: Cell = None
-
-
 class ScenarioIn(Body):
     """One of the library."""
 
@@ -83,11 +63,9 @@ def _ask(simulator: SimulatorPart, do: str, arguments: dict[str, Any] | None = N
 
 
 @router.get("", response_model=SimulatorOut)
-def read(simulator: SimulatorPart, drill: DrillPart) -> dict[str, Any]:
+def read(simulator: SimulatorPart) -> dict[str, Any]:
     """What happens in the simulated car, what else could, and what can go wrong."""
     status = _ask(simulator, "status")
-    if drill.state.is_on:  # what goes wrong is the question
-        status |= {"scenario": "drill", "phase": "", "active": [], "notices": []}
     faults = _ask(simulator, "faults")["faults"]
     library = _ask(simulator, "scenarios")
     return {
@@ -158,33 +136,3 @@ def scenario(body: ScenarioIn, simulator: SimulatorPart, events: EventsPart, use
     simulator.restart(body.name)
     events.note("info", "simulator-scenario", Message("simulator-started", scenario=body.name), user.name)
     return {"scenario": body.name}
-
-
-@router.get("/drill")
-def read_drill(drill: DrillPart) -> DrillOut:
-    """How the drill stands; what goes wrong on a day is told when it was answered."""
-    return drill_out(drill.state)
-
-
-@router.post("/drill", status_code=201, dependencies=[NEEDS_MASTER])
-def start_drill(body: DrillIn, drill: DrillPart, events: EventsPart, user: UserDep) -> DrillOut:
-    """Begin: bad days drawn by the seed, the car starts anew on each."""
-    seed = secrets.randbelow(MAX_SEED) if body.seed is None else body.seed
-    state = drill.start(seed, body.days)
-    events.note("info", "drill", Message("drill-started", days=body.days), user.name)
-    return drill_out(state)
-
-
-@router.post("/drill/answer")
-def answer_drill(body: AnswerIn, drill: DrillPart, user: UserDep) -> DrillOut:
-    """Say what failed, and where; the next day begins."""
-    if body.fault not in CHOICES:
-        raise invalid("fault", body.fault, Message("one-of", choices=tuple(CHOICES)))
-    return drill_out(drill.answer(Answer(body.fault, body.pack, body.cell)))
-
-
-@router.delete("/drill")
-def stop_drill(drill: DrillPart, user: UserDep) -> DrillOut:
-    """End it early."""
-    drill.stop()
-    return drill_out(drill.state)

@@ -111,12 +111,7 @@ class SimulatorProcess:
                 "scenario", self._scenario or "default", Message("simulator-ended", exit_code=self._first_exit)
             )
 
-    @property
-    def scenario(self) -> str | None:
-        """What it plays: a name or a file, None for its own default."""
-        return self._scenario
-
-    def restart(self, scenario: str | None) -> None:
+    def restart(self, scenario: str) -> None:
         """End the car and start another one on the same ports; its EEPROM stays."""
         with self._lock:
             self._scenario = scenario

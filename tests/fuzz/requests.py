@@ -22,7 +22,6 @@ LEFT_OUT = (
     "/setup",
     "/imports",
     "/fetch",
-    "/drill",
     "/season/query",
     "/simulator/balancing",
 )  # files have targets of their own; others look for devices, start processes or simulate for minutes

@@ -35,9 +35,7 @@ def test_ctrl_c_while_it_computes_is_one_line_and_130():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends the signal of a terminal")
-@pytest.mark.parametrize(
-    "words", [("sessions", "fetch"), ("config", "history", "--url"), ("drill", "--url")], ids=lambda words: words[0]
-)
+@pytest.mark.parametrize("words", [("sessions", "fetch"), ("config", "history", "--url")], ids=lambda words: words[0])
 def test_ctrl_c_while_it_waits_for_an_answer_is_one_line_and_130(words, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as silent:
         process = start(

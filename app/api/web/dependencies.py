@@ -7,7 +7,6 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from app.analysis.black_box.recorder import BlackBoxRecorder
-from app.analysis.drill.drill import Drill
 from app.analysis.passport.keeper import PassportKeeper
 from app.api.access.certificate import Certificate
 from app.api.encoding.encoder import SnapshotEncoder
@@ -63,7 +62,6 @@ class WebParts:
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
     setup: Setup
-    drill: Drill | None = None  # with the simulated car
     served: list[ServedBattery] = field(default_factory=list)  # every battery, the first one first
     certificate: Certificate | None = None  # of HTTPS
     fleet: Fleet | None = None  # of a page of several cars, which has no service
@@ -107,13 +105,6 @@ async def _simulator(connection: HTTPConnection) -> SimulatorProcess:
     return simulator
 
 
-async def _drill(connection: HTTPConnection) -> Drill:
-    drill = _web(connection).drill
-    if drill is None:
-        raise Problem(404, "not-found", Message("no-simulator"))
-    return drill
-
-
 async def _fleet(connection: HTTPConnection) -> Fleet:
     fleet = _web(connection).fleet
     if fleet is None:
@@ -149,7 +140,6 @@ ConfigHistoryPart = Annotated[ConfigHistory, _from_service("config_history")]
 ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
 ConfigurationPart = Annotated[ConfigurationWriter, _from_service("configuration")]
 DriverDisplayPart = Annotated[DriverDisplay, _from_service("driver_display")]
-DrillPart = Annotated[Drill, Depends(_drill)]
 EventsPart = Annotated[Events, _from_service("events")]
 FleetPart = Annotated[Fleet, Depends(_fleet)]
 FollowersPart = Annotated[Followers, _from_service("followers")]

@@ -27,14 +27,14 @@ class Refusal(AppError):
 
 
 class ConfigService:
-    """Talks to `/api/v1/config`, or another part of the interface, of a running service."""
+    """Talks to `/api/v1/config` of a running service."""
 
-    def __init__(self, url: str, part: str = "config", *, trust: str | None = None) -> None:
+    def __init__(self, url: str, *, trust: str | None = None) -> None:
         """Raises Refusal where no service can be at such a URL, ConfigError where `trust` is no certificate's."""
         if not url.startswith(("http://", "https://")):
             raise Refusal(f"url = {url}: has to be http://HOST:PORT", REFUSED)
         self._opener = opener(trust)
-        self._base = url.rstrip("/") + f"/api/v1/{part}"
+        self._base = url.rstrip("/") + "/api/v1/config"
 
     def ask(
         self,

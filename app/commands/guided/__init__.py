@@ -1,1 +1,1 @@
-"""What walks through something from its beginning to its end: a reaction test, a day of a drill."""
+"""What walks through something from its beginning to its end: a reaction test."""

@@ -6,9 +6,8 @@ import sys
 from datetime import UTC, datetime
 from typing import Final
 
-from app.analysis.drill.days import Day
 from app.clock import Clock
-from app.commands.guided.play import play
+from app.commands.season.play import play
 from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
@@ -66,8 +65,7 @@ def simulate(args: argparse.Namespace) -> int:
     for k in range(args.sessions):
         before = args.days * (1.0 - k / max(args.sessions - 1, 1))
         start_ns = end_ns - round(before * DAY_NS) - round(length_s * 1e9)
-        day = Day(k + 1, "", None, None, None, 0.0, length_s, scenario_of(k, args))
-        session = play(day, folder, args.speed, factory, start_ns).session
+        session = play(scenario_of(k, args), length_s, folder, args.speed, factory, start_ns)
         missing += session is None
         when = datetime.fromtimestamp(start_ns / 1e9, UTC).date()
         print(f"{k + 1}/{args.sessions} {when} {session or 'not recorded'}", file=sys.stderr, flush=True)

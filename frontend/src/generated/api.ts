@@ -750,43 +750,6 @@ export interface Drift {
   weeks: number;
 }
 
-/** What somebody said failed; pack and cell as people count them. */
-export interface DrillAnswer {
-  fault: string;
-  pack: number | null;
-  cell: number | null;
-}
-
-/** A day that was answered; times in seconds since the fault began. */
-export interface DrillDay {
-  number: number;
-  fault: string;
-  pack: number | null;
-  cell: number | null;
-  value: number | null;
-  answer: DrillAnswer;
-  points: number;
-  most: number;
-  taken_s: number;
-  visible_s: number | null;
-  said: string[];
-  said_words: (Words | null)[];
-  product: DrillAnswer | null;
-  product_points: number;
-}
-
-/** A drill as it stands; `choices` are the faults that a day may have. */
-export interface Drill {
-  is_on: boolean;
-  seed: number | null;
-  day: number;
-  days: number;
-  points: number;
-  most: number;
-  choices: string[];
-  results: DrillDay[];
-}
-
 /** The two frames, null where not sent; what stands in them now. */
 export interface DriverCan {
   target: DriverFrame | null;

@@ -3,7 +3,6 @@
 
 import type can from '../../../app/words/nb/page/can.json';
 import type debrief from '../../../app/words/nb/page/debrief.json';
-import type drill from '../../../app/words/nb/page/drill.json';
 import type evidence from '../../../app/words/nb/page/evidence.json';
 import type fleet from '../../../app/words/nb/page/fleet.json';
 import type help from '../../../app/words/nb/page/help.json';
@@ -22,7 +21,6 @@ import type system from '../../../app/words/nb/page/system.json';
 export type Text =
   | keyof typeof can
   | keyof typeof debrief
-  | keyof typeof drill
   | keyof typeof evidence
   | keyof typeof fleet
   | keyof typeof help

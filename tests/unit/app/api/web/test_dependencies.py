@@ -7,11 +7,11 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 import pytest
 
 from app.api.web import dependencies
-from app.api.web.dependencies import DrillPart, FleetPart, SeasonSourcePart, SimulatorPart, WebParts
+from app.api.web.dependencies import FleetPart, SeasonSourcePart, SimulatorPart, WebParts
 from app.api.web.problems import Problem
 from app.service.wiring import Service
 
-ASKED = (DrillPart, FleetPart, SeasonSourcePart, SimulatorPart)  # made or looked for at each request
+ASKED = (FleetPart, SeasonSourcePart, SimulatorPart)  # made or looked for at each request
 ALIASES = {
     name: alias
     for name, alias in vars(dependencies).items()
@@ -44,8 +44,7 @@ def test_no_two_aliases_give_the_same_part():
 
 
 def test_without_a_simulated_car_there_is_none_to_ask():
-    for alias in (SimulatorPart, DrillPart):
-        _, depends = get_args(alias)
-        with pytest.raises(Problem) as caught:
-            asyncio.run(depends.dependency(connection(SimpleNamespace(simulator=None, drill=None))))
-        assert caught.value.status == 404
+    _, depends = get_args(SimulatorPart)
+    with pytest.raises(Problem) as caught:
+        asyncio.run(depends.dependency(connection(SimpleNamespace(simulator=None))))
+    assert caught.value.status == 404
