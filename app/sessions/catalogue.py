@@ -64,9 +64,9 @@ class Catalogue:
                 found.append(info)
             else:
                 problems.append(info)
+        self._known, self._others = known, others  # first: where the disk hangs it is asked once
         if known != before:
             save_index(self._folder, known)
-        self._known, self._others = known, others
         found.sort(key=lambda info: (info.started_wall_ns, info.id), reverse=True)
         return found, problems
 

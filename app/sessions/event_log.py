@@ -12,15 +12,14 @@ from dataclasses import astuple, dataclass
 from itertools import count
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import orjson
 
 from app.clock import Clock
 from app.sessions.errors import RecordingFailed, SessionError
-from app.sessions.storage.database import code_of
 from app.sessions.storage.migrate import EVENTS
-from app.sessions.storage.own_database import DAMAGE, OnSetAside, OwnDatabase, nobody_asks
+from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Event
 from app.words import Message, Quantity
 
@@ -66,20 +65,12 @@ class EventLog:
             SessionError: it cannot be created.
         """
         self._clock = clock
-        self._is_reader_old = False  # the file was set aside since it was opened
-
-        def on_damage(path: Path, kept: Path) -> None:
-            self._is_reader_old = True
-            on_set_aside(path, kept)
-
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._database = OwnDatabase(path, EVENTS, on_damage)
+            self._database = OwnDatabase(path, EVENTS, on_set_aside)
             last = self._database.run(_last_id)
         except (OSError, sqlite3.Error) as error:
             raise SessionError(Message("event-log", error=f"{path}: {error}")) from error
-        self._reader, self._is_reader_old = self._database.reader(), False
-        self._reading = threading.Lock()
         self._lock = threading.Lock()  # of what follows
         self._is_queued = False  # a write of all that waits
         self._ids = count(last + 1)
@@ -148,7 +139,13 @@ class EventLog:
             " ORDER BY id DESC LIMIT :limit"
         )
         given = {"after": after, "up_to": up_to, "severity": severity, "cell": cell, "limit": limit}
-        rows = self._rows(lambda connection: connection.execute(query, given).fetchall())
+        try:
+            rows = self._database.read(
+                lambda connection: connection.execute(query, given).fetchall(),
+                lambda work: self._in_thread(work, ACKNOWLEDGED_S),
+            )
+        except (sqlite3.Error, TimeoutError) as error:
+            raise SessionError(Message("event-log", error=str(error))) from error
         found = {
             event.id: event
             for event in waiting
@@ -191,24 +188,6 @@ class EventLog:
         self._executor.submit(self._write_waiting)
         self._executor.shutdown(wait=True)
         self._database.close()
-        with self._reading:
-            self._reader.close()
-
-    def _rows(self, work: Callable[[sqlite3.Connection], list[tuple[Any, ...]]]) -> list[tuple[Any, ...]]:
-        """What a query finds; a damaged file is set aside by the thread that writes it, which asks the new one."""
-        try:
-            with self._reading:
-                if self._is_reader_old:
-                    self._reader.close()
-                    self._reader, self._is_reader_old = self._database.reader(), False
-                return work(self._reader)
-        except sqlite3.Error as error:
-            if code_of(error) not in DAMAGE:
-                raise SessionError(Message("event-log", error=str(error))) from error
-        try:
-            return self._in_thread(lambda: self._database.run(work), ACKNOWLEDGED_S)
-        except TimeoutError as error:
-            raise SessionError(Message("event-log", error="damaged")) from error
 
     def _queue_write(self) -> bool:
         """Let the thread write what waits, once however many ask; False after the end."""

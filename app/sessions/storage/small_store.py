@@ -4,8 +4,9 @@ import json
 import sqlite3
 import threading
 import zlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import orjson
 
@@ -13,6 +14,8 @@ from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.migrate import Schema
 from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.words import Message
+
+T = TypeVar("T")
 
 
 class Store:
@@ -47,16 +50,19 @@ class Store:
                 raise RecordingFailed(Message("of-source", source=str(self.path), reason=str(error))) from error
 
     def rows(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
-        """Return all rows of a query.
+        """Return all rows of a query, also while a change waits for the disk.
 
         Raises:
             RecordingFailed: the disk does not give them.
         """
+        try:
+            return self._database.read(lambda connection: connection.execute(query, values).fetchall(), self._locked)
+        except sqlite3.Error as error:
+            raise RecordingFailed(Message("of-source", source=str(self.path), reason=str(error))) from error
+
+    def _locked(self, work: Callable[[], T]) -> T:
         with self._lock:
-            try:
-                return self._database.run(lambda connection: connection.execute(query, values).fetchall())
-            except sqlite3.Error as error:
-                raise RecordingFailed(Message("of-source", source=str(self.path), reason=str(error))) from error
+            return work()
 
     def unpacked(self, body: bytes, what: str) -> dict[str, Any]:
         """Return what `packed` made a body of.
