@@ -79,9 +79,9 @@ class OwnDatabase:
             return change(lambda: self.run(work))
 
     def close(self) -> None:
-        """Close the file."""
-        self._connection.close()
+        """Close the file: the one that changes it last, which takes the log into it."""
         self._close_reader()
+        self._connection.close()
 
     def _close_reader(self) -> None:
         with self._reading:
@@ -90,8 +90,8 @@ class OwnDatabase:
             self._reader = None
 
     def _renew(self) -> None:
-        self._connection.close()
         self._close_reader()
+        self._connection.close()
         try:
             if self.path.exists() and _identity(self.path) == self._identity:  # else another program did it
                 self._set_aside()

@@ -12,8 +12,8 @@ import pytest
 
 from app.battery.table_reader import ProfileError
 from app.clock import Clock
-from app.errors import LimitExceeded
 from app.estimation.cell_model.cell_file import parse_cell
+from app.estimation.errors import CellFileError
 from app.season.tags import matches
 from app.sessions.catalogue import Catalogue
 from app.sessions.catalogue_index import INDEX
@@ -146,7 +146,7 @@ def test_what_a_session_brings_along_is_parsed_in_another_process_once(sound: Pa
                 reader.parse(battery_from_files, files)
             reasons.add(str(refused.value))
         assert len(reasons) == 1
-        with pytest.raises(LimitExceeded):
+        with pytest.raises(CellFileError, match="more than 8 levels"):
             reader.parse(parse_cell, DEEP_TOML)
 
 
