@@ -17,13 +17,12 @@ from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)
 BOUND_S = 0.4  # from a frame's arrival to its commit; 0.5 s is what a kill may cost
-WELL_S = 0.35  # below this, and while items do not wait, it takes back the last step
+WELL_S = 0.35  # below this, and while the processor is not short, it takes back the last step
 HARDER_S = 0.5  # between two steps down
 EASIER_S = 5.0  # between two steps back; twice as long each time that one had to be taken again
 MOST_EASIER_S = 80.0
 LATE_S = 0.1  # items that wait this long for the pipeline's thread: the processor is short
 SMOOTHED_S = 0.5  # over so long: a single late item is no lack
-CALM_S = 0.03  # items that wait less than this: there is processor time left
 GIVE_WAY_S = 0.2  # to a commit
 PAUSE_S = 0.1  # after an item, at most
 
@@ -59,7 +58,7 @@ class Load:
         self._easier_s = EASIER_S
         self._eased_s: float | None = None  # when the last step back was
         self._waited_s, self._asked_s = 0.0, self._changed_s
-        self._busy_s = self._changed_s  # when items last waited
+        self._short_s = self._changed_s  # when the processor last was
 
     def now(self, waited_s: float) -> Shed:
         """Return what to leave out, after the next item has waited so long for the pipeline's thread."""
@@ -67,16 +66,16 @@ class Load:
         before, since_s = self._shed, now_s - self._changed_s
         self._waited_s += (waited_s - self._waited_s) * min((now_s - self._asked_s) / SMOOTHED_S, 1.0)
         self._asked_s = now_s
-        is_calm = self._waited_s < CALM_S
-        if self._waited_s > LATE_S and delay_s > BOUND_S and before < Shed.PAGES and since_s >= HARDER_S:
+        is_short = self._waited_s > LATE_S
+        if is_short:
+            self._short_s = now_s
+        if is_short and delay_s > BOUND_S and before < Shed.PAGES and since_s >= HARDER_S:
             self._shed = Shed(before + 1)
             if self._eased_s is not None:
                 is_soon = now_s - self._eased_s < MOST_EASIER_S
                 self._easier_s = min(2 * self._easier_s, MOST_EASIER_S) if is_soon else EASIER_S
                 self._eased_s = None
-        elif not is_calm:
-            self._busy_s = now_s
-        elif delay_s < WELL_S and before > Shed.NOTHING and min(since_s, now_s - self._busy_s) >= self._easier_s:
+        elif delay_s < WELL_S and before > Shed.NOTHING and min(since_s, now_s - self._short_s) >= self._easier_s:
             self._shed = Shed(before - 1)
             self._eased_s = now_s
         if self._shed != before:

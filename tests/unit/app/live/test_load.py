@@ -4,7 +4,6 @@ import pytest
 
 from app.live.load import (
     BOUND_S,
-    CALM_S,
     EASIER_S,
     GIVE_WAY_S,
     HARDER_S,
@@ -146,13 +145,13 @@ def test_recording_goes_first_only_where_something_is_left_out(load, recorder, w
     assert waits == [GIVE_WAY_S, 0.003, GIVE_WAY_S, PAUSE_S], "half of the time, and bounded"
 
 
-def test_while_items_wait_for_the_processor_nothing_is_taken_back(load, recorder, clock):
+def test_while_the_processor_is_short_nothing_is_taken_back(load, recorder, clock):
     recorder["delay_s"] = 3.0
     assert load.now(LATE) is Shed.PREDICTION
     recorder["delay_s"] = 0.2
     for _ in range(100):
         clock.advance(EASIER_S)
-        assert load.now(CALM_S) is Shed.PREDICTION
+        assert load.now(LATE) is Shed.PREDICTION
     clock.advance(EASIER_S)
     assert load.now(0.0) is Shed.NOTHING
 
