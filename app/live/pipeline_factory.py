@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 
-from app.errors import ConfigError
+from app.errors import AppError, ConfigError
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
+from app.estimation.filters.engine.library import load
 from app.estimation.filters.estimators import FILTERS, CellEstimator, make_estimator
 from app.estimation.health.cell_watch import CellWatch
 from app.live.pipeline import Pipeline
@@ -41,6 +42,7 @@ class PipelineFactory:
 
         Raises:
             ConfigError: there is no such filter, or the cell cannot be used.
+            AppError: the estimator's library is missing or does not fit.
         """
         self.battery = battery or team_battery()
         cell_name = cell_name or self.battery.battery.cell
@@ -50,6 +52,10 @@ class PipelineFactory:
             self.cell = cell or load_cell(cell_name)
         except EstimatorError as error:
             raise ConfigError("cell", cell_name, str(error)) from error
+        try:
+            load()
+        except EstimatorError as error:
+            raise AppError(str(error)) from error
         self._filter_name = filter_name
         self._cell_name = cell_name
 

@@ -8,7 +8,7 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import FILTERS, make_estimator
 from tests.campaign import of_size
-from tests.engines import ENGINES, hostile_steps
+from tests.oracle.both_engines import hostile_steps
 
 N_CELLS, N_STEPS = (
     500,
@@ -16,13 +16,9 @@ N_CELLS, N_STEPS = (
 )  # x 3 recursive filters: a million cell-steps in the short campaign
 
 
-engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
-
-
-@engines
 @pytest.mark.parametrize("name", ["ekf", "ukf", "cdkf"])
-def test_covariance_stays_definite(name, engine):
-    estimator = make_estimator(name, load_cell(), N_CELLS, engine=engine)
+def test_covariance_stays_definite(name):
+    estimator = make_estimator(name, load_cell(), N_CELLS)
     rng = np.random.default_rng(5)
     estimator.start(rng.uniform(2.5, 4.2, N_CELLS), np.full(N_CELLS, 25.0), 0.0, rng.random(N_CELLS), 0.5)
     for k, (dt, current, volts, degc) in enumerate(hostile_steps(11, N_STEPS, N_CELLS)):
@@ -37,12 +33,11 @@ def test_covariance_stays_definite(name, engine):
         assert ((estimates.soc >= 0.0) & (estimates.soc <= 1.0)).all()
 
 
-@engines
 @pytest.mark.parametrize("name", FILTERS)
-def test_every_filter_answers_finite_numbers(name, engine):
+def test_every_filter_answers_finite_numbers(name):
     base = load_cell()
     model = replace(base, hysteresis_v=0.02, overpotential_v=np.full(base.r0_ohm.shape, 0.01))
-    estimator = make_estimator(name, model, 40, engine=engine)
+    estimator = make_estimator(name, model, 40)
     estimator.start(np.full(40, np.nan), np.full(40, np.nan), np.nan)
     for dt, current, volts, degc in hostile_steps(3, 300, 40):
         estimates = estimator.step(dt, current, volts, degc)

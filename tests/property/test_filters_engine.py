@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.engine.native_resistance import NativeResistance
-from app.estimation.filters.estimators import FILTERS, make_estimator
-from app.estimation.filters.reference.resistance import ReferenceResistance
+from app.estimation.filters.estimators import FILTERS
 from tests.campaign import campaign, of_size
-from tests.engines import ENGINES, hostile_steps, step_both
+from tests.oracle.both_engines import ENGINES, hostile_steps, make_on, step_both
+from tests.oracle.resistance import ReferenceResistance
 
 N_CELLS = 50
 EXAMPLES = of_size(6, 60, 120, 200)
@@ -46,7 +46,7 @@ def test_the_engine_takes_the_steps_of_the_reference(name, cell, hysteresis_v, o
     over = model.overpotential_v if over_v is None else np.full(model.r0_ohm.shape, over_v)
     model = replace(model, hysteresis_v=hysteresis_v, overpotential_v=over)
     rng = np.random.default_rng(seed)
-    native, reference = (make_estimator(name, model, N_CELLS, engine=engine) for engine in ENGINES.values())
+    native, reference = (make_on(engine, name, model, N_CELLS) for engine in ENGINES.values())
     volts = np.where(rng.random(N_CELLS) < 0.1, np.nan, rng.uniform(2.5, 4.3, N_CELLS))
     soc = np.where(rng.random(N_CELLS) < 0.3, np.nan, rng.random(N_CELLS))
     sigma = np.where(rng.random(N_CELLS) < 0.3, np.nan, rng.random(N_CELLS))

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.reference.state import motion_of
 from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference, unscented
 from app.estimation.filters.tables import COLD, DROP_ERROR, LASTING_DROP, OCV, OVERPOTENTIAL, R0, R1, CellTables
 from app.estimation.filters.tuning import Tuning
 from tests.campaign import examples
-from tests.engines import ENGINES
+from tests.oracle.both_engines import ENGINES
+from tests.oracle.state import motion_of
 from tests.textbook_filters import additive_step, augmented_step
 from tests.thesis_filter import marginal_augmented_step
 

@@ -5,16 +5,16 @@ Inputs are plain arrays and a step length; nothing here knows a clock, a link or
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
+from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimates import CellEstimator, Estimates
 from app.estimation.filters.filter_names import FILTERS
-from app.estimation.filters.setup import Engine, FilterSetup, Kind
+from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference, unscented
-from app.estimation.filters.soc_estimator import SocEstimator, make_engine
+from app.estimation.filters.soc_estimator import SocEstimator
 from app.estimation.filters.tables import CellTables
 from app.estimation.filters.tuning import Tuning
 
@@ -34,7 +34,6 @@ def make_estimator(
     cell: CellModel,
     n_cells: int,
     tuning: Tuning | None = None,
-    engine: Callable[[FilterSetup, int], Engine] = make_engine,
 ) -> SocEstimator:
     """Return a filter over `n_cells` cells of one model that share a current; `start` it before the first step.
 
@@ -43,15 +42,14 @@ def make_estimator(
         cell: the cell model, module parameters for a module of parallel cells.
         n_cells: how many cells one call of `step` covers.
         tuning: assumptions of the filter; None = the one tuning for all cells.
-        engine: what computes; the C engine where its library fits this machine, else the reference. Same numbers.
 
     Raises:
-        EstimatorError: the name is none of FILTERS, or n_cells is not positive.
+        EstimatorError: the name is none of FILTERS, n_cells is not positive, or the engine's library is missing.
     """
     if n_cells < 1:
         raise EstimatorError(f"{n_cells} cells cannot be filtered")
     setup = filter_setup(filter_name, cell, tuning)
-    return SocEstimator(setup, engine(setup, n_cells))
+    return SocEstimator(setup, NativeEngine(setup, n_cells))
 
 
 def filter_setup(filter_name: str, cell: CellModel, tuning: Tuning | None = None) -> FilterSetup:

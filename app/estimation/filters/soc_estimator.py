@@ -1,8 +1,7 @@
-"""Every filter behind one interface: what comes from outside is checked here, an engine computes."""
+"""Every filter behind one interface: what comes from outside is checked here, the C engine computes."""
 
 from __future__ import annotations
 
-import logging
 from math import inf
 from typing import Final
 
@@ -14,22 +13,11 @@ from app.estimation.arrays import FloatArray
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimates import N_OUT, OUT_OCV, Estimates
-from app.estimation.filters.reference.engine import ReferenceEngine
-from app.estimation.filters.setup import Engine, FilterSetup, Kind
+from app.estimation.filters.setup import FilterSetup, Kind
 
-logger = logging.getLogger(__name__)
 NOT_STARTED: Final = "the filter has not been started"
 SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
 SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
-
-
-def make_engine(setup: FilterSetup, n_cells: int) -> Engine:
-    """Return the C engine, or where its library does not fit this machine the reference."""
-    try:
-        return NativeEngine(setup, n_cells)
-    except EstimatorError as error:
-        logger.warning("estimating with the slow reference: %s", error)
-        return ReferenceEngine(setup, n_cells)
 
 
 class SocEstimator:
@@ -38,7 +26,7 @@ class SocEstimator:
     A plain filter starts from the SOC it is given. Fused, the filter starts from the voltage, the count from the SOC.
     """
 
-    def __init__(self, setup: FilterSetup, engine: Engine) -> None:
+    def __init__(self, setup: FilterSetup, engine: NativeEngine) -> None:
         self.setup = setup
         self.engine = engine
         self.model = setup.cell.model

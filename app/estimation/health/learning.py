@@ -9,12 +9,10 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.filters.engine.library import LearningStruct
-from app.estimation.filters.engine.native import NativeEngine
-from app.estimation.filters.engine.native_resistance import NativeResistance
-from app.estimation.filters.estimates import N_OUT, Estimates
+from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.soc_estimator import SocEstimator
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
-from app.estimation.health.resistance_scale import LESS_SHAPE_ERROR, SHAPE_ERROR, ResistanceScale, trusted_factor
+from app.estimation.health.resistance_scale import LESS_SHAPE_ERROR, SHAPE_ERROR, ResistanceScale
 
 LEARN_S: Final = 1.0  # between two uses of what was learned
 
@@ -43,25 +41,8 @@ class LearningRun:
                 learned [V], temperature [degC].
         """
         engine, regression = self._estimator.engine, self.scale.regression
-        if isinstance(engine, NativeEngine) and isinstance(regression, NativeResistance):
-            return Estimates(regression.learn(engine, self._learning, samples, self.factor))
-        return Estimates(self._step_by_step(samples))
+        return Estimates(regression.learn(engine, self._learning, samples, self.factor))
 
     def judge(self) -> tuple[FloatArray, FloatArray]:
         """Return (n_cells,) factors that were learned, and their sigmas."""
         return self.scale.judge()
-
-    def _step_by_step(self, samples: Sequence[FloatArray]) -> FloatArray:
-        dt_s, lasted_s, current_a, voltage_v, learnt_v, degc = samples
-        numbers = np.empty((N_OUT, *voltage_v.shape))
-        for k, lasted in enumerate(lasted_s.tolist()):
-            estimates = self._estimator.step(float(dt_s[k]), float(current_a[k]), voltage_v[k], degc[k])
-            numbers[:, k] = estimates.numbers
-            self.scale.step(lasted, estimates, self.factor, learnt_v[k])
-            self._learning.since_s += lasted
-            if self._learning.since_s >= LEARN_S:
-                self._learning.since_s = 0.0
-                learned, sigma = self.scale.judge()
-                self.factor = trusted_factor(np.where(sigma <= RESISTANCE_SIGMA_MAX, learned, 1.0))
-                self._estimator.use_resistance(self.factor)
-        return numbers

@@ -1,7 +1,7 @@
 """How much more every cell resists than its cell file says, from the drops of driving, from one session to the next.
 
 What an earlier session found is where the next one begins, less sure by what temperature and age may have changed. The
-regression itself is `filters/reference/resistance.py`, and the C engine's.
+regression itself is the C engine's (`filters/engine/native_resistance.py`).
 """
 
 from __future__ import annotations
@@ -11,23 +11,14 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.errors import EstimatorError, ShapeError
-from app.estimation.filters.engine.native_resistance import NativeResistance
+from app.estimation.errors import ShapeError
+from app.estimation.filters.engine.native_resistance import FACTOR_MAX, FACTOR_MIN, NativeResistance
 from app.estimation.filters.estimates import N_OUT, Estimates
-from app.estimation.filters.reference.resistance import FACTOR_MAX, FACTOR_MIN, ReferenceResistance
 
 PRIOR_SIGMA: Final = 0.3
 CHANGED_SIGMA: Final = 0.05  # from one session to the next
 SHAPE_ERROR: Final = 0.25  # by which a factor is off because a circuit's drop over time is not a cell's ...
 LESS_SHAPE_ERROR: Final = 0.35  # ... and where it seems to resist less: age makes no cell better
-
-
-def make_regression(prior: FloatArray, prior_weight: FloatArray) -> NativeResistance | ReferenceResistance:
-    """Return the C engine's regression, or where its library does not fit this machine the reference."""
-    try:
-        return NativeResistance(prior, prior_weight)
-    except EstimatorError:
-        return ReferenceResistance(prior, prior_weight)
 
 
 class ResistanceScale:
@@ -47,7 +38,7 @@ class ResistanceScale:
         sigma = np.where(is_known, np.hypot(sigma, CHANGED_SIGMA), PRIOR_SIGMA)
         prior_weight = 1.0 / np.minimum(sigma, PRIOR_SIGMA) ** 2
         self._shape = (n_cells,)
-        self.regression = make_regression(np.where(is_known, factor, 1.0), prior_weight)
+        self.regression = NativeResistance(np.where(is_known, factor, 1.0), prior_weight)
 
     def step(self, dt_s: float, estimates: Estimates, factor: FloatArray, voltages_v: FloatArray) -> None:
         """Take one sample.

@@ -28,9 +28,9 @@ from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR, listed
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import format_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
+from app.estimation.filters.engine.native_resistance import LASTING_S
 from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.estimators import make_estimator
-from app.estimation.filters.reference.resistance import LASTING_S
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
 from app.estimation.health.resistance_scale import trusted_factor
 from app.season.estimates.results import SCHEMA, cell_hash

@@ -159,7 +159,10 @@ def load() -> ctypes.PyDLL:
 
 def _open(path: Path) -> ctypes.PyDLL:
     if not path.is_file():
-        raise EstimatorError(f"{path.name} has not been built for this machine")
+        raise EstimatorError(
+            f"the estimator's library {path.name} is missing: install voltwall again, or in a "
+            "checkout run python hatch_build.py engine"
+        )
     try:
         library = ctypes.PyDLL(str(path))  # a call is short; another thread may wait for it
     except OSError as error:
@@ -167,7 +170,7 @@ def _open(path: Path) -> ctypes.PyDLL:
     library.vw_library_sources.restype = ctypes.c_char_p
     built_from = library.vw_library_sources().decode()
     if built_from != sources_digest():
-        raise EstimatorError(f"{path.name} was built from other sources than these: python hatch_build.py engine")
+        raise EstimatorError(f"{path.name} was built from other sources than these: run python hatch_build.py engine")
     sizes = library.vw_library_size_of_filter(), library.vw_library_size_of_cells()
     if sizes != (ctypes.sizeof(FilterStruct), CELLS.itemsize):
         raise EstimatorError(f"{path.name} has another memory layout: {sizes}")

@@ -1,4 +1,4 @@
-"""The C engine behind the interface of the engines: its memory is numpy's."""
+"""The C engine: one filter over all cells, in memory of numpy's."""
 
 from __future__ import annotations
 
@@ -36,9 +36,18 @@ assert MAX_RC_PAIRS + 1 == RC_MAX
 
 
 class NativeEngine:
-    """One filter over n_cells cells, computed by the shared library."""
+    """One filter over n_cells cells, computed by the shared library, and its state.
+
+    The state's quantities have the names of `vw_cells` in `vw_filter.h`: `branch_a` is (n_rc, n_cells), `cov`
+    (1 + n_rc, 1 + n_rc, n_cells), the starts' (4, n_cells), all others (n_cells,).
+    """
 
     def __init__(self, setup: FilterSetup, n_cells: int) -> None:
+        """Begin.
+
+        Raises:
+            EstimatorError: the library is missing, or does not fit this machine or these sources.
+        """
         self.n_cells = n_cells
         self._setup = setup
         self._library = load()
@@ -81,14 +90,21 @@ class NativeEngine:
         soc: FloatArray,
         soc_sigma: FloatArray,
     ) -> None:
-        """Set the state from one sample; see `Engine.start`."""
+        """Set the state from one sample and an initial SOC (n_cells,), each NaN where it is not known."""
         self._take(0.0, current_a, voltage_v, temperature_degc)
         given = [np.ascontiguousarray(values, dtype=np.float64) for values in (soc, soc_sigma)]
         pointers = [ctypes.c_void_p(values.ctypes.data) for values in given]
         self._library.vw_filter_start(*self.at, ctypes.byref(self._sample), *pointers)
 
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
-        """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
+        """Return (8, n_cells) estimates after one sample, a new array; rows as in `Estimates`.
+
+        Args:
+            dt_s: since the sample before, finite and >= 0 [s].
+            current_a: held over that time [A]; NaN or impossible: the last one counts.
+            voltage_v: (n_cells,) [V]; NaN or impossible: not measured.
+            temperature_degc: (n_cells,) [degC]; NaN or impossible: the last one counts.
+        """
         numbers = self._dt_and_current
         numbers[0] = dt_s
         numbers[1] = current_a
@@ -108,7 +124,7 @@ class NativeEngine:
         temperature_degc: FloatArray,
         n_rows: int = N_OUT,
     ) -> FloatArray:
-        """Return (n_rows, n_steps, n_cells) estimates of a whole record; see `Engine.record`."""
+        """Return (n_rows, n_steps, n_cells) estimates of samples in a row: (n_steps,) and (n_steps, n_cells) each."""
         n_steps = dt_s.size
         numbers = np.empty((n_steps, n_rows, self.n_cells))
         samples = [np.ascontiguousarray(a, dtype=np.float64) for a in (dt_s, current_a, voltage_v, temperature_degc)]
@@ -117,7 +133,7 @@ class NativeEngine:
         return numbers.swapaxes(0, 1)
 
     def get(self, name: str) -> FloatArray:
-        """Return a copy of one quantity of the state; see `Engine.get`."""
+        """Return a copy of one quantity of the state."""
         rows = np.moveaxis(self._blocks[name], 0, 1)  # (rows, blocks, lanes)
         values = rows.reshape(rows.shape[0], -1)[:, : self.n_cells]
         n_rc = self._setup.cell.n_rc
@@ -133,7 +149,7 @@ class NativeEngine:
         return np.array(values if name.startswith("start_") else values[0])
 
     def set(self, name: str, values: FloatArray) -> None:
-        """Replace one quantity of the state; see `Engine.set`."""
+        """Replace one quantity of the state."""
         if name == "cov":
             values = values[np.tril_indices(values.shape[0])]
         values = np.atleast_2d(values)

@@ -1,4 +1,7 @@
-"""The C engine's regression of resistances, behind the interface of the reference; its memory is numpy's."""
+"""The C engine's regression of resistances: how much more every cell resists than its cell file says.
+
+Its memory is numpy's; the equations are in `vw_resistance.c`.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,12 @@ from app.estimation.filters.estimates import N_OUT
 
 ROWS: Final = 14  # of `vw_resistance.h`
 PRIOR, PRIOR_WEIGHT, FACTOR = 10, 11, 12  # the sigma follows the factor
+LASTING_S: Final = 6.0  # of an error from which the drift has been taken; this and the next as in `vw_resistance.c`
+FACTOR_MIN, FACTOR_MAX = 0.2, 10.0  # beyond it, it is no resistance
 
 
 class NativeResistance:
-    """See `ReferenceResistance`."""
+    """The regression over n_cells cells, from a prior factor and one over its variance, (n_cells,) each."""
 
     def __init__(self, prior: FloatArray, prior_weight: FloatArray) -> None:
         """Begin.
@@ -32,7 +37,14 @@ class NativeResistance:
         self._at = ctypes.c_int32(prior.size), ctypes.c_void_p(self._rows.ctypes.data)
 
     def record(self, dt_s: FloatArray, numbers: FloatArray, factor: FloatArray, voltage_v: FloatArray) -> None:
-        """Take n_steps samples in a row; see `ReferenceResistance.record`."""
+        """Take n_steps samples in a row.
+
+        Args:
+            dt_s: (n_steps,) since the sample before [s].
+            numbers: (n_steps, 8, n_cells) of a filter, as in `Estimates`.
+            factor: (n_cells,) resistances over those of the cell file that the filter counted with.
+            voltage_v: (n_steps, n_cells) measured [V]; NaN = missing.
+        """
         arrays = [np.ascontiguousarray(each, np.float64) for each in (dt_s, numbers, factor, voltage_v)]
         dt_at, *others = [ctypes.c_void_p(each.ctypes.data) for each in arrays]
         self._library.vw_resistance_record(*self._at, ctypes.c_int64(dt_s.size), dt_at, *others)

@@ -1,15 +1,22 @@
-/* Regression through the origin of measured on modelled drops, with fading memory. */
+/* Regression through the origin of measured on modelled drops, with fading memory.
+ *
+ *   y = v_ocv - v,   x = (v_ocv - v_model) / f_used;   y = f x + error, both without what is slower than DRIFT_S
+ *   m' = m + (1 - exp(-dt / DRIFT_S)) (y - m)                             of y and x, the slow part of each
+ *   s' = exp(-dt / MEMORY_S) s + dt (x x, x y, y y)                       of what is left of them
+ *   e  = 2 LASTING_S (s_yy - s_xy^2 / s_xx) / seconds
+ *   f  = (s_xy / e + w f_0) / (s_xx / e + w),   sigma = (s_xx / e + w)^-1/2,   w = 1 / sigma_0^2
+ *
+ * All resistances of a cell are taken to grow alike. What is slow is SOC, heat and overpotential and shows nothing. */
 #include "vw_resistance.h"
 
-/* The same numbers as in resistance.py of the reference, where their reasons are. */
 #define DRIFT_S 40
-#define MEMORY_S 300
-#define LASTING_S 6
-#define RESTART_S 2
-#define FACTOR_MIN ((vw_real)0.2)
+#define MEMORY_S 300 /* four or five laps; heat changes resistances, and the model follows heat only in part */
+#define LASTING_S 6  /* of an error from which the drift has been taken: closer samples repeat each other */
+#define RESTART_S 2  /* after a hole this long the drift starts again */
+#define FACTOR_MIN ((vw_real)0.2) /* beyond them, it is no resistance */
 #define FACTOR_MAX 10
-#define QUIET_V ((vw_real)2e-3)
-#define DROP_MAX_V ((vw_real)1.5)
+#define QUIET_V ((vw_real)2e-3)   /* where no cell's drop moves more, nothing is learned and nothing is forgotten */
+#define DROP_MAX_V ((vw_real)1.5) /* a larger difference of voltages is a measurement that failed */
 #define ERROR_MIN_V2 ((vw_real)1e-6)
 
 /* Split the drops of a sample into what is slow and the rest; returns the largest of the rest that the model predicts. */

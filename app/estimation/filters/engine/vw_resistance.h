@@ -1,5 +1,5 @@
-/* How much more a cell resists than its model says, from the drops of driving; equations in resistance.py of the
- * reference.
+/* How much more a cell resists than its model says, from the drops of driving; equations in
+ * vw_resistance.c.
  *
  * The caller owns the memory: `rows` is VW_RESISTANCE_ROWS rows of n_cells numbers, all 0 at first but the prior's two.
  */

@@ -6,14 +6,12 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimates import N_OUT, Estimates
 from app.estimation.filters.estimators import FILTERS, make_estimator
-from tests.engines import ENGINES
 
 CELL = load_cell()
 DEGC = np.full(4, 25.0)
 NAMES = ("soc", "soc_sigma", "ocv_v", "voltage_v", "innovation_v", "innovation_sigma_v", "model_valid", "accepted")
 
 every_filter = pytest.mark.parametrize("name", FILTERS)
-engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 
 
 def test_every_row_has_one_name():
@@ -31,10 +29,9 @@ def test_yes_and_no_are_truth_values(name):
     assert answer.tolist() == [False, True, True]
 
 
-@engines
 @every_filter
-def test_a_sample_is_the_prediction_and_the_innovation_together(name, engine):
-    estimator = make_estimator(name, CELL, 4, engine=engine)
+def test_a_sample_is_the_prediction_and_the_innovation_together(name):
+    estimator = make_estimator(name, CELL, 4)
     volts = CELL.ocv.voltage(np.array([0.3, 0.5, 0.7, 0.9]))
     estimator.start(volts, DEGC, 0.0)
     shown = volts + np.array([0.0, 0.001, -0.001, 0.002])
@@ -45,10 +42,9 @@ def test_a_sample_is_the_prediction_and_the_innovation_together(name, engine):
     assert (found.soc_sigma > 0.0).all()
 
 
-@engines
 @every_filter
-def test_a_missing_or_impossible_voltage_has_a_prediction_but_no_innovation_and_is_not_used(name, engine):
-    estimator = make_estimator(name, CELL, 4, engine=engine)
+def test_a_missing_or_impossible_voltage_has_a_prediction_but_no_innovation_and_is_not_used(name):
+    estimator = make_estimator(name, CELL, 4)
     volts = CELL.ocv.voltage(np.full(4, 0.6))
     estimator.start(volts, DEGC, 0.0)
     shown = np.array([volts[0], np.nan, 0.0, 6.5535])
@@ -59,10 +55,9 @@ def test_a_missing_or_impossible_voltage_has_a_prediction_but_no_innovation_and_
     assert np.isfinite(found.soc).all()
 
 
-@engines
 @every_filter
-def test_answers_belong_to_the_reader(name, engine):
-    estimator = make_estimator(name, CELL, 4, engine=engine)
+def test_answers_belong_to_the_reader(name):
+    estimator = make_estimator(name, CELL, 4)
     volts = CELL.ocv.voltage(np.full(4, 0.6))
     estimator.start(volts, DEGC, 0.0)
     found = estimator.step(0.1, 10.0, volts, DEGC)

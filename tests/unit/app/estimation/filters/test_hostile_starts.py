@@ -8,7 +8,7 @@ import pytest
 from app.estimation.errors import ShapeError
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.filters.tuning import Tuning
-from tests.unit.app.estimation.filters.reference.cells import MODEL
+from tests.oracle.cells import MODEL
 
 TUNING = Tuning()
 DEGC = np.full(1, 25.0)

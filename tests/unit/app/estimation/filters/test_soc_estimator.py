@@ -1,4 +1,4 @@
-"""One interface over all filters and both engines: counting, cells of their own, records, refusals."""
+"""One interface over all filters: counting, cells of their own, records, refusals."""
 
 from dataclasses import replace
 
@@ -7,10 +7,7 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError, ShapeError
-from app.estimation.filters import soc_estimator
 from app.estimation.filters.estimators import FILTERS, make_estimator
-from app.estimation.filters.reference.engine import ReferenceEngine
-from tests.engines import ENGINES
 
 CELL = load_cell("samsung-25r-10p")
 OWN_AH = np.array([0.8, 1.0, 1.1]) * CELL.capacity_ah
@@ -19,28 +16,24 @@ VOLTS = CELL.ocv.voltage(np.full(3, 0.8))
 DEGC = np.full(3, 25.0)
 STEPS, N = 150, 3
 
-engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 
-
-def counter(soc, engine, **words):
-    estimator = make_estimator("coulomb", CELL, 1, engine=engine)
+def counter(soc, **words):
+    estimator = make_estimator("coulomb", CELL, 1)
     estimator.start([3.8], [25.0], 0.0, soc=soc, **words)
     return estimator
 
 
-@engines
-def test_an_hour_at_1c_empties_a_full_cell_and_charging_counts_the_efficiency(engine):
-    estimator = counter(1.0, engine)
+def test_an_hour_at_1c_empties_a_full_cell_and_charging_counts_the_efficiency():
+    estimator = counter(1.0)
     for _ in range(36):
         estimates = estimator.step(100.0, CELL.capacity_ah, [3.7], [25.0])
     assert estimates.soc[0] == pytest.approx(0.0, abs=1e-9)
-    estimates = counter(0.2, engine).step(1800.0, -CELL.capacity_ah, [3.7], [25.0])
+    estimates = counter(0.2).step(1800.0, -CELL.capacity_ah, [3.7], [25.0])
     assert estimates.soc[0] == pytest.approx(0.2 + 0.5 * CELL.coulombic_efficiency)
 
 
-@engines
-def test_no_voltage_ever_moves_a_count(engine):
-    high, low = counter(0.5, engine), counter(0.5, engine)
+def test_no_voltage_ever_moves_a_count():
+    high, low = counter(0.5), counter(0.5)
     for _ in range(100):
         a, b = high.step(1.0, 5.0, [4.2], [25.0]), low.step(1.0, 5.0, [3.0], [25.0])
     assert a.soc[0] == b.soc[0]
@@ -48,9 +41,8 @@ def test_no_voltage_ever_moves_a_count(engine):
     assert high.voltage_soc() is None
 
 
-@engines
-def test_the_sigma_of_a_count_begins_as_given_and_never_shrinks(engine):
-    estimator = counter(0.5, engine, soc_sigma=0.02)
+def test_the_sigma_of_a_count_begins_as_given_and_never_shrinks():
+    estimator = counter(0.5, soc_sigma=0.02)
     sigmas = [estimator.step(10.0, i, [3.7], [25.0]).soc_sigma[0] for i in (0.0, 50.0, -50.0, 0.0, 20.0)]
     assert sigmas[0] == pytest.approx(0.02, rel=1e-3)
     assert sigmas[1] > sigmas[0]
@@ -58,18 +50,16 @@ def test_the_sigma_of_a_count_begins_as_given_and_never_shrinks(engine):
     assert np.sqrt(estimator.state_cov[0, 0, 0]) == pytest.approx(sigmas[-1])
 
 
-@engines
-def test_a_model_that_does_not_fit_shows_in_the_innovation_of_a_count_and_is_called_invalid(engine):
-    estimator = counter(0.9, engine)
+def test_a_model_that_does_not_fit_shows_in_the_innovation_of_a_count_and_is_called_invalid():
+    estimator = counter(0.9)
     for _ in range(600):
         estimates = estimator.step(1.0, 0.0, [3.4], [25.0])
     assert estimates.innovation_v[0] == pytest.approx(3.4 - CELL.ocv.voltage(np.array([0.9]))[0], abs=0.01)
     assert not estimates.model_valid[0]
 
 
-@engines
-def test_voltages_alone_say_a_soc_until_one_was_given(engine):
-    estimator = make_estimator("cdkf", CELL, 3, engine=engine)
+def test_voltages_alone_say_a_soc_until_one_was_given():
+    estimator = make_estimator("cdkf", CELL, 3)
     estimator.start(VOLTS, DEGC, 0.0)
     soc, sigma = estimator.voltage_soc()
     assert soc == pytest.approx(np.full(3, 0.8), abs=0.02)
@@ -85,15 +75,11 @@ def counted(estimator, steps=120):
     return found.soc
 
 
-@engines
 @pytest.mark.parametrize("name", ["coulomb", "cdkf", "fused"])
-def test_charge_is_counted_over_the_cells_own_capacity(engine, name):
-    mixed = make_estimator(name, CELL, 3, engine=engine)
+def test_charge_is_counted_over_the_cells_own_capacity(name):
+    mixed = make_estimator(name, CELL, 3)
     mixed.use_capacity(OWN_AH)
-    alone = [
-        counted(make_estimator(name, replace(CELL, capacity_ah=float(own)), 3, engine=engine))[k]
-        for k, own in enumerate(OWN_AH)
-    ]
+    alone = [counted(make_estimator(name, replace(CELL, capacity_ah=float(own)), 3))[k] for k, own in enumerate(OWN_AH)]
     np.testing.assert_allclose(counted(mixed), alone, atol=2e-3)
 
 
@@ -106,11 +92,10 @@ def grown(factor):
     )
 
 
-@engines
 @pytest.mark.parametrize("name", ["coulomb", "ekf", "cdkf", "fused"])
-def test_voltages_are_predicted_with_the_cells_own_resistance(engine, name):
+def test_voltages_are_predicted_with_the_cells_own_resistance(name):
     def predicted(cell, factors):
-        estimator = make_estimator(name, cell, 3, engine=engine)
+        estimator = make_estimator(name, cell, 3)
         estimator.use_resistance(factors)
         estimator.start(VOLTS, DEGC, 30.0, 0.8, 0.001)
         for k in range(100):
@@ -146,11 +131,10 @@ def samples():
     return rng.choice([0.0, 0.1, 5.0], STEPS), current, volts, degc
 
 
-@engines
 @pytest.mark.parametrize("name", FILTERS)
-def test_a_record_is_its_samples_one_by_one(engine, name):
+def test_a_record_is_its_samples_one_by_one(name):
     dt, current, volts, degc = samples()
-    whole, single = (make_estimator(name, CELL, N, engine=engine) for _ in range(2))
+    whole, single = (make_estimator(name, CELL, N) for _ in range(2))
     for estimator in (whole, single):
         estimator.start(volts[0], degc[0], 0.0, soc=0.7)
     found = whole.run(dt, current, volts, degc)
@@ -160,10 +144,9 @@ def test_a_record_is_its_samples_one_by_one(engine, name):
     np.testing.assert_array_equal(whole.state_cov, single.state_cov)
 
 
-@engines
-def test_a_record_of_soc_alone_is_that_of_the_whole_one(engine):
+def test_a_record_of_soc_alone_is_that_of_the_whole_one():
     dt, current, volts, degc = samples()
-    whole, alone = (make_estimator("fused", CELL, N, engine=engine) for _ in range(2))
+    whole, alone = (make_estimator("fused", CELL, N) for _ in range(2))
     for estimator in (whole, alone):
         estimator.start(volts[0], degc[0], 0.0)
     every, few = whole.run(dt, current, volts, degc), alone.run(dt, current, volts, degc, soc_only=True)
@@ -196,15 +179,6 @@ def test_a_step_that_is_none_is_refused(step):
         estimator.run(dt, current, volts, degc)
     with pytest.raises(EstimatorError, match="step"):
         estimator.step(step, 0.0, VOLTS, DEGC)
-
-
-def test_where_no_library_fits_the_reference_estimates_and_the_log_says_so(monkeypatch, caplog):
-    def absent(*_):
-        raise EstimatorError("none for this machine")
-
-    monkeypatch.setattr(soc_estimator, "NativeEngine", absent)
-    assert isinstance(make_estimator("fused", CELL, 1).engine, ReferenceEngine)
-    assert "none for this machine" in caplog.text
 
 
 def test_charge_that_nobody_measured_widens_sigma():

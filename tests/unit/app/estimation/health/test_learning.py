@@ -1,4 +1,4 @@
-"""A filter that learns resistances along a recording, with either engine."""
+"""A filter that learns resistances along a recording."""
 
 from dataclasses import replace
 
@@ -6,9 +6,12 @@ import numpy as np
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
-from app.estimation.filters.reference.engine import ReferenceEngine
-from app.estimation.health.learning import LearningRun
+from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
+from app.estimation.health.learning import LEARN_S, LearningRun
+from app.estimation.health.resistance_scale import PRIOR_SIGMA, trusted_factor
 from tests.open_loop import simulate
+from tests.oracle.both_engines import ENGINES, make_on
+from tests.oracle.resistance import ReferenceResistance
 
 MODEL = load_cell("samsung-25r-10p")
 GROWTH = 1.6
@@ -26,13 +29,32 @@ def samples(seconds):
     return steps, steps, current, volts, volts, np.full(volts.shape, 25.0)
 
 
-def learned(drive, pieces=1, **words):
+def learned(drive, pieces=1):
     _, _, current, volts, _, degc = drive
-    estimator = make_estimator("fused", MODEL, 1, **words)
+    estimator = make_estimator("fused", MODEL, 1)
     estimator.start(volts[0], degc[0], current[0])
     run = LearningRun(estimator)
     parts = [np.array_split(each, pieces) for each in drive]
     return run, np.concatenate([run.step(part).soc for part in zip(*parts, strict=True)])
+
+
+def learned_step_by_step(drive):
+    """Return the oracle's factor and SOC: once a second the filter is given what was learned."""
+    dt_s, lasted_s, current, volts, learned_v, degc = drive
+    estimator = make_on(ENGINES["reference"], "fused", MODEL, 1)
+    estimator.start(volts[0], degc[0], current[0])
+    regression = ReferenceResistance(np.ones(1), np.full(1, PRIOR_SIGMA**-2))
+    factor, since_s, soc = np.ones(1), 0.0, []
+    for k, lasted in enumerate(lasted_s):
+        estimates = estimator.step(dt_s[k], current[k], volts[k], degc[k])
+        soc.append(estimates.soc)
+        regression.record(lasted_s[k : k + 1], estimates.numbers[None], factor, learned_v[k : k + 1])
+        since_s += lasted
+        if since_s >= LEARN_S:
+            since_s, (found, sigma) = 0.0, regression.judge()
+            factor = trusted_factor(np.where(sigma <= RESISTANCE_SIGMA_MAX, found, 1.0))
+            estimator.use_resistance(factor)
+    return factor, np.array(soc)
 
 
 def test_resistances_are_learned():
@@ -40,12 +62,12 @@ def test_resistances_are_learned():
     assert 1.3 < run.judge()[0] < GROWTH + 0.1, "most of the growth, and none that is not there"
 
 
-def test_the_engine_learns_along_a_drive_what_the_reference_does():
+def test_what_is_learned_along_a_drive_is_what_the_oracle_learns_step_by_step():
     drive = samples(30.0)
-    native, soc = learned(drive)
-    reference, expected = learned(drive, engine=ReferenceEngine)
+    run, soc = learned(drive)
+    factor, expected = learned_step_by_step(drive)
     np.testing.assert_allclose(soc, expected, rtol=1e-9)
-    np.testing.assert_allclose(native.factor, reference.factor, rtol=1e-9)
+    np.testing.assert_allclose(run.factor, factor, rtol=1e-9)
 
 
 def test_pieces_of_any_length_make_the_same_run():

@@ -10,12 +10,11 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.engine import library
-from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.estimators import make_estimator
-from app.estimation.filters.reference.state import State
 from app.estimation.filters.setup import Kind
 from app.estimation.filters.tuning import Tuning
+from tests.oracle.state import State
 
 
 def header(name: str) -> str:
@@ -82,7 +81,7 @@ def refused(monkeypatch, what):
 
 def test_a_missing_broken_or_outdated_library_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr(library, "LIBRARY", tmp_path / "vw_filter.so")
-    refused(monkeypatch, "not been built")
+    refused(monkeypatch, "is missing")
     broken = tmp_path / "broken.so"
     broken.write_bytes(b"no library")
     monkeypatch.setattr(library, "LIBRARY", broken)
@@ -96,7 +95,7 @@ def test_every_variant_that_this_processor_runs_gives_the_same_numbers(monkeypat
     for variants in (library.FASTER, library.FASTER[-1:], ()):
         library.load.cache_clear()
         monkeypatch.setattr(library, "FASTER", variants)
-        estimator = make_estimator("fused", load_cell(), 40, engine=NativeEngine)
+        estimator = make_estimator("fused", load_cell(), 40)
         estimator.start(np.linspace(3.3, 4.1, 40), np.full(40, 30.0), 0.0, soc=0.5)
         for step in range(100):
             found = estimator.step(0.1, 3.0 * step, np.linspace(3.2, 4.1, 40), np.full(40, 30.0 + step // 50))

@@ -9,9 +9,9 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.engine import native
 from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimators import FILTERS, filter_setup, make_estimator
-from app.estimation.filters.reference.engine import ReferenceEngine
-from app.estimation.filters.reference.state import State
-from tests.engines import ENGINES, step_both
+from tests.oracle.both_engines import ENGINES, make_on, step_both
+from tests.oracle.engine import ReferenceEngine
+from tests.oracle.state import State
 
 N = 13  # not a whole number of blocks
 BASE = load_cell()
@@ -53,7 +53,7 @@ def samples(seed: int, n_steps: int):
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("name", FILTERS)
 def test_the_engine_equals_the_reference(name, model):
-    native, reference = (make_estimator(name, MODELS[model], N, engine=engine) for engine in ENGINES.values())
+    native, reference = (make_on(engine, name, MODELS[model], N) for engine in ENGINES.values())
     for estimator in (native, reference):
         estimator.start(np.full(N, 3.8), np.full(N, 20.0), 0.0, soc=np.linspace(0.2, 0.9, N))
         estimator.use_capacity(np.linspace(0.8, 1.1, N) * BASE.capacity_ah)
@@ -99,7 +99,7 @@ def test_estimates_of_one_step_are_not_changed_by_the_next():
 
 
 def test_an_answer_stays_what_it_was_however_many_follow():
-    estimator = make_estimator("fused", load_cell(), 40, engine=NativeEngine)
+    estimator = make_estimator("fused", load_cell(), 40)
     volts, degc = np.linspace(3.4, 4.0, 40), np.full(40, 25.0)
     estimator.start(volts, degc, 0.0, soc=0.5)
     kept = [estimator.step(0.1, 20.0, volts, degc) for _ in range(2 * native.ANSWERS + 3)]
@@ -114,9 +114,7 @@ def test_an_answer_stays_what_it_was_however_many_follow():
 def test_a_step_and_a_record_of_changing_temperatures_are_the_reference(n_cells):
     """Numbers that are kept between two looks into the tables do not outlive the temperature they were read at."""
     rng = np.random.default_rng(n_cells)
-    estimators = [
-        make_estimator("fused", load_cell(), n_cells, engine=each) for each in (NativeEngine, ReferenceEngine)
-    ]
+    estimators = [make_on(engine, "fused", load_cell(), n_cells) for engine in ENGINES.values()]
     for each in estimators:
         each.start(np.full(n_cells, 3.7), np.full(n_cells, 25.0), 0.0)
     for step in range(60):

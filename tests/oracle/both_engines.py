@@ -1,17 +1,25 @@
-"""Both engines of the filters, for what has to hold whichever computes; samples that no battery sends."""
+"""The C engine and its oracle in numpy, for what has to hold whichever computes; samples that no battery sends."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from app.estimation.arrays import FloatArray
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.engine.native import NativeEngine
-from app.estimation.filters.reference.engine import ReferenceEngine
-from app.estimation.filters.reference.state import State
+from app.estimation.filters.estimators import filter_setup
 from app.estimation.filters.soc_estimator import SocEstimator
+from tests.oracle.engine import ReferenceEngine
+from tests.oracle.state import State
 
 TOLERANCE = 1e-9
 ENGINES = {"c": NativeEngine, "reference": ReferenceEngine}
+
+
+def make_on(engine: type, name: str, cell: CellModel, n_cells: int) -> SocEstimator:
+    """Return a filter as `make_estimator` does, computed by one of ENGINES."""
+    setup = filter_setup(name, cell)
+    return SocEstimator(setup, engine(setup, n_cells))
 
 
 def hostile_steps(seed: int, n_steps: int, n_cells: int) -> Iterator[tuple[float, float, FloatArray, FloatArray]]:

@@ -8,8 +8,10 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.filters.reference.output import open_loop
-from app.estimation.filters.reference.state import (
+from app.estimation.filters.setup import FilterSetup, Kind
+from app.estimation.filters.tables import R1
+from tests.oracle.output import open_loop
+from tests.oracle.state import (
     LEAST_VARIANCE,
     N_STARTS,
     SOC_MAX,
@@ -21,8 +23,6 @@ from app.estimation.filters.reference.state import (
     lasting_v2,
     noise_v2,
 )
-from app.estimation.filters.setup import FilterSetup, Kind
-from app.estimation.filters.tables import R1
 
 START_POINTS: Final = 101  # of the SOC, among which the first voltage chooses
 

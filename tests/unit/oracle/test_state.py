@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.filters.reference.state import (
+from app.estimation.filters.tables import LASTING_DROP
+from tests.oracle.cells import MODEL, sample, setup_of, state_at
+from tests.oracle.state import (
     TEMPERATURE_UNKNOWN_DEGC,
     empty_growth,
     lasting_v2,
     motion_of,
     noise_v2,
 )
-from app.estimation.filters.tables import LASTING_DROP
-from tests.unit.app.estimation.filters.reference.cells import MODEL, sample, setup_of, state_at
 
 SETUP = setup_of()
 TWO = state_at(SETUP, [0.5, 0.6])

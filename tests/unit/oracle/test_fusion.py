@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.filters.reference.engine import ReferenceEngine
-from app.estimation.filters.reference.fusion import believe_gain, fuse, read_rest, self_check, watch_rest
-from app.estimation.filters.reference.output import Output
-from app.estimation.filters.reference.state import N_STARTS, motion_of, noise_v2
 from app.estimation.filters.tuning import Tuning
-from tests.unit.app.estimation.filters.reference.cells import sample, setup_of, state_at
+from tests.oracle.cells import sample, setup_of, state_at
+from tests.oracle.engine import ReferenceEngine
+from tests.oracle.fusion import believe_gain, fuse, read_rest, self_check, watch_rest
+from tests.oracle.output import Output
+from tests.oracle.state import N_STARTS, motion_of, noise_v2
 
 TUNING = Tuning()
 SETUP = setup_of(tuning=TUNING)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.filters.reference.output import output_sigma, output_tangent
 from app.estimation.filters.sigma_points import central_difference, unscented
-from tests.unit.app.estimation.filters.reference.cells import MODEL, sample, setup_of, state_at
+from tests.oracle.cells import MODEL, sample, setup_of, state_at
+from tests.oracle.output import output_sigma, output_tangent
 
 OVER = replace(MODEL, overpotential_v=np.full(MODEL.r0_ohm.shape, 0.01), overpotential_current_a=25.0)
 SOCS = np.array([0.15, 0.5, 0.85])

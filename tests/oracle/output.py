@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.filters.reference.state import Measurement, Motion, State
 from app.estimation.filters.setup import FilterSetup
 from app.estimation.filters.sigma_points import SigmaRule
 from app.estimation.filters.tables import OCV, OVERPOTENTIAL, R0, R1
+from tests.oracle.state import Measurement, Motion, State
 
 
 @dataclass(frozen=True)

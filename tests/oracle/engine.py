@@ -1,4 +1,7 @@
-"""One step of the reference over all cells, behind the interface of the engines."""
+"""The oracle of the C engine: the filters in plain numpy, written like the equations, state in, state out.
+
+It says file by file and name by name what `app/estimation/filters/engine` has to compute.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,12 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.filters.estimates import N_OUT
-from app.estimation.filters.reference.fusion import fuse, read_rest, self_check, soc_variance, watch_rest
-from app.estimation.filters.reference.output import Output, output_sigma, output_tangent
-from app.estimation.filters.reference.predict import predict
-from app.estimation.filters.reference.start import start
-from app.estimation.filters.reference.state import (
+from app.estimation.filters.setup import FilterSetup, Kind
+from tests.oracle.fusion import fuse, read_rest, self_check, soc_variance, watch_rest
+from tests.oracle.output import Output, output_sigma, output_tangent
+from tests.oracle.predict import predict
+from tests.oracle.start import start
+from tests.oracle.state import (
     CURRENT_MAX_C,
     Measurement,
     Motion,
@@ -23,8 +27,7 @@ from app.estimation.filters.reference.state import (
     noise_v2,
     read,
 )
-from app.estimation.filters.reference.update import update
-from app.estimation.filters.setup import FilterSetup, Kind
+from tests.oracle.update import update
 
 COUNT_SIGMA_MAX: Final = 0.5
 
@@ -72,7 +75,7 @@ def _count(setup: FilterSetup, state: State, motion: Motion, measured: Measureme
 
 
 class ReferenceEngine:
-    """Keeps the state and the last current of one filter over n_cells cells; see `Engine`."""
+    """Keeps the state and the last current of one filter over n_cells cells; with the interface of `NativeEngine`."""
 
     def __init__(self, setup: FilterSetup, n_cells: int) -> None:
         self.n_cells = n_cells
@@ -90,14 +93,14 @@ class ReferenceEngine:
         soc: FloatArray,
         soc_sigma: FloatArray,
     ) -> None:
-        """Set the state from one sample; see `Engine.start`."""
+        """Set the state from one sample; see `NativeEngine.start`."""
         motion = motion_of(self._setup, 0.0, self._held(current_a))
         self._since_s, self._rest_s = self._setup.tuning.look_s, 0.0
         state, measured = read(self._setup, self.state, voltage_v, temperature_degc)
         self.state = start(self._setup, state, motion, measured, soc, soc_sigma)
 
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
-        """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
+        """Return (8, n_cells) estimates after one sample; see `NativeEngine.step`."""
         current_a = self._held(current_a)
         motion = motion_of(self._setup, dt_s, current_a, self._since_s + dt_s, self._rest_s)
         self._since_s = 0.0 if motion.look_s > 0.0 else self._since_s + dt_s
@@ -115,18 +118,18 @@ class ReferenceEngine:
         temperature_degc: FloatArray,
         n_rows: int = N_OUT,
     ) -> FloatArray:
-        """Return (n_rows, n_steps, n_cells) estimates of a whole record; see `Engine.record`."""
+        """Return (n_rows, n_steps, n_cells) estimates of a whole record; see `NativeEngine.record`."""
         numbers = np.empty((n_rows, *voltage_v.shape))
         for k, (dt, current) in enumerate(zip(dt_s.tolist(), current_a.tolist(), strict=True)):
             numbers[:, k] = self.step(dt, current, voltage_v[k], temperature_degc[k])[:n_rows]
         return numbers
 
     def get(self, name: str) -> FloatArray:
-        """Return a copy of one quantity of the state; see `Engine.get`."""
+        """Return a copy of one quantity of the state; see `NativeEngine.get`."""
         return np.array(getattr(self.state, name))
 
     def set(self, name: str, values: FloatArray) -> None:
-        """Replace one quantity of the state; see `Engine.set`."""
+        """Replace one quantity of the state; see `NativeEngine.set`."""
         self.state = replace(self.state, **{name: np.array(values)})
 
     def _held(self, current_a: float) -> float:

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.estimation.filters.reference.state import (
+from app.estimation.filters.setup import FilterSetup
+from tests.oracle.state import (
     SOC_VARIANCE_MAX,
     VARIANCE_STEP,
     Measurement,
@@ -15,7 +16,6 @@ from app.estimation.filters.reference.state import (
     State,
     lasting_v2,
 )
-from app.estimation.filters.setup import FilterSetup
 
 
 def predict(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:

@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
-from app.estimation.filters.reference.output import Output
-from app.estimation.filters.reference.state import (
+from app.estimation.filters.setup import FilterSetup
+from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, OCV_ERROR
+from tests.oracle.output import Output
+from tests.oracle.state import (
     LEAST_VARIANCE,
     N_GIVEN,
     SLOPE_FLOOR_V,
@@ -20,8 +22,6 @@ from app.estimation.filters.reference.state import (
     lasting_v2,
     noise_v2,
 )
-from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, OCV_ERROR
 
 
 def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:

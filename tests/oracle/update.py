@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
-from app.estimation.filters.reference.output import Output
-from app.estimation.filters.reference.state import (
+from app.estimation.filters.setup import FilterSetup
+from app.estimation.filters.tables import COLD, DROP_ERROR
+from tests.oracle.output import Output
+from tests.oracle.state import (
     SOC_MAX,
     SOC_MIN,
     SOC_VARIANCE_MAX,
@@ -18,8 +20,6 @@ from app.estimation.filters.reference.state import (
     empty_growth,
     noise_v2,
 )
-from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import COLD, DROP_ERROR
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,17 @@
-"""States and setups that the tests of the reference start from."""
+"""States and setups that tests of the oracle start from."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.reference.state import Motion, State, initial_state, motion_of, read
+from app.estimation.filters.engine.native import NativeEngine
+from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference
 from app.estimation.filters.tables import CellTables
 from app.estimation.filters.tuning import Tuning
+from tests.oracle.state import Motion, State, initial_state, motion_of, read
 
 MODEL = load_cell("samsung-25r-10p")
 KNOWN_V2 = 1e-10  # of a lasting error that plays no part in a test
@@ -36,3 +38,22 @@ def sample(setup: FilterSetup, state: State, volts=3.7, degc=25.0, dt_s=1.0, cur
     state, measured = read(setup, state, *rows)
     motion: Motion = motion_of(setup, dt_s, current_a)
     return state, motion, measured
+
+
+class NativeCells:
+    """Cells of the C engine that begin as `state_at` says; `state` is what it keeps now."""
+
+    def __init__(self, soc, variance=1e-4, branch_v2=1.0, **setup):
+        self.setup = setup_of(**setup)
+        state = state_at(self.setup, soc, variance, branch_v2)
+        self._engine = NativeEngine(self.setup, state.soc.size)
+        for name, values in vars(state).items():
+            self._engine.set(name, values)
+
+    @property
+    def state(self) -> State:
+        return State(**{name: self._engine.get(name) for name in State.__dataclass_fields__})
+
+    def step(self, volts, dt_s=1.0, current_a=0.0) -> Estimates:
+        rows = [np.broadcast_to(np.asarray(values, float), (self._engine.n_cells,)) for values in (volts, 25.0)]
+        return Estimates(self._engine.step(dt_s, current_a, *rows))
