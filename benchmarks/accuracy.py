@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from app.estimation.cell_model.circuit import CellModel
 from app.estimation.identification.identify import identify
 from app.estimation.recording.cell_recording import Recording
 from app.sources.recordings.dataset import load_recording
-from tests.numeric.judgement import Judgement, judge
+from tests.numeric.judgement import Judgement, judge, part
 
 FloatArray = NDArray[np.float64]
 
@@ -43,14 +43,6 @@ class Case:
     pulses: Sequence[Recording]
     drives: Sequence[Recording]
     runs: Sequence[Recording]
-
-
-def part(recording: Recording, start_s: float, stop_s: float) -> Recording:
-    """Return the rows from start_s to stop_s after the first."""
-    elapsed_s = recording.time_s - recording.time_s[0]
-    rows = (elapsed_s >= start_s) & (elapsed_s < stop_s)
-    fields = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
-    return replace(recording, **{name: getattr(recording, name)[rows] for name in fields})
 
 
 def shared_cases(data: Path) -> Iterator[Case]:

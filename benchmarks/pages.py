@@ -28,7 +28,7 @@ import numpy as np
 from playwright.sync_api import Browser, CDPSession, Page, ViewportSize, expect, sync_playwright
 
 from app.sessions.reading.reader import SessionFile
-from benchmarks.recording import long_session
+from benchmarks.long_session import long_session
 
 STATIC = Path(__file__).resolve().parents[1] / "app" / "static"
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
@@ -323,7 +323,7 @@ def main() -> None:
                 live(browser, url, args.minutes)
         if args.only != "live":
             data = Path(folder) / "long"
-            path, _ = long_session(data / "sessions", args.ts, args.hours)
+            path = long_session(data / "sessions", args.ts, args.hours)
             with served(data) as url:
                 scrub(browser, url, path.stem)
                 millions(browser, url, path)

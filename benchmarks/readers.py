@@ -1,12 +1,9 @@
-"""What readers of the live stream cost: `python -m benchmarks.readers [--readers 20,200,1000] [--before FOLDER]`.
+"""What readers of the live stream cost: `python -m benchmarks.readers [--readers 20,200,1000]`.
 
 `voltwall serve` with its simulated car, and one process that holds all readers on plain sockets, so that they cost
 little. Latency: from the arrival of a frame at the service (`time` of the snapshot) to the last byte of the message at
 the reader, on one clock. Processor and memory are those of the service's process; "a message" is what readers add to
-the time without any. With `--before` the service of another checkout is measured in turns with this one.
-
-`--leave WAVES` asks what readers leave behind: all come and leave so many times, beside a second service that has none;
-what that one grows by (history, caches, predictions) is taken off.
+the time without any.
 """
 
 import argparse
@@ -20,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -39,9 +35,8 @@ HEAD = 160  # bytes of a snapshot that tell its time
 TIME = re.compile(rb'"time":([0-9.]+)')
 HANDSHAKE = (
     "GET /api/v1/live?rate={rate:g} HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n{more}\r\n"
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
-OFFER = "Sec-WebSocket-Extensions: permessage-deflate\r\n"
 
 
 @dataclass
@@ -112,16 +107,14 @@ class Reader:
         if len(got) < min(HEAD, size):
             return None
         body = bytes(got[at:])
-        if got[0] & 0x40:
-            body = zlib.decompressobj(-15).decompress(body, HEAD)
         found = TIME.search(body)
         return size, float(found[1]) if found else 0.0
 
 
-def read(url: str, n: int, rate: float, seconds: float, compressed: bool) -> dict[str, float]:
+def read(url: str, n: int, rate: float, seconds: float) -> dict[str, float]:
     """Hold `n` readers for so long; print when all are there; return what came."""
     address = urlsplit(url)
-    text = HANDSHAKE.format(rate=rate, host=address.netloc, more=OFFER if compressed else "").encode()
+    text = HANDSHAKE.format(rate=rate, host=address.netloc).encode()
     readers: dict[int, Reader] = {}
     poll = select.epoll()
     buffer = memoryview(bytearray(1 << 18))
@@ -171,12 +164,12 @@ def read(url: str, n: int, rate: float, seconds: float, compressed: bool) -> dic
 
 
 @contextmanager
-def served(root: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Serve the simulated car with the code of a checkout; yield its process and address."""
+def served() -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Serve the simulated car; yield its process and address."""
     with tempfile.TemporaryDirectory(prefix="voltwall-bench-") as folder:
         process = subprocess.Popen(
             [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--data", folder, "--log-level", "error"],
-            cwd=root,
+            cwd=ROOT,
             env=os.environ | {"VOLTWALL_SEASON": "0"},
             stdout=subprocess.PIPE,
             text=True,
@@ -189,14 +182,16 @@ def served(root: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
             process.wait(30)
 
 
-def measure(root: Path, n: int, rate: float, seconds: float, compressed: bool) -> dict[str, float]:
+def measure(n: int, rate: float, seconds: float) -> dict[str, float]:
     """Serve, count what the service takes without readers, then with them, then after they left."""
-    with served(root) as (process, url):
+    with served() as (process, url):
         pid = process.pid
         time.sleep(WARM_S)
-        _hold(url, 20, rate, 1.0, compressed)  # what is imported and cached for the first reader stays
-        alone, memory = _share(pid, seconds / 2), resident_mb(pid) or 0.0
-        client, figures = _start(url, n, rate, seconds, compressed), {}
+        _hold(url, 20, rate, 1.0)  # what is imported and cached for the first reader stays
+        idle_before, idle_began = cpu_s(pid) or 0.0, time.monotonic()
+        time.sleep(seconds / 2)
+        alone, memory = ((cpu_s(pid) or 0.0) - idle_before) / (time.monotonic() - idle_began), resident_mb(pid) or 0.0
+        client = _start(url, n, rate, seconds)
         before, began = cpu_s(pid) or 0.0, time.monotonic()
         _line(client, "done")
         share = ((cpu_s(pid) or 0.0) - before) / (time.monotonic() - began)
@@ -218,46 +213,15 @@ def measure(root: Path, n: int, rate: float, seconds: float, compressed: bool) -
         }
 
 
-def leave(n: int, rate: float, seconds: float, compressed: bool, waves: int) -> Iterator[dict[str, float]]:
-    """Let all readers come and leave `waves` times; yield what is left behind, beside a service without readers."""
-    with served(ROOT) as (process, url), served(ROOT) as (other, other_url):
-        time.sleep(WARM_S)
-        for each in (url, other_url):
-            _hold(each, 20, rate, 1.0, compressed)
-        before = np.array([resident_mb(each.pid) or np.nan for each in (process, other)])
-        for wave in range(1, waves + 1):
-            client = _start(url, n, rate, seconds, compressed)
-            _line(client, "done")
-            full = np.array([resident_mb(each.pid) or np.nan for each in (process, other)]) - before
-            client.communicate(timeout=60)
-            time.sleep(LEFT_S)
-            after = np.array([resident_mb(each.pid) or np.nan for each in (process, other)]) - before
-            yield {
-                "wave": wave,
-                "readers": n,
-                "MB with": full[0],
-                "MB after": after[0],
-                "MB without readers": after[1],
-                "MB left behind": after[0] - after[1],
-            }
-
-
-def _share(pid: int, seconds: float) -> float:
-    before, began = cpu_s(pid) or 0.0, time.monotonic()
-    time.sleep(seconds)
-    return ((cpu_s(pid) or 0.0) - before) / (time.monotonic() - began)
-
-
-def _start(url: str, n: int, rate: float, seconds: float, compressed: bool) -> subprocess.Popen[str]:
+def _start(url: str, n: int, rate: float, seconds: float) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "benchmarks.readers", "--url", url, "--readers", str(n), "--rate", str(rate)]
-    command += ["--seconds", str(seconds), *(["--compressed"] if compressed else [])]
-    client = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    client = subprocess.Popen([*command, "--seconds", str(seconds)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
     _line(client, "there")
     return client
 
 
-def _hold(url: str, n: int, rate: float, seconds: float, compressed: bool) -> None:
-    _start(url, n, rate, seconds, compressed).communicate(timeout=60)
+def _hold(url: str, n: int, rate: float, seconds: float) -> None:
+    _start(url, n, rate, seconds).communicate(timeout=60)
     time.sleep(1.0)
 
 
@@ -274,28 +238,16 @@ def main() -> None:
     parser.add_argument("--readers", default="20,200,1000")
     parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--compressed", action="store_true", help="readers that offer permessage-deflate")
-    parser.add_argument("--leave", type=int, default=0, metavar="WAVES", help="what they leave behind, in memory")
-    parser.add_argument("--before", type=Path, help="another checkout, measured in turns with this one")
     parser.add_argument("--url", help=argparse.SUPPRESS)  # the readers' own process
     args = parser.parse_args()
     if args.url:
-        print(json.dumps(read(args.url, int(args.readers), args.rate, args.seconds, args.compressed)))
+        print(json.dumps(read(args.url, int(args.readers), args.rate, args.seconds)))
         return
-    if args.leave:
-        for n in args.readers.split(","):
-            for figures in leave(int(n), args.rate, args.seconds, args.compressed, args.leave):
-                if figures["wave"] == 1:
-                    print("| " + " | ".join(figures) + " |\n|" + " ---: |" * len(figures))
-                print("| " + " | ".join(f"{value:.3g}" for value in figures.values()) + " |", flush=True)
-        return
-    versions = {"now": ROOT} if args.before is None else {"before": args.before, "now": ROOT}
     for i, n in enumerate(args.readers.split(",")):
-        for name, root in versions.items():
-            figures = measure(root, int(n), args.rate, args.seconds, args.compressed)
-            if i == 0 and name == next(iter(versions)):
-                print("| version | " + " | ".join(figures) + " |\n| --- |" + " ---: |" * len(figures))
-            print(f"| {name} | " + " | ".join(f"{value:.3g}" for value in figures.values()) + " |", flush=True)
+        figures = measure(int(n), args.rate, args.seconds)
+        if i == 0:
+            print("| " + " | ".join(figures) + " |\n|" + " ---: |" * len(figures))
+        print("| " + " | ".join(f"{value:.3g}" for value in figures.values()) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from app.estimation.identification.identify import identify
 from app.estimation.recording.cell_recording import Recording
 from app.estimation.scoring.scoring import score_soc
 from app.sources.recordings.dataset import load_recording
-from benchmarks.sources_plots import draw_orders, draw_patterns, draw_secant, draw_thesis
+from benchmarks.sources_plots import draw_errors, draw_patterns, draw_thesis
 from benchmarks.sources_runs import THESIS_PASSES, pattern_run, thesis_run
 from benchmarks.thesis_curves import AT_1C, AT_10C
 from simulator.loads import PATTERNS_C
@@ -125,7 +125,7 @@ def run_orders(data: Path, plots: Path | None) -> None:
         figures = "  ".join(f"{100 * r:.2f} %" for r in (*rmse, *slope))
         print(f"  {method:14} CDKF, then EKF: {figures}")
     if plots:
-        draw_orders(plots / "sources-filters.svg", test, shown)
+        draw_errors(plots / "sources-filters.svg", test, shown)
 
 
 def secant_run(model: CellModel, drive: Recording, start_soc: float, tangent: bool) -> FloatArray:
@@ -173,7 +173,7 @@ def run_secant(data: Path, plots: Path | None) -> None:
         late = np.abs(error[test.time_s - test.time_s[0] > 60.0]).max()
         print(f"  {name:25} {100 * np.sqrt(np.mean(error**2)):6.2f} % {100 * late:6.2f} %")
     if plots:
-        draw_secant(plots / "sources-secant.svg", test, shown)
+        draw_errors(plots / "sources-secant.svg", test, shown)
 
 
 def _seconds(value: float | None) -> str:

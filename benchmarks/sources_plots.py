@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.balancing_plots import COLOURS, figure_of, save
+
 if TYPE_CHECKING:
     from app.estimation.cell_model.ocv import OcvCurve
     from app.estimation.filters.estimates import Estimates
@@ -16,37 +18,14 @@ if TYPE_CHECKING:
     from benchmarks.sources_runs import PatternRun, ThesisRun
 
 FloatArray = NDArray[np.float64]
-COLOURS = ("#1f4e8c", "#c8621b", "#3f8f6b", "#8a4fa0", "#7a7a7a")
 TRUTH = {"color": "#111111", "linewidth": 1.0, "linestyle": (0, (4, 2))}
 
 
 def _figure(columns: int, height_in: float = 3.0) -> tuple[Any, Any]:
-    import matplotlib as mpl
-    from matplotlib import pyplot
-
-    mpl.use("svg")
-    mpl.rcParams.update(
-        {
-            "svg.hashsalt": "voltwall",
-            "font.size": 8,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "lines.linewidth": 1.1,
-            "axes.linewidth": 0.6,
-        }
-    )
-    figure, axes = pyplot.subplots(1, columns, figsize=(9.0, height_in), layout="constrained", squeeze=False)
-    for axis in axes[0]:
+    figure, axes = figure_of(columns, height_in=height_in)
+    for axis in axes:
         axis.set_prop_cycle(color=COLOURS)
-    return figure, axes[0]
-
-
-def _save(figure: Any, path: Path) -> None:
-    from matplotlib import pyplot
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, metadata={"Date": None})
-    pyplot.close(figure)
+    return figure, axes
 
 
 def draw_thesis(path: Path, redone: ThesisRun, right: PatternRun, curves: Mapping[str, OcvCurve]) -> None:
@@ -64,7 +43,7 @@ def draw_thesis(path: Path, redone: ThesisRun, right: PatternRun, curves: Mappin
         ocv.plot(100 * soc, curve.voltage(soc), label=name)
     ocv.set(title="what is taken for the OCV", xlabel="SOC [%]", ylabel="voltage [V]")
     ocv.legend(frameon=False)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_patterns(path: Path, runs: Mapping[str, PatternRun]) -> None:
@@ -79,10 +58,11 @@ def draw_patterns(path: Path, runs: Mapping[str, PatternRun]) -> None:
         axis.plot(minutes, 100 * run.truth[::every].min(axis=1), **TRUTH)
         axis.set(title=name, xlabel="time [min]", ylim=(-55, 102))
     axes[0].set_ylabel("SOC [%]; grey: load [C / 0.2]")
-    _save(figure, path)
+    save(figure, path)
 
 
-def _draw_errors(path: Path, drive: Recording, estimates: Mapping[str, FloatArray]) -> None:
+def draw_errors(path: Path, drive: Recording, estimates: Mapping[str, FloatArray]) -> None:
+    """SOC and error of some filters on the measured drive."""
     figure, (level, error) = _figure(2)
     elapsed = drive.time_s - drive.time_s[0]
     shown = np.unique(np.geomspace(1, elapsed.size, 2000).astype(int)) - 1
@@ -94,17 +74,7 @@ def _draw_errors(path: Path, drive: Recording, estimates: Mapping[str, FloatArra
     level.legend(frameon=False)
     error.axhspan(-2, 2, color="#eeeeee")
     error.set(title="error; band of 2 points", xlabel="time [s]", ylabel="points", xscale="log", ylim=(-52, 12))
-    _save(figure, path)
-
-
-def draw_orders(path: Path, drive: Recording, estimates: Mapping[str, FloatArray]) -> None:
-    """SOC and error of each filter on the measured drive, 2 RC pairs."""
-    _draw_errors(path, drive, estimates)
-
-
-def draw_secant(path: Path, drive: Recording, estimates: Mapping[str, FloatArray]) -> None:
-    """SOC and error of the notes' filter, with the tangent, and of the product."""
-    _draw_errors(path, drive, estimates)
+    save(figure, path)
 
 
 def draw_physics(path: Path, run: Recording, shown: Mapping[str, Estimates]) -> None:
@@ -128,4 +98,4 @@ def draw_physics(path: Path, run: Recording, shown: Mapping[str, Estimates]) -> 
     for axis in (soc_axis, error_axis, volt_axis):
         axis.set_xlabel("time / min")
     soc_axis.legend(frameon=False)
-    _save(figure, path)
+    save(figure, path)

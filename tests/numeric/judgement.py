@@ -5,18 +5,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.filters.estimators import Estimates, make_estimator
 from app.estimation.recording.cell_recording import Recording
 from app.estimation.scoring.scoring import SocScore, score_soc
 from app.estimation.scoring.whiteness import InnovationScore, score_innovations
-
-FloatArray = NDArray[np.float64]
 
 SIGNS = tuple((gain, offset) for gain in (-1.0, 1.0) for offset in (-1.0, 1.0))
 GAIN_ERROR = 0.005
@@ -43,6 +41,18 @@ class Judgement:
     def excess(self) -> FloatArray:
         """(4,) points of RMSE."""
         return np.asarray(self.fused - np.minimum(self.count, self.filter))
+
+
+def rows_of(recording: Recording, rows: BoolArray) -> Recording:
+    """Return some rows of a recording."""
+    names = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
+    return replace(recording, **{name: getattr(recording, name)[rows] for name in names})
+
+
+def part(recording: Recording, start_s: float, stop_s: float) -> Recording:
+    """Return the rows from start_s to stop_s after the first."""
+    elapsed_s = recording.time_s - recording.time_s[0]
+    return rows_of(recording, (elapsed_s >= start_s) & (elapsed_s < stop_s))
 
 
 def disturbed(recording: Recording, capacity_ah: float, gain: float, offset: float) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
 from app.estimation.scoring.scoring import score_soc
 from app.sources.recordings.dataset import load_recording
-from tests.numeric.judgement import judge
+from tests.numeric.judgement import judge, part
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 PANASONIC, PHYSICS = DATA / "panasonic-18650pf", DATA / "physics"
@@ -23,12 +23,6 @@ pytestmark = pytest.mark.skipif(not DATA.exists(), reason="shared measured data 
 
 def load(folder, name):
     return load_recording(folder / f"{name}.csv.gz")
-
-
-def part(recording, start_s, stop_s):
-    rows = (recording.time_s >= start_s) & (recording.time_s < stop_s)
-    fields = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
-    return replace(recording, **{name: getattr(recording, name)[rows] for name in fields})
 
 
 def scores(model, recording, starts):

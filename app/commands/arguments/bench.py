@@ -16,6 +16,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of each run of the service (default: 30)",
     )
     parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
-    parser.add_argument("--estimation", action="store_true", help="the estimators beside their peers (from a checkout)")
     parser.add_argument("--predictions", action="store_true", help="how often bands held the truth (from a checkout)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")

@@ -28,10 +28,7 @@ def run(args: argparse.Namespace) -> int:
         ConfigError: there is no such cell.
     """
     PipelineFactory("coulomb", args.cell)  # refuse a cell that is none before minutes of measuring
-    if args.estimation or args.predictions:
-        rows = _from_checkout("estimation" if args.estimation else "predictions")
-    else:
-        rows = _of_machine(args.cell, args.seconds)
+    rows = _predictions() if args.predictions else _of_machine(args.cell, args.seconds)
     if args.json:
         print(json.dumps([dict(zip(("what", "figure", "method"), row, strict=True)) for row in rows], indent=2))
         return 0
@@ -112,10 +109,10 @@ def _megabytes(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.0f} MB"
 
 
-def _from_checkout(name: str) -> list[Row]:
+def _predictions() -> list[Row]:
     sys.path.insert(0, os.getcwd())  # noqa: PTH109  benchmarks/ is part of a checkout, not of the package
     try:
-        module: Any = import_module(f"benchmarks.{name}")
+        module: Any = import_module("benchmarks.predictions")
     except ImportError as error:
-        raise ConfigError(name, error.name, "run it in a checkout with the bench packages installed") from error
+        raise ConfigError("--predictions", error.name, "run it in a checkout with the bench packages installed") from error
     return [tuple(row) for row in module.run()]
