@@ -12,7 +12,7 @@ from app.analysis.expectations import Expectations
 from app.analysis.replay_check import prove
 from app.analysis.session_cell import cell_of, judged_by
 from app.api.application import Replay
-from app.api.encoding.snapshot import snapshot_json
+from app.api.encoding.encoder import snapshot_json
 from app.commands.console.progress import Progress
 from app.commands.console.terminal import GREEN, RED, coloured
 from app.commands.serve import serve

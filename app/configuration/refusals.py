@@ -1,10 +1,13 @@
 """Why a change of the configuration was refused, or what is in force after one that failed."""
 
 from app.configuration.finding import Finding
-from app.configuration.writable_fields import FIELDS_WRITABLE_AT_WORK
 from app.errors import AppError, LinkError, NotNow
 from app.words import Message, render
 from firmware_protocol.config_image import image_hash
+from firmware_protocol.memory_map import CONFIG
+
+#: that a write may change while the accumulator drives, charges or balances
+FIELDS_WRITABLE_AT_WORK = tuple(name for name, field in CONFIG.items() if field.is_live)
 
 
 class HashMismatch(AppError):

@@ -12,9 +12,15 @@ from typing import Protocol
 from app.clock import Clock
 from app.configuration.finding import Finding
 from app.configuration.history import Action
-from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
+from app.configuration.refusals import (
+    FIELDS_WRITABLE_AT_WORK,
+    HashMismatch,
+    Occupied,
+    ReasonRequired,
+    Rejected,
+    Unverified,
+)
 from app.configuration.rules import Context, review_change
-from app.configuration.writable_fields import FIELDS_WRITABLE_AT_WORK
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
 from app.sources.master.client import MasterClient

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 
-from app.api.encoding.snapshot import snapshot_json
+from app.api.encoding.encoder import snapshot_json
 from app.api.schemas.snapshot import SnapshotOut
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator

@@ -7,10 +7,17 @@ from dataclasses import replace
 from itertools import pairwise
 
 from app.analysis.incidents import AFTER_S, Trigger, incidents, main_trigger
+from app.analysis.root_cause.air import pack_suspicions
+from app.analysis.root_cause.boards import board_suspicions
 from app.analysis.root_cause.cause import Cause, cause_of
+from app.analysis.root_cause.cells import cell_suspicions
+from app.analysis.root_cause.charging import charger_suspicions
+from app.analysis.root_cause.current import current_suspicions
 from app.analysis.root_cause.judge import Judgement, judge, trip_kind
+from app.analysis.root_cause.links import link_suspicions
 from app.analysis.root_cause.reading import read_events, read_recording
-from app.analysis.root_cause.suspicions import suspicions
+from app.analysis.root_cause.recording import Recording, Suspicion
+from app.analysis.root_cause.relays import relay_suspicions
 from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.circuit import CellModel
 from app.sessions.reading.naming import in_its_words
@@ -73,8 +80,8 @@ def _judged(
 ) -> list[Judgement]:
     recording = read_recording(session, from_s, to_s)
     if trip is None:
-        return judge([], suspicions(recording, model, recording.end_s))
-    return judge([trip], suspicions(recording, model, trip.at_s))
+        return judge([], _suspicions(recording, model, recording.end_s))
+    return judge([trip], _suspicions(recording, model, trip.at_s))
 
 
 def _trips(events: Sequence[Trigger]) -> list[Trigger]:
@@ -98,3 +105,16 @@ def _edges(start_s: float, end_s: float) -> list[float]:
     """The session in parts of about BACK_S."""
     n = max(round((end_s - start_s) / BACK_S), 1)
     return [start_s + k * (end_s - start_s) / n for k in range(n)] + [end_s + 1.0]
+
+
+def _suspicions(recording: Recording, model: CellModel, at_s: float) -> list[Suspicion]:
+    """Return everything that may be wrong; `at_s` is the instant that is asked about, unix time."""
+    return [
+        *link_suspicions(recording),
+        *board_suspicions(recording),
+        *charger_suspicions(recording),
+        *relay_suspicions(recording),
+        *current_suspicions(recording, model),
+        *pack_suspicions(recording, model),
+        *cell_suspicions(recording, model, at_s),
+    ]

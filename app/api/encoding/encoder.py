@@ -1,17 +1,23 @@
-"""Encodes each snapshot once, however many read it, with its ages at that moment."""
+"""A snapshot as JSON, the same for REST and websocket, encoded once however many read it."""
 
-from app.api.encoding.snapshot import snapshot_json
 from app.clock import Clock
 from app.service.state import ServiceStateReader
 from app.telemetry import Snapshot
 from app.telemetry.aging import aged
+from app.telemetry.encoding import encode, plain
+from app.telemetry.service_state import ServiceState
 from app.words import named_as_here
 
 GOOD_FOR_NS = 50_000_000  # after that the ages are counted anew
 
 
+def snapshot_json(snapshot: Snapshot, service: ServiceState) -> bytes:
+    """Encode a snapshot together with what is the service's."""
+    return encode(plain(snapshot) | plain(service))
+
+
 class SnapshotEncoder:
-    """Used on the event loop alone."""
+    """Encodes snapshots with their ages at that moment; used on the event loop alone."""
 
     def __init__(self, state: ServiceStateReader, clock: Clock) -> None:
         self._state = state

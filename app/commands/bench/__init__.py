@@ -114,5 +114,7 @@ def _predictions() -> list[Row]:
     try:
         module: Any = import_module("benchmarks.predictions")
     except ImportError as error:
-        raise ConfigError("--predictions", error.name, "run it in a checkout with the bench packages installed") from error
+        raise ConfigError(
+            "--predictions", error.name, "run it in a checkout with the bench packages installed"
+        ) from error
     return [tuple(row) for row in module.run()]

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.commands.console.progress import Progress
-from app.commands.season.lake import lake_of
 from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
 from app.season.lake.build import Built, build_lake, session_files
 from app.season.lake.place import Place
+from app.service.settings import Settings
 from app.words import render
 
 
@@ -30,6 +30,11 @@ def build(args: argparse.Namespace) -> int:
     if built.not_closed:
         print(f"not closed yet: {', '.join(built.not_closed)}")
     return 1 if built.failed else 0
+
+
+def lake_of(args: argparse.Namespace) -> str:
+    """Return where the lake of an action is."""
+    return str(args.lake or Settings.model_validate({}).lake or data_folder(args) / "lake")
 
 
 def built_lake(

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from app.analysis.passport.keeper import PassportKeeper
-from app.commands.season.build import built_lake
-from app.commands.season.lake import lake_of
+from app.commands.season.build import built_lake, lake_of
 from app.commands.session_commands.selection import catalogue, chosen_battery, data_folder
 from app.season.cells.history import SeasonSource
 from app.season.lake.place import Place

@@ -6,7 +6,7 @@ import sys
 from dataclasses import asdict
 
 from app.commands.console.terminal import print_table
-from app.commands.season.lake import lake_of
+from app.commands.season.build import lake_of
 from app.errors import ConfigError
 from app.season.lake.place import Place
 from app.season.store import Answer, Limits, SeasonStore

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from app.api.encoding.snapshot import snapshot_json
+from app.api.encoding.encoder import snapshot_json
 from app.api.schemas.snapshot import SnapshotOut
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator

@@ -7,7 +7,7 @@ import json
 import math
 from pathlib import Path
 
-from app.api.encoding.snapshot import snapshot_json
+from app.api.encoding.encoder import snapshot_json
 from app.live.pipeline_factory import PipelineFactory
 from app.sources.items import CanFault, CanItem, LinkChange
 from app.telemetry.service_state import ServiceState
