@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.estimation.filters.estimators import CellEstimator
+from app.estimation.filters.estimators import SocEstimator
 from app.telemetry import FloatArray
 from app.telemetry.measurement import Measurement
 
@@ -10,7 +10,7 @@ MASTER_SOC_SIGMA = 0.03  # of one number for all cells, counted on a chip
 
 
 def start_estimator(
-    estimator: CellEstimator,
+    estimator: SocEstimator,
     measured: Measurement,
     current_a: float,
     known: tuple[FloatArray, FloatArray] | None,

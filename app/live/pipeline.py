@@ -12,7 +12,7 @@ import numpy as np
 
 from app.battery.battery import Battery
 from app.estimation.errors import EstimatorError
-from app.estimation.filters.estimators import CellEstimator, Estimates
+from app.estimation.filters.estimators import Estimates, SocEstimator
 from app.estimation.filters.first_minutes import FirstMinutes
 from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
@@ -63,7 +63,7 @@ class Pipeline:
     def __init__(
         self,
         source: MeasurementSource,
-        make_estimator: Callable[[], CellEstimator],
+        make_estimator: Callable[[], SocEstimator],
         *,
         filter_name: str,
         cell_name: str,
@@ -73,8 +73,8 @@ class Pipeline:
     ) -> None:
         self._source = source
         self._make_estimator = make_estimator
-        self._estimator: CellEstimator | None = None
-        self._spare: CellEstimator | None = None
+        self._estimator: SocEstimator | None = None
+        self._spare: SocEstimator | None = None
         self._skipped = 0  # measurements without a current, without any voltage, or on which the estimator failed
         self.filter_name, self.cell_name = filter_name, cell_name
         self._watch = AlarmKeeper()
@@ -173,7 +173,7 @@ class Pipeline:
             return
         measured, current_a = self._started_with
 
-        def restart() -> CellEstimator:
+        def restart() -> SocEstimator:
             estimator = self._make_estimator()
             predictor.apply_learned(estimator)
             start_estimator(estimator, measured, current_a, self._start_soc)
@@ -276,7 +276,7 @@ class Pipeline:
             self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
         return self._estimates, ()
 
-    def _bridge(self, estimator: CellEstimator, dt_s: float, current_a: float, degc: FloatArray) -> float:
+    def _bridge(self, estimator: SocEstimator, dt_s: float, current_a: float, degc: FloatArray) -> float:
         """Let the estimator know of a gap before this measurement; return what is left of the step [s]."""
         capacity_ah = estimator.capacity()[0] if self._gaps.is_gap(dt_s) else np.ones(1)
         gap = self._gaps.step(dt_s, current_a, float(capacity_ah.mean()))

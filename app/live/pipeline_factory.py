@@ -7,7 +7,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.engine.library import load
-from app.estimation.filters.estimators import FILTERS, CellEstimator, make_estimator
+from app.estimation.filters.estimators import FILTERS, SocEstimator, make_estimator
 from app.estimation.health.cell_watch import CellWatch
 from app.live.pipeline import Pipeline
 from app.live.prediction import LearnedCells, Predictor
@@ -105,5 +105,5 @@ class PipelineFactory:
         )
         return WitnessedSource(source, battery.witnesses, buses) if battery.witnesses or len(buses) > 1 else source
 
-    def _new_estimator(self) -> CellEstimator:
+    def _new_estimator(self) -> SocEstimator:
         return make_estimator(self._filter_name, self.cell, self.battery.battery.n_cells)

@@ -11,7 +11,7 @@ from math import isfinite
 import numpy as np
 
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.filters.estimators import CellEstimator, Estimates
+from app.estimation.filters.estimators import Estimates, SocEstimator
 from app.estimation.filters.tuning import Tuning
 from app.estimation.health.capacity import CapacityTracker, StateOfHealth, state_of_health
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
@@ -154,7 +154,7 @@ class Predictor:
         """(n_cells,) resistances over those of the cell file that the estimator was last told to predict with."""
         return self._factors_in_use
 
-    def apply_learned(self, estimator: CellEstimator) -> None:
+    def apply_learned(self, estimator: SocEstimator) -> None:
         """Let an estimator count with what was learned of its cells."""
         self._factors_in_use = trusted_factor(self.learned.resistance_factor)
         estimator.use_capacity(self.learned.capacity_ah)
@@ -217,7 +217,7 @@ class Predictor:
 
     def assess(
         self,
-        estimator: CellEstimator,
+        estimator: SocEstimator,
         estimates: Estimates,
         temperatures_degc: FloatArray,
         current_a: float,

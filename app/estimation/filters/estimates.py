@@ -1,10 +1,8 @@
-"""What every filter answers, and the interface all of them share."""
+"""What every filter answers."""
 
 from __future__ import annotations
 
-from typing import Final, Protocol
-
-from numpy.typing import ArrayLike
+from typing import Final
 
 from app.estimation.arrays import BoolArray, FloatArray
 
@@ -72,102 +70,3 @@ class Estimates:
         """True where this sample's voltage was used; False where it was missing or refused as an outlier."""
         row: BoolArray = self.numbers[OUT_ACCEPTED] != 0.0
         return row
-
-
-class CellEstimator(Protocol):
-    """A filter over n_cells cells that share one current."""
-
-    @property
-    def n_cells(self) -> int:
-        """Number of cells."""
-        ...
-
-    @property
-    def state_mean(self) -> FloatArray:
-        """(n_states, n_cells) mean: SOC, then the RC currents [A]; a copy."""
-        ...
-
-    @property
-    def state_cov(self) -> FloatArray:
-        """(n_cells, n_states, n_states) covariance; a copy."""
-        ...
-
-    def start(
-        self,
-        voltages_v: ArrayLike,
-        temperatures_degc: ArrayLike,
-        current_a: float,
-        soc: ArrayLike | None = None,
-        soc_sigma: ArrayLike | None = None,
-    ) -> None:
-        """Set the state from one sample.
-
-        Args:
-            voltages_v: (n_cells,) [V]; NaN where not measured.
-            temperatures_degc: (n_cells,) [degC]; NaN where not measured.
-            current_a: positive on discharge [A].
-            soc: known SOC at this moment, scalar or (n_cells,), NaN = unknown; None = take it from the voltage.
-            soc_sigma: how far that may be off; None = the filter's own default.
-
-        Raises:
-            ShapeError: an array is not (n_cells,).
-        """
-        ...
-
-    def voltage_soc(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return (n_cells,) SOC by voltages alone and its sigma; None where a count or a given SOC has a part in it."""
-        ...
-
-    def use_capacity(self, capacity_ah: ArrayLike) -> None:
-        """From the next step on count with capacities of the cells' own instead of the cell file's.
-
-        Args:
-            capacity_ah: (n_cells,) or scalar [Ah].
-
-        Raises:
-            ShapeError: it is neither.
-            EstimatorError: one is not finite and positive.
-        """
-        ...
-
-    def widen(self, soc_sigma: ArrayLike) -> None:
-        """Know the SOC less surely, because charge has moved that was not measured.
-
-        Args:
-            soc_sigma: (n_cells,) or scalar, standard deviation of that charge over the capacity.
-
-        Raises:
-            ShapeError: it is neither.
-        """
-        ...
-
-    def capacity(self) -> tuple[FloatArray, FloatArray]:
-        """Return (n_cells,) capacities as far as the run contradicts the ones counted with, and their sigmas [Ah]."""
-        ...
-
-    def use_resistance(self, factor: ArrayLike) -> None:
-        """From the next step on predict voltages with resistances that differ from the cell file's.
-
-        Args:
-            factor: (n_cells,) or scalar, all resistances of a cell over those of the cell file.
-
-        Raises:
-            ShapeError: it is neither.
-            EstimatorError: one is not finite and positive.
-        """
-        ...
-
-    def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
-        """Return the estimates after one sample.
-
-        Args:
-            dt_s: time since the previous sample, >= 0; hours are allowed [s].
-            current_a: current held over that time, positive on discharge [A]; NaN = not measured, the last one counts.
-            voltages_v: (n_cells,) [V]; NaN where not measured.
-            temperatures_degc: (n_cells,) [degC]; NaN where not measured, the last one counts.
-
-        Raises:
-            ShapeError: an array is not (n_cells,).
-            EstimatorError: dt_s is negative or not finite, or `start` was never called.
-        """
-        ...

@@ -10,7 +10,7 @@ from typing import Final
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.engine.native import NativeEngine
-from app.estimation.filters.estimates import CellEstimator, Estimates
+from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.filter_names import FILTERS
 from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference, unscented
@@ -18,7 +18,7 @@ from app.estimation.filters.soc_estimator import SocEstimator
 from app.estimation.filters.tables import CellTables
 from app.estimation.filters.tuning import Tuning
 
-__all__ = ["FILTERS", "CellEstimator", "Estimates", "Tuning", "filter_setup", "make_estimator"]
+__all__ = ["FILTERS", "Estimates", "SocEstimator", "Tuning", "filter_setup", "make_estimator"]
 
 _KINDS: Final = {
     "fused": (Kind.SIGMA_FUSED, central_difference),

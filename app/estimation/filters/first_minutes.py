@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
-from app.estimation.filters.estimates import CellEstimator, Estimates
+from app.estimation.filters.estimates import Estimates
+from app.estimation.filters.soc_estimator import SocEstimator
 
 KEPT_S: Final = 180.0
 LEARNED_S: Final = 60.0  # before, a factor rests on a few changes of the current
@@ -49,8 +50,8 @@ class FirstMinutes:
         self._samples = None
 
     def again(
-        self, factors: FloatArray, is_learned: BoolArray, restart: Callable[[], CellEstimator]
-    ) -> tuple[CellEstimator, Estimates] | None:
+        self, factors: FloatArray, is_learned: BoolArray, restart: Callable[[], SocEstimator]
+    ) -> tuple[SocEstimator, Estimates] | None:
         """Return an estimator that has seen all samples with other resistances, and its last estimates; or None.
 
         Once, when the resistances of the cells have been learned and one of them is worth it.

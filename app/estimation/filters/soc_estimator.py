@@ -61,7 +61,7 @@ class SocEstimator:
         return self.engine.get("count_soc")
 
     def voltage_soc(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return what voltages alone say; see `CellEstimator.voltage_soc`."""
+        """Return (n_cells,) SOC by voltages alone and its sigma; None where a count or a given SOC has a part in it."""
         if self._was_given_soc or self.setup.kind is Kind.COUNT:
             return None
         soc = self.engine.get("soc")
@@ -71,7 +71,15 @@ class SocEstimator:
         return soc, np.sqrt(np.minimum(variance, SOC_VARIANCE_MAX))
 
     def use_capacity(self, capacity_ah: ArrayLike) -> None:
-        """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
+        """From the next step on count with capacities of the cells' own instead of the cell file's.
+
+        Args:
+            capacity_ah: (n_cells,) or scalar [Ah].
+
+        Raises:
+            ShapeError: it is neither.
+            EstimatorError: one is not finite and positive.
+        """
         own, engine = self._positive("capacity_ah", capacity_ah), self.engine
         ratio = own / engine.get("capacity_ah")
         if (ratio == 1.0).all():
@@ -84,7 +92,14 @@ class SocEstimator:
             engine.set(name, engine.get(name) / ratio)
 
     def widen(self, soc_sigma: ArrayLike) -> None:
-        """Know the SOC less surely; see `CellEstimator.widen`."""
+        """Know the SOC less surely, because charge has moved that was not measured.
+
+        Args:
+            soc_sigma: (n_cells,) or scalar, standard deviation of that charge over the capacity.
+
+        Raises:
+            ShapeError: it is neither.
+        """
         more_v2, engine = self._per_cell("soc_sigma", soc_sigma) ** 2, self.engine
         cov = engine.get("cov")
         cov[0, 0] = np.minimum(cov[0, 0] + more_v2, SOC_VARIANCE_MAX)
@@ -93,7 +108,7 @@ class SocEstimator:
             engine.set(name, np.minimum(engine.get(name) + more_v2, SOC_VARIANCE_MAX))
 
     def capacity(self) -> tuple[FloatArray, FloatArray]:
-        """Return what the run says of the capacities; see `CellEstimator.capacity`."""
+        """Return (n_cells,) capacities as far as the run contradicts the ones counted with, and their sigmas [Ah]."""
         counted_ah, gain = self.engine.get("capacity_ah"), self.engine.get("gain")
         per_gain_ah = counted_ah / (1.0 + gain) ** 2
         doubt = self.tuning.gain_doubt
@@ -102,7 +117,15 @@ class SocEstimator:
         )
 
     def use_resistance(self, factor: ArrayLike) -> None:
-        """Predict voltages with resistances of the cells' own; see `CellEstimator.use_resistance`."""
+        """From the next step on predict voltages with resistances that differ from the cell file's.
+
+        Args:
+            factor: (n_cells,) or scalar, all resistances of a cell over those of the cell file.
+
+        Raises:
+            ShapeError: it is neither.
+            EstimatorError: one is not finite and positive.
+        """
         self.engine.set("resistance", self._positive("factor", factor))
 
     def start(
@@ -113,7 +136,18 @@ class SocEstimator:
         soc: ArrayLike | None = None,
         soc_sigma: ArrayLike | None = None,
     ) -> None:
-        """Set the state from one sample; see `CellEstimator.start`."""
+        """Set the state from one sample.
+
+        Args:
+            voltages_v: (n_cells,) [V]; NaN where not measured.
+            temperatures_degc: (n_cells,) [degC]; NaN where not measured.
+            current_a: positive on discharge [A].
+            soc: known SOC at this moment, scalar or (n_cells,), NaN = unknown; None = take it from the voltage.
+            soc_sigma: how far that may be off; None = the filter's own default.
+
+        Raises:
+            ShapeError: an array is not (n_cells,).
+        """
         given, sigma = self._per_cell("soc", soc), self._per_cell("soc_sigma", soc_sigma)
         voltage, temperature = self._sample(voltages_v, temperatures_degc)
         self.engine.start(current_a, voltage, temperature, given, sigma)
@@ -121,7 +155,18 @@ class SocEstimator:
         self._is_started = True
 
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
-        """Return the estimates after one sample; see `CellEstimator.step`."""
+        """Return the estimates after one sample.
+
+        Args:
+            dt_s: time since the previous sample, >= 0; hours are allowed [s].
+            current_a: current held over that time, positive on discharge [A]; NaN = not measured, the last one counts.
+            voltages_v: (n_cells,) [V]; NaN where not measured.
+            temperatures_degc: (n_cells,) [degC]; NaN where not measured, the last one counts.
+
+        Raises:
+            ShapeError: an array is not (n_cells,).
+            EstimatorError: dt_s is negative or not finite, or `start` was never called.
+        """
         if not self._is_started:
             raise EstimatorError(NOT_STARTED)
         if not 0.0 <= dt_s < inf:
