@@ -131,7 +131,7 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
-def _go_first() -> None:
+def go_first() -> None:
     """Be scheduled before tests and browsers that fill the machine: a car and its service have moments to keep.
 
     Where that is not allowed (it takes root, in a container the right to it), they wait like everybody.
@@ -153,7 +153,7 @@ def _run(module: str, arguments: list[str], environment: dict[str, str], output:
     from app.sessions.worker import workers
 
     _end_with_parent()
-    _go_first()
+    go_first()
     os.dup2(output.fileno(), 1)
     os.dup2(output.fileno(), 2)
     output.close()

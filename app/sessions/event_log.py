@@ -1,6 +1,6 @@
 """The event log: what happened, kept over restarts in one SQLite file.
 
-One thread writes it; who reads it reads beside that thread, and never waits for what the disk does not take.
+One thread writes it; readers have a connection of their own and never wait for what the disk does not take.
 """
 
 import logging

@@ -294,7 +294,7 @@ class AutoRecorder:
         return Event(self._clock.wall_ns(), severity, code, message)
 
     def _report_trouble(self) -> None:
-        """Tell of each kind of trouble once, and when it is over; the numbers in its text change all the time."""
+        """Report each kind of trouble once, and when it is over; the numbers in its text change all the time."""
         status = self.status
         trouble = status.error or status.warning
         is_low = status.warning is not None and status.warning.code == "disk-low"
