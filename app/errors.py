@@ -30,10 +30,11 @@ class AppError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """As it is, without the constructor: errors come out of other processes."""
-        return _remade, (type(self), self.args, self.__dict__)
+        return rebuilt, (type(self), self.args, self.__dict__)
 
 
-def _remade(kind: type[AppError], args: tuple[Any, ...], values: dict[str, Any]) -> AppError:
+def rebuilt(kind: type[BaseException], args: tuple[Any, ...], values: dict[str, Any]) -> BaseException:
+    """Return an error of another process, whatever its constructor takes."""
     error = kind.__new__(kind, *args)
     error.__dict__.update(values)
     return error

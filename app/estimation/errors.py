@@ -32,11 +32,6 @@ class CellFileError(ModelError):
         self.line = line
         place = path if line is None else f"{path}, line {line}"
         self.args = (f"{place}: {field}: {reason}" if field else f"{place}: {reason}",)
-        self._given = path, line, field, reason
-
-    def __reduce__(self) -> tuple[type[CellFileError], tuple[str, int | None, str, str]]:
-        """Another process receives it whole."""
-        return type(self), self._given
 
 
 class ShapeError(EstimatorError):

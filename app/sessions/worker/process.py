@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
-from app.errors import AppError, LimitExceeded
+from app.errors import AppError, LimitExceeded, rebuilt
 from app.sessions.worker.limits import Limits, memory_limit
 from app.words import Message, Quantity
 
@@ -98,11 +98,12 @@ def _out_of_time(*_: object) -> None:
 
 
 def _send(answers: BinaryIO, kind: str, value: object) -> None:
+    sent = (type(value), value.args, vars(value)) if isinstance(value, BaseException) else value
     try:
-        body = pickle.dumps((kind, value), pickle.HIGHEST_PROTOCOL)
-        pickle.loads(body) if kind == "failed" else None
-    except Exception:  # noqa: BLE001  an error that cannot be sent is told in its words
-        body = pickle.dumps(("failed", AppError(f"{type(value).__name__}: {value}")))
+        body = pickle.dumps((kind, sent), pickle.HIGHEST_PROTOCOL)
+        rebuilt(*pickle.loads(body)[1]) if kind == "failed" else None
+    except Exception:  # noqa: BLE001  of an error that cannot be sent its text is
+        body = pickle.dumps(("failed", (AppError, (f"{type(value).__name__}: {value}",), {})))
     answers.write(body)
     answers.flush()
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
-from app.errors import LimitExceeded, NotNow, WorkerEnded
+from app.errors import LimitExceeded, NotNow, WorkerEnded, rebuilt
 from app.sessions.worker.child_process import command_of
 from app.sessions.worker.limits import Limits
 from app.words import Message, Quantity
@@ -56,7 +56,7 @@ class _Worker:
         finally:
             watch.cancel()
         if kind == "failed":
-            raise value
+            raise rebuilt(*value)
         return value
 
     def end(self) -> None:

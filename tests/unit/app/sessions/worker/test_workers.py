@@ -14,6 +14,8 @@ from app.sessions.worker import Limits, Workers
 from app.sessions.worker import workers as module
 from app.sessions.worker.process import NICENESS
 from app.words import Message, render
+from firmware_protocol.dbc_import import from_dbc
+from firmware_protocol.errors import DecodeError
 
 FEW = Limits(20, 256 << 20)
 
@@ -97,6 +99,12 @@ def test_an_end_of_file_within_the_job_is_not_the_end_of_its_process(workers, ki
     with pytest.raises(kind):
         workers.run(FEW, throw, kind)
     assert workers.run(FEW, about)[0] == process
+
+
+def test_an_error_of_another_constructor_comes_back_whole(workers):
+    with pytest.raises(DecodeError) as caught:
+        workers.run(FEW, from_dbc, "nothing")
+    assert (caught.value.what, str(caught.value)) == ("DBC", "DBC: no message (BO_) in it")
 
 
 def test_an_error_that_cannot_be_sent_is_told_in_its_words(workers):
