@@ -3,6 +3,7 @@
 import sqlite3
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -42,6 +43,8 @@ class OwnDatabase:
         except (sqlite3.Error, OSError) as error:
             raise RecordingFailed(Message("of-source", source=str(path), reason=str(error))) from error
         self._identity = _identity(path)
+        with suppress(NotASession, sqlite3.Error):  # damage is met by who reads
+            self._opened_reader()  # now: opening waits for a disk that hangs, reading does not
 
     def run(self, work: Callable[[sqlite3.Connection], T]) -> T:
         """Return what `work` returns; where it meets damage it is called again, on a new file.
@@ -67,10 +70,7 @@ class OwnDatabase:
         """
         try:
             with self._reading:
-                if self._reader is None:
-                    self._reader = open_for_reading(self.path, self._schema)
-                    self._reader.text_factory = _text
-                return work(self._reader)
+                return work(self._opened_reader())
         except NotASession:
             return change(lambda: self.run(work))
         except sqlite3.DatabaseError as error:
@@ -82,6 +82,12 @@ class OwnDatabase:
         """Close the file: the one that changes it last, which takes the log into it."""
         self._close_reader()
         self._connection.close()
+
+    def _opened_reader(self) -> sqlite3.Connection:
+        if self._reader is None:
+            self._reader = open_for_reading(self.path, self._schema)
+            self._reader.text_factory = _text
+        return self._reader
 
     def _close_reader(self) -> None:
         with self._reading:

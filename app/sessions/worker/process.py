@@ -103,7 +103,8 @@ def _send(answers: BinaryIO, kind: str, value: object) -> None:
         body = pickle.dumps((kind, sent), pickle.HIGHEST_PROTOCOL)
         rebuilt(*pickle.loads(body)[1]) if kind == "failed" else None
     except Exception:  # noqa: BLE001  of an error that cannot be sent its text is
-        body = pickle.dumps(("failed", (AppError, (f"{type(value).__name__}: {value}",), {})))
+        error = AppError(f"{type(value).__name__}: {value}")
+        body = pickle.dumps(("failed", (AppError, error.args, vars(error))))
     answers.write(body)
     answers.flush()
 
