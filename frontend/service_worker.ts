@@ -25,7 +25,7 @@ addEventListener('fetch', (event) => {
   const { request } = event;
   const url = new URL(request.url);
   if (request.method !== 'GET' || url.origin !== location.origin) return;
-  if (/^(\\/beside\\/[^/]+)?\\/(api\\/|metrics$)/.test(url.pathname)) return;
+  if (/^\\/(api\\/|metrics$)/.test(url.pathname)) return;
   const kept = (what) => caches.open(CACHE).then((cache) => cache.match(what));
   if (request.mode === 'navigate') {
     event.respondWith(fetch(request).catch(() => kept('./index.html').then((page) => page ?? Response.error())));

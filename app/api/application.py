@@ -2,10 +2,10 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 from fastapi import APIRouter, FastAPI
 from starlette.routing import BaseRoute
@@ -32,7 +32,6 @@ from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
 from app.api.web import openapi, people, problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
-from app.api.web.battery_switch import FIRST, ServedBattery
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
 from app.api.web.fan_out import FanOut
 from app.api.web.head import HeadAsGet
@@ -81,20 +80,16 @@ def create_app(
     clock: Clock | None = None,
     setup: Setup | None = None,
     certificate: Certificate | None = None,
-    beside: FastAPI | None = None,
-    path: str = FIRST,
 ) -> FastAPI:
     """Return the application; its lifespan opens the links and closes them. Without `clock` it is the computer's.
 
-    With `certificate` it is served by HTTPS. Without `setup` what is read cannot be chosen on the page. With `beside`
-    it is that of a further battery at `path`: who is logged in there is so here, and its lifespan is within that of
-    the other; see `BatterySwitch`.
+    With `certificate` it is served by HTTPS. Without `setup` what is read cannot be chosen on the page.
 
     Raises:
         ConfigError: a setting is wrong or unsafe.
     """
-    accounts = Accounts(settings.data) if beside is None else None
-    settings.check(has_accounts=accounts is None or accounts.exist)
+    accounts = Accounts(settings.data)
+    settings.check(has_accounts=accounts.exist)
     clock = clock or Clock()
     service = make_service(settings, clock, source=source, serial_url=serial_url, can_url=can_url)
 
@@ -106,10 +101,7 @@ def create_app(
             if replay is not None:
                 options = ReplayOptions(replay.speed, cell_name=replay.cell_name, estimates=replay.estimates)
                 service.replay.start(replay.path, options)
-            async with AsyncExitStack() as others:
-                for other in served[1:] if beside is None else ():
-                    await others.enter_async_context(cast(FastAPI, other.app).router.lifespan_context(other.app))
-                yield
+            yield
         finally:
             await asyncio.to_thread(service.stop)
 
@@ -122,11 +114,8 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    first = None if beside is None else cast(WebParts, beside.state.parts)
     logins = LoginLog(service.write_log, service.events.note, clock)
-    authentication = Authentication(settings, clock, accounts, logins) if first is None else first.authentication
-    served = [] if first is None else first.served
-    served.append(ServedBattery(path, app, battery=service.battery, live=service.live, stalls=service.health.stalls))
+    authentication = Authentication(settings, clock, accounts, logins)
     setup = setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery))
     setup.load = lambda name, **named: service.workers.run(DEFINITIONS, load_battery, name, **named)
     encoder = SnapshotEncoder(service.state, service.clock)
@@ -139,14 +128,13 @@ def create_app(
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,
         setup=setup,
-        served=served,
-        certificate=certificate if first is None else first.certificate,
+        certificate=certificate,
     )
-    openapi.install(app, path)
+    openapi.install(app)
 
     @app.get("/api/v1/asyncapi.json", include_in_schema=False)
     def live_document() -> dict[str, object]:
-        return openapi.asyncapi(app.openapi(), path)
+        return openapi.asyncapi(app.openapi())
 
     _serve_web(app, api_routes().routes, "index.html", authentication)
     return app

@@ -9,7 +9,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -20,7 +20,6 @@ from pydantic import ValidationError
 from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
 from app.api.application import Replay, create_app, create_fleet_app
-from app.api.web.battery_switch import BatterySwitch
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, ClientConnections, most_connections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.tls_protocol import tls_protocol
@@ -33,12 +32,11 @@ from app.service.health.watchdog import keep_alive, notify
 from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit, return_freed_memory
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
-from app.sources.beside import FOLDER, BesideBattery, beside
 from app.sources.connections import NAMES as CONNECTIONS
 from app.sources.connections import Connections, Setup, load_connections
 from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
-from app.words import Message, name_cells_by, naming_cells
+from app.words import Message, name_cells_by
 
 logger = logging.getLogger(__name__)
 AGAIN = -1  # instead of an exit code
@@ -56,7 +54,9 @@ def settings_from(args: argparse.Namespace) -> Settings:
         name: getattr(args, name) for name in Settings.model_fields if getattr(args, name, None) is not None
     }
     if args.battery:
-        given |= _batteries(args.battery, args.can, args.also)
+        given["battery"] = args.battery[0]
+    if args.battery and len(args.battery) > 1:
+        raise ConfigError("battery", ", ".join(args.battery), Message("one-battery"))
     try:
         settings = Settings(**given)
     except ValidationError as error:
@@ -64,20 +64,6 @@ def settings_from(args: argparse.Namespace) -> Settings:
         raise ConfigError(".".join(map(str, first["loc"])), first.get("input"), first["msg"]) from error
     settings.check(has_accounts=Accounts(settings.data).exist)
     return settings
-
-
-def _batteries(named: Sequence[str], can: str | None, also: str | None) -> dict[str, str]:
-    """Return the settings of every `--battery PROFILE[@BUS]`: all but the first stand beside it.
-
-    Raises:
-        ConfigError: the bus of the first is named twice.
-    """
-    first, at, bus = named[0].partition("@")
-    if at and can is not None:
-        raise ConfigError("can", can, Message("bus-named-twice", battery=named[0]))
-    found = {"battery": first} | ({"can": bus} if at else {})
-    further = [*named[1:], *([] if also is None else [also])]
-    return found | ({"also": ",".join(further)} if further else {})
 
 
 def run(args: argparse.Namespace) -> int:
@@ -88,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         logger.warning("a weak password: %s", weak)
     code = AGAIN
     while code == AGAIN:
-        is_fixed = bool(given.model_fields_set & {*CONNECTIONS, "also"})
+        is_fixed = bool(given.model_fields_set & {*CONNECTIONS})
         chosen = None if is_fixed else load_connections(given.data)
         settings = given if chosen is None else given.model_copy(update=asdict(chosen))
         code, port = serve_once(settings, is_fixed=is_fixed)
@@ -124,7 +110,6 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
         source, serial_url, can_url, car = _source(settings, stack, replay, by_operator=is_fixed)
         in_force = Connections(settings.serial, settings.can, settings.battery)
         setup = Setup(settings.data, in_force, fixed=is_fixed)
-        others = beside(settings.battery, settings.also or "")
         app = create_app(
             settings,
             source,
@@ -135,18 +120,15 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
             setup=setup,
             certificate=certificate,
         )
-        for other in others:
-            _serve_beside(other, settings, partial(create_app, beside=app), stack)
-        served = app.state.parts.served
-        switch = BatterySwitch(app, served[1:]) if others else app
+        service = app.state.parts.service
         return _run(
-            switch,
+            app,
             listener,
             settings,
             certificate,
             setup,
-            lambda: [stall for one in served for stall in one.stalls()],
-            partial(app.state.parts.service.events.note, "warning", "certificate-renewed"),
+            service.health.stalls,
+            partial(service.events.note, "warning", "certificate-renewed"),
         )
 
 
@@ -201,24 +183,6 @@ def _run(
         print("voltwall serve: did not start", file=sys.stderr)
         return 1, port
     return AGAIN if server.is_again else 0, port
-
-
-def _serve_beside(
-    other: BesideBattery, first: Settings, create: Callable[..., object], stack: contextlib.ExitStack
-) -> None:
-    """Make the application of a further battery, with a data folder, links and threads of its own."""
-    settings = first.beside(other.slug, other.connections)
-    stack.enter_context(locked_folder(settings.data))
-    with naming_cells(other.segments):  # in what is made here, and in its threads
-        source, serial_url, can_url, car = _source(settings, stack, None, by_operator=True)
-        create(
-            settings,
-            source,
-            serial_url=serial_url,
-            can_url=can_url,
-            simulated_car=car,
-            path=f"/{FOLDER}/{other.slug}/",
-        )
 
 
 def _source(

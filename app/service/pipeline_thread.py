@@ -18,7 +18,7 @@ from app.service.inbox import Inbox
 from app.sessions.replay import ReplayPlayer
 from app.sources.items import Item
 from app.telemetry import Identity, Snapshot
-from app.words import Message, Quantity, named_as_here
+from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)
 TICK_S = 1.0  # without anything new there is a snapshot this often
@@ -82,7 +82,7 @@ class PipelineThread:
         self._took_s = 0.0  # for the last item
         self._published_ns = 0  # by the items' time
         self._shown_ns = 0  # by the clock's
-        self._thread = threading.Thread(target=named_as_here(self._run), name="pipeline", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
 
     def start(self) -> None:
         """Start the thread."""

@@ -1,10 +1,9 @@
 """Every setting once: a command-line flag, an environment variable VOLTWALL_*, a default."""
 
-from dataclasses import asdict
 from importlib.resources import files
 from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import platformdirs
 from pydantic import Field, SecretStr
@@ -14,9 +13,6 @@ from app.battery.shape import TEAM_PROFILE
 from app.errors import ConfigError
 from app.estimation.filters.filter_names import FilterName
 from app.words import Message
-
-if TYPE_CHECKING:
-    from app.sources.connections import Connections
 
 LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # of a password
 LEAST_OF_SHARED = 8  # a service that ran with such a one goes on, with a warning
@@ -43,11 +39,6 @@ class Settings(BaseSettings):
     battery: str = Field(
         default=TEAM_PROFILE,
         description="battery profile (TOML), the name of a bundled one, or a shape as 2x6, to simulate",
-    )
-    also: str | None = Field(
-        default=None,
-        min_length=1,
-        description="batteries beside the first: PROFILE@INTERFACE:CHANNEL, several with commas; simulated without @",
     )
     host: str = Field(
         default="127.0.0.1", description="address to listen on; beyond loopback: a password, and TLS or --plain-http"
@@ -136,18 +127,6 @@ class Settings(BaseSettings):
         default=None, ge=0, le=2**32 - 1, description="seed of the simulated accumulator, 0 to 4294967295"
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
-
-    def beside(self, slug: str, connections: "Connections") -> "Settings":
-        """Return the settings of a battery beside the first: files and topics below it, what else is the first's."""
-        from app.sources.beside import FOLDER  # here: the settings are read for every --help
-
-        own: dict[str, object] = dict.fromkeys(
-            ("also", "cell", "scenario", "recorder")
-        )  # one copy of a recorder's files
-        own["data"] = self.data / FOLDER / slug
-        own["url"] = None if self.url is None else f"{self.url.rstrip('/')}/{FOLDER}/{slug}/"
-        own["car"] = slug[:40] if self.car is None else f"{self.car}-{slug}"[:40]
-        return self.model_copy(update=own | asdict(connections))
 
     @property
     def simulates(self) -> bool:

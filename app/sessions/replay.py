@@ -23,7 +23,7 @@ from app.sessions.replay_schedule import LEAD_S, MIN_LOOP_S, Pacer
 from app.sources.items import CanItem, Item, LinkChange, SerialItem
 from app.telemetry import FloatArray, Snapshot, TripCause
 from app.telemetry.service_state import Replay, ReplayCompared
-from app.words import Message, named_as_here, naming_cells
+from app.words import Message, naming_cells
 from firmware_protocol.framing import decode_chunk
 
 log = logging.getLogger(__name__)
@@ -139,7 +139,7 @@ class ReplayPlayer:
             self._orders = queue.SimpleQueue()
             started: Future[None] = Future()
             arguments = (replay, self._orders, started)
-            self._thread = threading.Thread(target=named_as_here(self._run), args=arguments, name="replay", daemon=True)
+            self._thread = threading.Thread(target=self._run, args=arguments, name="replay", daemon=True)
             self._thread.start()
             try:
                 started.result(timeout=START_S)
@@ -300,9 +300,7 @@ class ReplayPlayer:
         elif replay.cause is None:
             replay.cause = Future()
             arguments = (replay.chain, replay.file.unix_s(snapshot.t_mono_ns), replay.cause)
-            threading.Thread(
-                target=named_as_here(_find_cause), args=arguments, name="replay cause", daemon=True
-            ).start()
+            threading.Thread(target=_find_cause, args=arguments, name="replay cause", daemon=True).start()
         elif replay.cause.done() and any(alarm.cause is None for alarm in trips):
             cause = replay.cause.result()
             if cause is not None:

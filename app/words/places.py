@@ -1,18 +1,15 @@
 """Which battery's cells a process, or a piece of work, speaks of: where a cell's index becomes its pack and number."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import wraps
 from itertools import accumulate
-from typing import Final, ParamSpec, TypeVar
+from typing import Final
 
 from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
 
 TEAM: Final = (CELLS_PER_PACK,) * N_PACKS  # of messages that name no pack: the team's own
 
-_Arguments = ParamSpec("_Arguments")
-_Result = TypeVar("_Result")
 _of_process: list[tuple[int, ...]] = [TEAM]
 _of_work: ContextVar[tuple[int, ...] | None] = ContextVar("segments", default=None)
 
@@ -30,21 +27,6 @@ def naming_cells(segments: Sequence[int]) -> Iterator[None]:
         yield
     finally:
         _of_work.reset(before)
-
-
-def named_as_here(work: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Return work for another thread, in which cells are those that they are here and now."""
-    segments = _of_work.get()
-
-    @wraps(work)
-    def named(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        before = _of_work.set(segments)
-        try:
-            return work(*args, **kwargs)
-        finally:
-            _of_work.reset(before)
-
-    return named
 
 
 def place_of(index: int, segments: Sequence[int] | None = None) -> tuple[int, int]:

@@ -26,7 +26,6 @@ from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sources.loaded_battery import team_battery
 from app.telemetry import Event, FloatArray, ProtectionLimits, Snapshot
 from app.telemetry.cell_findings import Finding
-from app.words import named_as_here
 
 log = logging.getLogger(__name__)
 KEPT_S = BEFORE_S + LONGEST_S + AFTER_S + 2.0
@@ -126,7 +125,7 @@ class BlackBoxRecorder:
         limits = limits_of(image) or known_limits(self._limits)
         arguments = (triggers, list(self._samples), self._session, limits, config_hash, self._findings)
         with contextlib.suppress(RuntimeError):  # shutting down
-            self._writer.submit(named_as_here(self._write), *arguments).add_done_callback(_tell_failure)
+            self._writer.submit(self._write, *arguments).add_done_callback(_tell_failure)
 
     def _write(
         self,

@@ -31,7 +31,7 @@ from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sources.loaded_battery import team_battery
-from app.words import Message, named_as_here, naming_cells
+from app.words import Message, naming_cells
 
 log = logging.getLogger(__name__)
 
@@ -165,7 +165,7 @@ class PassportKeeper:
             new = self._new()
             if new:
                 self._progress = (0, len(new))  # before anybody asks
-                self._thread = threading.Thread(target=named_as_here(self.read_new), name="passport", daemon=True)
+                self._thread = threading.Thread(target=self.read_new, name="passport", daemon=True)
                 self._thread.start()
 
     def _new(self) -> list[SessionInfo]:

@@ -6,7 +6,6 @@ from app.telemetry import Snapshot
 from app.telemetry.aging import aged
 from app.telemetry.encoding import encode, plain
 from app.telemetry.service_state import ServiceState
-from app.words import named_as_here
 
 GOOD_FOR_NS = 50_000_000  # after that the ages are counted anew
 
@@ -25,12 +24,11 @@ class SnapshotEncoder:
         self._encoded_ns = 0
         self._snapshot: Snapshot | None = None
         self._body = b""
-        self._json = named_as_here(snapshot_json)  # also where no request asks
 
     def encode(self, snapshot: Snapshot) -> bytes:
         """Return the snapshot as JSON."""
         now_ns = self._clock.monotonic_ns()
         if snapshot is not self._snapshot or now_ns - self._encoded_ns > GOOD_FOR_NS:
             self._snapshot, self._encoded_ns = snapshot, now_ns
-            self._body = self._json(aged(snapshot, now_ns), self._state.at(now_ns))
+            self._body = snapshot_json(aged(snapshot, now_ns), self._state.at(now_ns))
         return self._body

@@ -24,12 +24,3 @@ class BatteryOut(BaseModel):
     can_write: bool
     why_not: str | None
     why_not_words: WordsOut | None
-
-
-class ServedOut(BaseModel):
-    """A battery that the service reads."""
-
-    name: str
-    path: str  # of its pages; its routes are below it
-    voltage_age_s: Number  # of its newest cell voltages; null: there are none
-    worst: Literal["trip", "warning", "watch"] | None  # of its alarms that hold

@@ -1,6 +1,6 @@
 """What routes are given: the part of the service that they need, and the user. Each is named once, here."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Any, cast
 
 from fastapi import Depends
@@ -11,7 +11,6 @@ from app.analysis.passport.keeper import PassportKeeper
 from app.api.access.certificate import Certificate
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
-from app.api.web.battery_switch import ServedBattery
 from app.api.web.fan_out import FanOut
 from app.api.web.problems import Problem
 from app.api.web.readers import Readers
@@ -62,7 +61,6 @@ class WebParts:
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
     setup: Setup
-    served: list[ServedBattery] = field(default_factory=list)  # every battery, the first one first
     certificate: Certificate | None = None  # of HTTPS
     fleet: Fleet | None = None  # of a page of several cars, which has no service
 
@@ -168,7 +166,6 @@ ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
 EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
 FanOutPart = Annotated[FanOut, _from_web("fan_out")]
 ReadersPart = Annotated[Readers, _from_web("readers")]
-ServedPart = Annotated[list[ServedBattery], _from_web("served")]
 SetupPart = Annotated[Setup, _from_web("setup")]
 SimulatorPart = Annotated[SimulatorProcess, Depends(_simulator)]
 UserDep = Annotated[User, Depends(_user)]

@@ -124,25 +124,24 @@ def _singular(word: str) -> str:
     return f"{word[:-2]}" if word.endswith("xes") else f"{word[:-3]}y" if word.endswith("ies") else word[:-1]
 
 
-def install(app: FastAPI, path: str = "/") -> None:
+def install(app: FastAPI) -> None:
     """Complete the OpenAPI document: names of operations, who may come in, examples, media type of problems.
 
     Args:
         app: has its routes by the time at which the document is asked for.
-        path: below which it is served.
     """
     plain = app.openapi
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _completed(plain(), path)
+            app.openapi_schema = _completed(plain())
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]
 
 
-def _completed(document: dict[str, Any], path: str) -> dict[str, Any]:
-    document["servers"] = [{"url": path, "description": "the service that gives this document"}]
+def _completed(document: dict[str, Any]) -> dict[str, Any]:
+    document["servers"] = [{"url": "/", "description": "the service that gives this document"}]
     document["components"]["securitySchemes"] = SECURITY
     _add_examples(document)
     document["security"] = [{}, *({name: []} for name in SECURITY)]  # {}: on loopback without a password
@@ -169,12 +168,11 @@ def _add_examples(document: dict[str, Any]) -> None:
         schemas[name]["examples"] = [example]
 
 
-def asyncapi(openapi: dict[str, Any], path: str = "/") -> dict[str, Any]:
+def asyncapi(openapi: dict[str, Any]) -> dict[str, Any]:
     """Return the AsyncAPI document of the live stream; a message is the snapshot of the OpenAPI document.
 
     Args:
         openapi: describes the routes of the same application.
-        path: below which it is served.
     """
     schemes = {name: dict(scheme) for name, scheme in SECURITY.items()}
     schemes["cookie"]["type"] = "httpApiKey"
@@ -190,7 +188,7 @@ def asyncapi(openapi: dict[str, Any], path: str = "/") -> dict[str, Any]:
         "servers": {
             "service": {
                 "host": "127.0.0.1:8000",
-                "pathname": path.rstrip("/") + PREFIX,
+                "pathname": PREFIX,
                 "protocol": "ws",
                 "description": "wss where the service has a certificate",
                 "security": [{"$ref": f"#/components/securitySchemes/{name}"} for name in schemes],

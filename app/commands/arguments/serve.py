@@ -15,8 +15,7 @@ SECRETS = (
 METAVARS = {
     "serial": "URL",
     "can": "INTERFACE:CHANNEL",
-    "battery": "FILE|NAME[@BUS]",
-    "also": "BATTERY@BUS[,...]",
+    "battery": "FILE|NAME",
     "data": "DIR",
     "cell": "CELL.toml",
     "tls_cert": "FILE",
@@ -44,7 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             choices = ("oldest", "newest")
         metavar = METAVARS.get(name)
         if name == "battery":
-            text += "; given again: a battery beside the first, as with --also"
             parser.add_argument(flag, action="append", default=None, help=text, metavar=metavar)
             continue
         parser.add_argument(flag, default=None, help=text, choices=choices, metavar=None if choices else metavar)

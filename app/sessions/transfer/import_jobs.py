@@ -21,7 +21,7 @@ from app.sources.recordings.preview import Preview, preview
 from app.sources.recordings.profile import ImportProfile, ProfileStore
 from app.sources.recordings.table import read_table
 from app.telemetry import Severity
-from app.words import Message, Text, named_as_here
+from app.words import Message, Text
 
 MAX_UPLOADS = 8  # the oldest one gives way
 _UNSAFE = re.compile(r"[^A-Za-z0-9._ -]+")
@@ -193,7 +193,7 @@ class ImportJobs:
                 raise ImportFailed(str(number), Message("no-such-upload"))
             state = self.state = ImportState(upload.filename)
         arguments = (upload, profile, None if bus is None else bus.path, loaded, name)
-        threading.Thread(target=named_as_here(self._run), args=arguments, name="import", daemon=True).start()
+        threading.Thread(target=self._run, args=arguments, name="import", daemon=True).start()
         return state
 
     def _load(self, name: str | None, uploads: Sequence[int]) -> LoadedBattery | None:

@@ -1904,14 +1904,6 @@ export interface SeasonWithout {
   has_capacity: boolean;
 }
 
-/** A battery that the service reads. */
-export interface Served {
-  name: string;
-  path: string;
-  voltage_age_s: number | null;
-  worst: 'trip' | 'warning' | 'watch' | null;
-}
-
 /** Two sessions side by side; `cells` changed the most in resistance, `unlike`: what of then differs. */
 export interface SessionComparison {
   a: ComparedSession;

@@ -1,10 +1,9 @@
 // The REST client: every failure is a Problem that says what happened and which field it concerns.
 
 import type { Words } from '../generated/api';
-import { ROOT } from './root';
 import { t, messageText } from '../words/words.svelte';
 
-const BASE = `${ROOT}api/v1`;
+const BASE = '/api/v1';
 
 export interface FieldError {
   field: string;

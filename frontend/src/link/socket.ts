@@ -4,7 +4,6 @@
 // snapshots are asked for too, several on their way at once.
 
 import { get } from './rest';
-import { rootOf } from './root';
 import type { Snapshot } from './types';
 
 export type Connection = 'connecting' | 'open' | 'lost' | 'refused';
@@ -186,8 +185,7 @@ export class LiveSocket {
   }
 }
 
-/** The stream's address for the page's own origin, and its battery. */
-export function liveUrl(place: { protocol: string; host: string; pathname?: string }): string {
-  const root = rootOf(place.pathname ?? '/');
-  return `${place.protocol === 'https:' ? 'wss' : 'ws'}://${place.host}${root}api/v1/live`;
+/** The stream's address for the page's own origin. */
+export function liveUrl(place: { protocol: string; host: string }): string {
+  return `${place.protocol === 'https:' ? 'wss' : 'ws'}://${place.host}/api/v1/live`;
 }

@@ -3,12 +3,11 @@
 
 import { get, Problem } from '../link/rest';
 import type { Battery } from '../link/types';
-import { ROOT } from '../link/root';
 import { Shape } from './shape';
 import { shapes } from './shapes.svelte';
 
 const AGAIN_MS = 1000;
-const KEY = ROOT === '/' ? 'voltwall.battery' : `voltwall.battery.${ROOT}`; // the last one that was told: pages without the service are drawn for it, with no value
+const KEY = 'voltwall.battery'; // the last one that was told: pages without the service are drawn for it, with no value
 
 class CurrentBattery {
   now = $state.raw<Battery | null>(null); // null until the service has told

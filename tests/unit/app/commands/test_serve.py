@@ -12,27 +12,18 @@ def settings(tmp_path, *words):
 
 
 @pytest.mark.parametrize(
-    ("words", "battery", "can", "also"),
+    ("words", "battery", "can"),
     [
-        ("", "team", None, None),
-        ("--battery 2x6", "2x6", None, None),
-        ("--battery front@slcan:A", "front", "slcan:A", None),
-        ("--battery front@slcan:A --battery rear@slcan:B", "front", "slcan:A", "rear@slcan:B"),
-        ("--battery front --can slcan:A --battery rear --battery top@slcan:C", "front", "slcan:A", "rear,top@slcan:C"),
-        ("--battery front --battery rear --also top@slcan:C", "front", None, "rear,top@slcan:C"),
-        ("--also top@slcan:C", "team", None, "top@slcan:C"),
+        ("", "team", None),
+        ("--battery 2x6", "2x6", None),
+        ("--battery front --can slcan:A", "front", "slcan:A"),
     ],
 )
-def test_each_further_battery_stands_beside_the_first(words, battery, can, also, tmp_path):
+def test_a_service_has_one_battery(words, battery, can, tmp_path):
     found = settings(tmp_path, *words.split())
-    assert (found.battery, found.can, found.also) == (battery, can, also)
+    assert (found.battery, found.can) == (battery, can)
 
 
-def test_a_bus_that_is_named_twice_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"can = slcan:B: not given beside --battery front@slcan:A"):
-        settings(tmp_path, "--battery", "front@slcan:A", "--can", "slcan:B")
-
-
-def test_a_battery_without_its_bus_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"can = : .*1 character"):
-        settings(tmp_path, "--battery", "front@")
+def test_a_second_battery_is_refused_with_what_to_do_instead(tmp_path):
+    with pytest.raises(ConfigError, match=r"battery = front, rear: one battery a service; .* --port .* --data"):
+        settings(tmp_path, "--battery", "front", "--battery", "rear")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.battery.battery import Battery
-from app.words import Cell, Message, message_from_json, name_cells_by, named_as_here, naming_cells, render
+from app.words import Cell, Message, message_from_json, name_cells_by, naming_cells, render
 from app.words.places import TEAM, place_of
 
 SEGMENTS = st.lists(st.integers(1, 30), min_size=1, max_size=20)
@@ -55,13 +55,3 @@ def test_the_battery_of_the_process_holds_in_all_threads() -> None:
         assert found == [Cell(3, 2, 2)]
     finally:
         name_cells_by(TEAM)
-
-
-def test_a_thread_names_cells_as_where_its_work_was_handed_over() -> None:
-    found: list[Cell] = []
-    with naming_cells((5, 5)):
-        thread = threading.Thread(target=named_as_here(lambda: found.append(Cell(7))))
-    thread.start()
-    thread.join()
-    assert (found[0].pack, found[0].cell) == (2, 3)
-    assert place_of(7) == (1, 8)

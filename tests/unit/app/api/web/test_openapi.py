@@ -41,7 +41,6 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         ("get", "/api/v1/sessions/{session_id}", "get_session"),
         ("get", "/api/v1/sessions/{session_id}/series", "get_session_series"),
         ("post", "/api/v1/sessions/{session_id}/stop", "stop_session"),
-        ("get", "/api/v1/batteries", "list_batteries"),
         ("get", "/api/v1/blackboxes/{box_id}", "get_blackbox"),
         ("put", "/api/v1/config", "set_config"),
         ("put", "/api/v1/race-plan", "set_race_plan"),
