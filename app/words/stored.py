@@ -2,17 +2,26 @@
 
 import json
 
-from app.words.message import Message, Text, message_from_json
-from app.words.render import render
+from app.words.message import Argument, Message, Text, message_from_json
+from app.words.render import render, table
 
 
 def message_or_text(text: str, stored: str | None) -> Text:
-    """Return the stored message; its English text alone where an earlier version, or nobody of us, wrote it."""
+    """Return the stored message; its English text alone where another version, or nobody of us, wrote it."""
     if stored is None:
         return text
     try:
         message: Message = message_from_json(json.loads(stored))
         render(message)
+        return message if _has_template(message) else text
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
         return text
-    return message
+
+
+def _has_template(argument: Argument) -> bool:
+    match argument:
+        case Message():
+            return argument.code in table("en") and all(map(_has_template, argument.args.values()))
+        case tuple():
+            return all(map(_has_template, argument))
+    return True
