@@ -111,8 +111,6 @@ How a cell is found, for each way in which batteries number them:
 PROFILE_NOTES = {
     "battery.limits": "At which the battery's own protection acts. Numbers, or signals that carry them.",
     "battery.rules": "What the competition allows, to stand beside the limits.",
-    "witness": "Another source of the same battery, compared with it, never mixed into it. It also has"
-    " `dbc` and the tables of `[source]`: `[witness.current]`, `[[witness.voltage]]` ... There may be several.",
     "source.voltage": "Index = `first` + start of the segment + (group - base) * `group_cells` + (cell - base)."
     " What is not told counts as its base. There may be several.",
     "source.temperature": "As voltages; numbers count temperature sensors.",

@@ -102,10 +102,6 @@ TABLES: dict[str, tuple[Field, ...]] = {
         Field("period_s", "number", "between two measurements that are made of what was heard", "0.1", "s", 0.001, 60),
         Field("bit_rate", "count", "of the bus: what its load is a share of", "by the bus named with `?bitrate=`", "bit/s", 5_000, 8_000_000),  # noqa: E501
     ),
-    "witness": (
-        Field("name", "text", "what it is called on the pages", ""),
-        Field("bus", "count", "which of the buses that `--can` names it speaks on; 0: that of the battery", "0", low=0, high=3),  # noqa: E501
-    ),
     "source.voltage": _cell_fields(tuple(VOLTAGE_UNITS), "V"),
     "source.temperature": _cell_fields(tuple(TEMPERATURE_UNITS), "degC"),
     "source.balancing": _cell_fields((), ""),
@@ -117,10 +113,4 @@ TABLES: dict[str, tuple[Field, ...]] = {
     "source.charger_current": _reading(tuple(CURRENT_UNITS), _POSITIVE),
     **{f"source.state.{name}": _STATE for name in ("closed", "precharge", "fault", "charging", "balancing")},
 }  # fmt: skip
-MANY = (
-    "witness",
-    "source.voltage",
-    "source.temperature",
-    "source.balancing",
-    "source.resistance",
-)  # written [[source.voltage]]
+MANY = ("source.voltage", "source.temperature", "source.balancing", "source.resistance")  # written [[source.voltage]]

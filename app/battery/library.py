@@ -2,13 +2,13 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from app.battery.by_shape import files_of_shape
-from app.battery.profile import Document, Profile, read_document, understand
+from app.battery.profile import WITHDRAWN, Document, Profile, read_document, refuse_withdrawn, understand
 from app.battery.table_reader import ProfileError
 from app.words import Message
 
@@ -77,8 +77,10 @@ def profile_files(name: str, *, own_folder: bool = False) -> dict[str, bytes]:
             raise ProfileError(included_by or name, None, "include", name, Message("includes-itself"))
         text, inner, file = _read(name, folder, included_by)
         keep(included_by or file, name if included_by else file, text.encode())
-        values = read_document(text, file, lambda _: Document("", {}, {})).values
-        dbcs = dict.fromkeys(name for table in _speakers(values) for name in _texts(table, "dbc"))
+        document = read_document(text, file, lambda _: Document("", {}, {}))
+        refuse_withdrawn(document)
+        values = document.values
+        dbcs = dict.fromkeys(_texts(values.get("source"), "dbc"))
         cell = values.get("battery", {}).get("cell", "") if isinstance(values.get("battery"), dict) else ""
         for each in (*dbcs, *_texts(values, "include"), str(cell)):
             if own_folder and Path(each).name != each:
@@ -110,7 +112,9 @@ def profile_of(files: Mapping[str, bytes]) -> Profile:
         return read_document(files[name].decode("utf-8", "replace"), name, lambda inner: document(inner, depth + 1))
 
     own = next(iter(files))
-    return understand(document(own, 0))
+    found = document(own, 0)
+    values = {name: value for name, value in found.values.items() if name != WITHDRAWN}  # of an old session
+    return understand(replace(found, values=values))
 
 
 def _texts(table: Any, name: str) -> list[str]:
@@ -135,17 +139,11 @@ def _document(text: str, file: str, folder: Path, depth: int) -> Document:
         return _document(*_inner(name, folder, file), depth + 1)
 
     document = read_document(text, file, include)
-    for source in _speakers(document.values):
-        if isinstance(source, dict) and isinstance(source.get("dbc"), str | list):
-            named = source["dbc"] if isinstance(source["dbc"], list) else [source["dbc"]]
-            source["dbc"] = [str(_found(folder, each)) if isinstance(each, str) else each for each in named]
+    source = document.values.get("source")
+    if isinstance(source, dict) and isinstance(source.get("dbc"), str | list):
+        named = source["dbc"] if isinstance(source["dbc"], list) else [source["dbc"]]
+        source["dbc"] = [str(_found(folder, each)) if isinstance(each, str) else each for each in named]
     return document
-
-
-def _speakers(values: Mapping[str, Any]) -> list[Any]:
-    """The tables that name DBCs: of the battery, and of its witnesses."""
-    witnesses = values.get("witness", [])
-    return [values.get("source", {}), *(witnesses if isinstance(witnesses, list) else ())]
 
 
 def _inner(name: str, folder: Path, file: str) -> tuple[str, str, Path]:

@@ -15,16 +15,16 @@ from app.battery.source import (
     SpeaksDbc,
     SpeaksMaster,
     StateSignal,
-    WitnessSource,
 )
 from app.battery.table_reader import ProfileError, TableReader
-from app.battery.toml_lines import lines_of_keys
+from app.battery.toml_lines import line_of, lines_of_keys
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.estimation.toml_text import TomlError, read_toml
 from app.words import Message
 
 _READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 Include = Callable[[str], "Document"]
+WITHDRAWN = "witness"  # table of another source of the same battery
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,6 @@ class Profile:
     file: str
     battery: Battery
     source: Source
-    witnesses: tuple[WitnessSource, ...] = ()
 
 
 def read_document(text: str, file: str, include: Include) -> Document:
@@ -86,9 +85,21 @@ def understand(document: Document) -> Profile:
     Raises:
         ProfileError: a field is missing, unknown, of the wrong kind or beyond its bounds.
     """
-    _table(document, "").check_names(("battery", "source", "witness"))
+    refuse_withdrawn(document)
+    _table(document, "").check_names(("battery", "source"))
     _table(document, "battery").check_names(("drawing", "temperatures", "limits", "rules"))
-    return Profile(document.file, _battery(document), _source(document), _witnesses(document))
+    return Profile(document.file, _battery(document), _source(document))
+
+
+def refuse_withdrawn(document: Document) -> None:
+    """Refuse a profile with a table of an earlier version that would now be left out without a word.
+
+    Raises:
+        ProfileError: it has a `[[witness]]`.
+    """
+    if WITHDRAWN in document.values:
+        line = line_of(document.lines, f"{WITHDRAWN}[0]")
+        raise ProfileError(document.file, line, WITHDRAWN, "[[witness]]", Message("witness-withdrawn"))
 
 
 def _table(document: Document, path: str, index: int | None = None) -> TableReader:
@@ -186,32 +197,6 @@ def _source(document: Document) -> Source:
         bit_rate=table.count("bit_rate", 0) or None,
         **readings,
     )
-
-
-def _witnesses(document: Document) -> tuple[WitnessSource, ...]:
-    """A witness is a source of its own: its table is read as `[source]` is, its errors name `witness[0]`."""
-    given = document.values.get("witness", [])
-    if not isinstance(given, list) or not all(isinstance(each, Mapping) for each in given):
-        raise _table(document, "").error("witness", str(given)[:60], Message("kind-tables", name="witness"))
-    found: list[WitnessSource] = []
-    for i, each in enumerate(given):
-        own, path = {name: each[name] for name in ("name", "bus") if name in each}, f"witness[{i}]"
-        table = TableReader(document.file, path, own, TABLES["witness"], document.lines)
-        table.check_names()
-        if table.text("name") in {witness.name for witness in found}:
-            raise table.error("name", each["name"], Message("witness-same-name"))
-        values = {"source": {name: value for name, value in each.items() if name not in own}}
-        lines = {key.replace(path, "source", 1): line for key, line in document.lines.items() if key.startswith(path)}
-        try:
-            source = _source(Document(document.file, values, lines))
-        except ProfileError as error:
-            raise ProfileError(
-                document.file, error.line or table.line, error.path.replace("source", path, 1), error.value, error.limit
-            ) from error
-        if not isinstance(source, SpeaksDbc):
-            raise ProfileError(document.file, table.line, f"{path}.kind", "master", Message("witness-by-dbc"))
-        found.append(WitnessSource(table.text("name"), table.count("bus", 0), source))
-    return tuple(found)
 
 
 def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:

@@ -86,15 +86,6 @@ class SpeaksDbc:
 
 
 @dataclass(frozen=True, slots=True)
-class WitnessSource:
-    """Another source of the same battery, which is compared with it."""
-
-    name: str
-    bus: int  # of those that `--can` names, from 0: the battery's own
-    source: SpeaksDbc
-
-
-@dataclass(frozen=True, slots=True)
 class SpeaksMaster:
     """The team's own master, by its memory map."""
 

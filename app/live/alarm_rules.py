@@ -16,13 +16,6 @@ NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
 T_WATCH_DEGC = 5.0
 SUM_SLACK = 0.002  # of the limit of a voltage of many cells
-QUANTITIES = {
-    "current": Message("witness-current"),
-    "pack_voltage": Message("witness-pack-voltage"),
-    "soc": Message("witness-soc"),
-    "voltage": Message("witness-voltage"),
-    "temperature": Message("witness-temperature"),
-}
 SLAVES_AWAY = (0, 255)  # absent, at fault
 CHARGER_REPORTS = {
     "hardware": Message("charger-hardware"),
@@ -122,29 +115,11 @@ def _links(snapshot: Snapshot) -> Iterator[Condition]:
             value=None if can.errors is None else float(can.errors),
             unit="errors",
         )
-    yield from _witnesses(snapshot)
     if snapshot.disagreements:
         first = snapshot.disagreements[0]
         by_rs232 = Quantity(first.rs232, first.unit)
         disagree = Message("links-disagree", name=first.name, n=len(snapshot.disagreements), by_rs232=by_rs232)
         yield Condition("warning", disagree, value=first.can, unit=first.unit)
-
-
-def _witnesses(snapshot: Snapshot) -> Iterator[Condition]:
-    """One that fell silent, one that says something else than the battery: each is said once."""
-    heard = [each for each in snapshot.witnesses or () if each.age_s is not None]
-    silent = [each for each in heard if (each.age_s or 0.0) > BLANK_S]
-    if silent:
-        names = tuple(each.name for each in silent)
-        yield Condition(
-            "warning", Message("witness-silent", names=names), value=silent[0].age_s, limit=BLANK_S, unit="s"
-        )
-    off = [(each, reading) for each in heard for reading in each.readings if reading.verdict is False]
-    if off:
-        witness, reading = off[0]
-        ours = Quantity(reading.ours, reading.unit, 3)
-        message = Message("witness-disagrees", witness=witness.name, what=QUANTITIES[reading.quantity], ours=ours)
-        yield Condition("warning", message, reading.cell, reading.value, None, reading.unit)
 
 
 def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:

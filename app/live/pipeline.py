@@ -321,7 +321,6 @@ class Pipeline:
             disagreements=measured.disagreements,
             is_fresh=measured.is_fresh,
             live_s=measured.live_s,
-            witnesses=measured.witnesses,
             awaited=measured.awaited,
             segments=self.battery.segments,
         )

@@ -11,12 +11,10 @@ from app.estimation.filters.estimators import FILTERS, SocEstimator, make_estima
 from app.estimation.health.cell_watch import CellWatch
 from app.live.pipeline import Pipeline
 from app.live.prediction import LearnedCells, Predictor
-from app.sources.connections import buses_of
 from app.sources.dbc.source import DbcSource
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
 from app.sources.source import MeasurementSource
-from app.sources.witness import WitnessedSource
 from app.telemetry import FloatArray, Source
 from app.telemetry.cell_findings import sensors_of
 from app.words import Message
@@ -96,14 +94,10 @@ class PipelineFactory:
         )
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
-        battery, speaks, buses = self.battery, self.battery.speaks_dbc, buses_of(can_url)
-        own = buses[0] if buses else None
-        source: MeasurementSource = (
-            MasterSource(name, rs232_url, own)
-            if speaks is None
-            else DbcSource(battery.battery, speaks, battery.definitions, own, name=name)
-        )
-        return WitnessedSource(source, battery.witnesses, buses) if battery.witnesses or len(buses) > 1 else source
+        speaks = self.battery.speaks_dbc
+        if speaks is None:
+            return MasterSource(name, rs232_url, can_url)
+        return DbcSource(self.battery.battery, speaks, self.battery.definitions, can_url, name=name)
 
     def _new_estimator(self) -> SocEstimator:
         return make_estimator(self._filter_name, self.cell, self.battery.battery.n_cells)

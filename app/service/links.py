@@ -6,7 +6,6 @@ from collections.abc import Callable
 from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Output
-from app.sources.connections import buses_of
 from app.sources.items import Item
 from app.sources.links.can import CanLink
 from app.sources.links.can_sender import CanSender
@@ -36,7 +35,7 @@ class Links:
 
         Args:
             serial_url: of the RS232 link; None = not configured.
-            can_url: of the CAN link, and of those that only witnesses speak on; None = not configured.
+            can_url: of the CAN link; None = not configured.
             sink: takes what they deliver.
             clock: of the links and of the requests to the master.
             may_transmit: this is no car's bus.
@@ -44,9 +43,7 @@ class Links:
             unread_since_ns: when the oldest delivered item that nobody has worked on arrived, see `MasterClient`.
         """
         self.serial = SerialLink(serial_url, sink, clock) if serial_url else None
-        buses = [CanLink(url, sink, clock, fd=can_fd, bus=i) for i, url in enumerate(buses_of(can_url))]
-        self.can = buses[0] if buses else None
-        self._witnesses = buses[1:]
+        self.can = CanLink(can_url, sink, clock, fd=can_fd) if can_url else None
         self.can_sender = CanSender(self.send_can, clock)
         self.master = MasterClient(self._send_serial, clock, unread_since_ns=unread_since_ns)
         self._clock = clock
@@ -59,7 +56,7 @@ class Links:
         with self._lock:
             if self._is_closed:
                 return
-            for link in (self.serial, self.can, *self._witnesses):
+            for link in (self.serial, self.can):
                 if link is not None:
                     link.start()
 
@@ -69,7 +66,7 @@ class Links:
             self._is_closed = True
         self.master.close()
         self.can_sender.stop()
-        for link in (self.serial, self.can, *self._witnesses):
+        for link in (self.serial, self.can):
             if link is not None:
                 link.stop()
 
@@ -80,7 +77,7 @@ class Links:
 
     def stuck(self) -> list[Message]:
         """Return the links whose thread hangs in its driver or has ended; a silent or unplugged one is none."""
-        named = (("rs232", self.serial), *(("can", bus) for bus in (self.can, *self._witnesses)))
+        named = (("rs232", self.serial), ("can", self.can))
         beats = [(name, link.beat_ns) for name, link in named if link is not None]
         now_ns = self._clock.monotonic_ns()
         silent = [(name, (now_ns - beat_ns) / 1e9) for name, beat_ns in beats if beat_ns is not None]

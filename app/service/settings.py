@@ -33,8 +33,7 @@ class Settings(BaseSettings):
     can: str | None = Field(
         default=None,
         min_length=1,
-        description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0; "
-        "behind a comma, buses that only witnesses of the battery's profile speak on",
+        description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
     )
     battery: str = Field(
         default=TEAM_PROFILE,

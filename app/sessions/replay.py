@@ -90,8 +90,6 @@ def prepare(pipeline: Pipeline, file: SessionFile) -> None:
     started_ns, wall_ns = info.started_mono_ns, info.started_wall_ns
     for link in ("rs232", "can"):
         pipeline.feed(LinkChange(started_ns, wall_ns, link, "open", map_hash=info.map_hash))
-    for bus in {witness.bus for witness in file.loaded_battery.witnesses} - {0}:
-        pipeline.feed(LinkChange(started_ns, wall_ns, "can", "open", bus=bus))
 
 
 class ReplayPlayer:

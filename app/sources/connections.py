@@ -9,7 +9,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,6 @@ from app.battery.library import bundled_profiles
 from app.battery.shape import TEAM_PROFILE
 from app.errors import ConfigError, NotNow
 from app.sources.data_file import checked, parse_object, set_aside
-from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
 from app.sources.links.serial_url import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
@@ -58,20 +57,15 @@ class Connections:
             raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
         if self.serial is not None:
             check_url(self.serial, by_operator=by_operator)
-        for bus in buses_of(self.can):
-            parse_bus(bus, by_operator=by_operator)
+        if self.can is not None and first_bus(self.can) != self.can:
+            raise ConfigError("can", self.can, Message("one-bus"))
+        if self.can is not None:
+            parse_bus(self.can, by_operator=by_operator)
 
 
-def buses_of(urls: str | None) -> list[str]:
-    """Return the buses that `--can` names with commas between them, the battery's own first.
-
-    Raises:
-        ConfigError: there are more than frames can be told apart of.
-    """
-    found = [] if urls is None else re.split(r",(?=[a-z_0-9]+:)", urls)
-    if len(found) > MOST_BUSES:
-        raise ConfigError("can", urls, Message("most-buses", most=MOST_BUSES))
-    return found
+def first_bus(urls: str) -> str:
+    """Return the battery's own of several buses, which earlier versions named with commas between them."""
+    return re.split(r",(?=[a-z_0-9]+:)", urls)[0]
 
 
 NAMES = tuple(field.name for field in fields(Connections))
@@ -122,6 +116,7 @@ def _choice(content: bytes) -> Connections:
         TypeError, ValueError: it is none.
     """
     chosen = checked(Connections(**parse_object(content)))
+    chosen = chosen if chosen.can is None else replace(chosen, can=first_bus(chosen.can))
     if "" in (chosen.serial, chosen.can, chosen.battery):
         raise ValueError("an empty name")
     return chosen

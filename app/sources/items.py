@@ -7,9 +7,6 @@ from app.telemetry import BusState, LinkName
 from app.words import Text
 from firmware_protocol.framing import BadFrame, Frame
 
-BUS_SHIFT = 29
-MOST_BUSES = 4
-
 
 @dataclass(frozen=True, slots=True)
 class SerialItem:
@@ -23,7 +20,7 @@ class SerialItem:
 
 @dataclass(frozen=True, slots=True)
 class CanItem:
-    """A CAN data frame; bit 31 of the id marks a 29-bit one, bits 29 and 30 are the number of the bus."""
+    """A CAN data frame; bit 31 of the id marks a 29-bit one."""
 
     t_mono_ns: int
     t_wall_ns: int
@@ -41,7 +38,6 @@ class LinkChange:
     link: LinkName
     state: Literal["connecting", "open", "lost"]
     error: Text | None = None
-    bus: int = 0  # of CAN
     map_hash: str | None = None  # of a recording: which memory map it is of
 
 
@@ -55,14 +51,6 @@ class CanFault:
     errors: int | None
     tx_errors: int | None = None  # the controller's error counters, 0..255
     rx_errors: int | None = None
-    bus: int = 0
 
 
 Item = SerialItem | CanItem | CanFault | LinkChange
-
-
-def bus_of(item: Item) -> int:
-    """Return the number of the CAN bus that an item came from; 0 is the first, and the RS232 line's."""
-    if isinstance(item, CanItem):
-        return item.can_id >> BUS_SHIFT & (MOST_BUSES - 1)
-    return 0 if isinstance(item, SerialItem) else item.bus

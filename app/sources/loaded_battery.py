@@ -18,16 +18,6 @@ CLASSIC_BYTES = 8  # of a CAN frame; more is CAN FD
 
 
 @dataclass(frozen=True, slots=True)
-class LoadedWitness:
-    """Another source of the same battery, and the messages that it speaks in."""
-
-    name: str
-    bus: int
-    source: SpeaksDbc
-    definitions: Definitions
-
-
-@dataclass(frozen=True, slots=True)
 class LoadedBattery:
     """A battery, how it speaks, and the messages that it speaks in; none of a master."""
 
@@ -35,7 +25,6 @@ class LoadedBattery:
     source: Source
     definitions: Definitions
     files: Mapping[str, bytes]  # the profile first, then what it names; equal files are the same battery
-    witnesses: tuple[LoadedWitness, ...] = ()
 
     @property
     def speaks_dbc(self) -> SpeaksDbc | None:
@@ -45,8 +34,7 @@ class LoadedBattery:
     @property
     def uses_fd(self) -> bool:
         """Its messages are longer than classic CAN allows."""
-        spoken = (self.definitions, *(each.definitions for each in self.witnesses))
-        return any(message.length > CLASSIC_BYTES for each in spoken for message in each.messages)
+        return any(message.length > CLASSIC_BYTES for message in self.definitions.messages)
 
 
 def load_battery(name: str, *, own_folder: bool = False) -> LoadedBattery:
@@ -81,17 +69,12 @@ def battery_from_files(files: Mapping[str, bytes]) -> LoadedBattery:
 def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
     files = dict(items)
     profile = profile_of(files)
-
-    def definitions(source: Source) -> Definitions:
-        found = Definitions(())
-        for name in source.dbc if isinstance(source, SpeaksDbc) else ():
-            if name not in files:
-                raise ProfileError(profile.file, None, "source.dbc", name, Message("no-such-file"))
-            found = found.joined(parse_definitions(files[name], name))
-        return found
-
-    witnesses = tuple(LoadedWitness(w.name, w.bus, w.source, definitions(w.source)) for w in profile.witnesses)
-    return LoadedBattery(profile.battery, profile.source, definitions(profile.source), files, witnesses)
+    definitions = Definitions(())
+    for name in profile.source.dbc if isinstance(profile.source, SpeaksDbc) else ():
+        if name not in files:
+            raise ProfileError(profile.file, None, "source.dbc", name, Message("no-such-file"))
+        definitions = definitions.joined(parse_definitions(files[name], name))
+    return LoadedBattery(profile.battery, profile.source, definitions, files)
 
 
 @cache

@@ -34,7 +34,4 @@ def aged(snapshot: Snapshot, now_ns: int) -> Snapshot:
     cells = snapshot.cells
     if cells.voltage_age_s is not None:
         cells = replace(cells, voltage_age_s=cells.voltage_age_s + waited_s)
-    witnesses = snapshot.witnesses and tuple(
-        replace(each, age_s=older(each.age_s), link=each.link and link(each.link)) for each in snapshot.witnesses
-    )
-    return replace(snapshot, age_s=ages, links=links, cells=cells, witnesses=witnesses)
+    return replace(snapshot, age_s=ages, links=links, cells=cells)

@@ -7,7 +7,6 @@ import numpy as np
 from app.estimation.arrays import BoolArray, FloatArray
 from app.telemetry.events import Disagreement, Links
 from app.telemetry.snapshot import Ages, Charger, Master, Number, ProtectionLimits
-from app.telemetry.witness import Witness
 
 STALE_S = 1.0  # older than this, a value is not live
 BLANK_S = 10.0  # older than this, a value is not shown
@@ -58,7 +57,6 @@ class Measurement:
     is_new: BoolArray | None = None  # voltages that came since the sample before; None: all
     awaited: BoolArray | None = None  # cells that were not heard yet, and may still come; None: none
     live_s: Ages | None = None  # as long as a value of each part is live; None: STALE_S
-    witnesses: tuple[Witness, ...] | None = None  # other sources of the same battery; None: the profile has none
     voltage_age_s: FloatArray | None = None  # of each, where they come one by one; None: as `age_s.voltage`
 
     @property

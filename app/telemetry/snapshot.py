@@ -15,7 +15,6 @@ from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.cell_findings import Finding
 from app.telemetry.events import Alarm, Disagreement, Links
 from app.telemetry.fields import INTERNAL, LEFT_OUT, MESSAGE, TREND, Kept, SentAs, Unit
-from app.telemetry.witness import Witness
 from app.words import Message, Text
 
 Source = Literal["simulator", "serial", "can", "replay"]
@@ -270,6 +269,5 @@ class Snapshot:
     disagreements: Annotated[tuple[Disagreement, ...], INTERNAL] = ()  # between RS232 and CAN
     is_fresh: Annotated[bool, INTERNAL] = True  # made from new bytes, not only aged
     live_s: Annotated[Ages | None, LEFT_OUT] = None  # as long as a part counts as live, where that is not one second
-    witnesses: Annotated[tuple[Witness, ...] | None, LEFT_OUT] = None  # other sources of the same battery
     awaited: Annotated[BoolArray | None, INTERNAL] = None  # cells of the first round that may still come
     segments: Annotated[tuple[int, ...], INTERNAL] = ()  # cells of each, in the order of the packs

@@ -29,7 +29,6 @@ from app.api.web.dependencies import (
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.sessions.export.can_log import LOG_FORMATS, write_items
-from app.sources.items import BUS_SHIFT
 from app.sources.links.can import bit_rate_of
 from app.sources.links.can_sender import Outgoing
 from app.words import Message
@@ -97,11 +96,6 @@ def bus(
     """Every id: name, period measured and configured, last bytes, signals; what is configured and never received."""
     if battery.speaks_dbc is not None:
         names = {can_id: message.name for can_id, message in battery.definitions.by_id().items()}
-        for witness in battery.witnesses:
-            spoken = witness.definitions.by_id().items()
-            names |= {
-                can_id | witness.bus << BUS_SHIFT: f"{witness.name}: {message.name}" for can_id, message in spoken
-            }
         told_rate = battery.speaks_dbc.bit_rate or bit_rate_of(None if links.can is None else links.can.url)
         return bus_json(trace, None, live.snapshot, clock, names, told_rate)
     return bus_json(trace, in_force.image() or default_image(), live.snapshot, clock)

@@ -8,7 +8,7 @@ from typing import Any
 from app.clock import Clock
 from app.configuration.can_rules import wire_id
 from app.live.can_trace import CanTrace, TracedId
-from app.sources.items import CanItem, bus_of
+from app.sources.items import CanItem
 from app.sources.links.can import DEFAULT_BIT_RATE
 from app.telemetry import Snapshot
 from firmware_protocol.can_latency import Cyclic, cyclic_messages, worst_latencies_s
@@ -127,7 +127,7 @@ def bus_json(
     load = sum(
         worst_case_bits(len(known.latest.data), bool(can_id & CAN_ID_EXTENDED)) / known.period_s / rate
         for can_id, known in seen.items()
-        if known.period_s and now_ns - known.latest.t_mono_ns < RECENT_NS and bus_of(known.latest) == 0
+        if known.period_s and now_ns - known.latest.t_mono_ns < RECENT_NS
     )
     can = None if snapshot is None else snapshot.links.can
     return {

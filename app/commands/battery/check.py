@@ -2,12 +2,10 @@
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 
 from app.battery.battery import Battery
 from app.battery.library import load_part
-from app.battery.profile import Profile
 from app.battery.profile_errors import errors_of
 from app.battery.source import SpeaksDbc, SpeaksMaster
 from app.battery.table_reader import ProfileError
@@ -33,7 +31,6 @@ def check(args: argparse.Namespace) -> int:
                 print(f"{profile.file}: the team's own master; nothing of a DBC to check")
         else:
             doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
-        doubts += _of_witnesses(profile)
         if errors:  # doubts would be of what was set aside
             doubts = [doubt for doubt in doubts if doubt.is_error and not _is_known(doubt.field, errors)]
         for doubt in doubts:
@@ -79,16 +76,6 @@ def _of_dbc(battery: Battery, source: SpeaksDbc, file: str, log: Path | None) ->
         return [Doubt(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
     definitions = definitions_of(map(Path, source.dbc))
     return doubts_of(battery, source, definitions, file, None if log is None else log_frames(log))
-
-
-def _of_witnesses(profile: Profile) -> list[Doubt]:
-    """What of the witnesses cannot work; of what they leave out nothing is doubtful."""
-    found = []
-    for i, witness in enumerate(profile.witnesses):
-        for doubt in _of_dbc(replace(profile.battery, limits={}), witness.source, profile.file, None):
-            if doubt.is_error:
-                found.append(replace(doubt, field=doubt.field.replace("source", f"witness[{i}]", 1)))
-    return found
 
 
 def _of_cell(cell: str, file: str) -> list[Doubt]:

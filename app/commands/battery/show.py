@@ -48,9 +48,6 @@ def show_profile(args: argparse.Namespace) -> int:
         print("source: the team's own master, over RS232 and CAN")
     elif isinstance(source, SpeaksDbc):
         _show_source(source)
-    for witness in loaded.profile.witnesses:
-        print(f"witness {witness.name}, bus {witness.bus}:")
-        _show_source(witness.source)
     return 0
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
-from app.sources.items import BUS_SHIFT, MOST_BUSES, CanItem
+from app.sources.items import CanItem
 from app.sources.links.python_can import can
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -50,7 +50,7 @@ def write_items(
                 arbitration_id=item.can_id & ID_BITS,
                 is_extended_id=bool(item.can_id & CAN_ID_EXTENDED),
                 data=item.data,
-                channel=_channel(channel if isinstance(writer, can.CanutilsLogWriter) else 0, item.can_id),
+                channel=channel if isinstance(writer, can.CanutilsLogWriter) else 0,
                 is_rx=not item.sent,
             )
             writer.on_message_received(message)
@@ -63,9 +63,8 @@ LOG_FORMATS: dict[str, tuple[str, Callable[[Path], Writer]]] = {
 }
 
 
-def _channel(first: str | int, can_id: int) -> str | int:
+def _channel(first: str | int, bus: int) -> str | int:
     """The channel of a frame's bus; all buses of a simulated car are marked as such."""
-    bus = can_id >> BUS_SHIFT & (MOST_BUSES - 1)
     if isinstance(first, int):
         return first + bus
     return first if first != CHANNEL else f"{CHANNEL[:-1]}{bus}"
@@ -89,13 +88,13 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
         raise ConfigError("session", session.info.id, Message("with-can-frames"))
     if table.is_simulated:
         _mark_simulated(writer)
-    for number, frame in enumerate(session.can_frames(table.t_from_s, table.t_to_s), 1):
+    for number, frame in enumerate(session.can_frames(table.t_from_s, table.t_to_s, all_buses=True), 1):
         message = can.Message(
             timestamp=session.unix_s(frame.t_mono_ns),
             arbitration_id=frame.can_id & ID_BITS,
             is_extended_id=bool(frame.can_id & CAN_ID_EXTENDED),
             data=frame.data,
-            channel=_channel(channel, frame.can_id),
+            channel=_channel(channel, frame.bus),
         )
         writer.on_message_received(message)
         if number % TOLD_EVERY == 0:

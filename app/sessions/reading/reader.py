@@ -142,11 +142,15 @@ class SessionFile:
         for row in self._stored.iterate("frames", "t_mono_ns, t_wall_ns, link, raw, ok", first_ns, last_ns):
             yield RecordedFrame(row[0], row[1], row[2], row[3], bool(row[4]))
 
-    def can_frames(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[RecordedCanFrame]:
-        """Yield the CAN frames of a range, both ends included, in order."""
+    def can_frames(
+        self, t_from_s: float | None = None, t_to_s: float | None = None, *, all_buses: bool = False
+    ) -> Iterator[RecordedCanFrame]:
+        """Yield the CAN frames of a range, both ends included, in order; those of the battery's own bus, or all."""
         first_ns, last_ns = self._range_ns(t_from_s, t_to_s)
         for row in self._stored.iterate("can_frames", "t_mono_ns, t_wall_ns, can_id, data", first_ns, last_ns):
-            yield RecordedCanFrame(*row)
+            frame = RecordedCanFrame(*row)
+            if all_buses or frame.bus == 0:
+                yield frame
 
     def count_can_frames(self, t_from_s: float | None = None, t_to_s: float | None = None) -> int:
         """Return how many CAN frames are in a range, both ends included."""

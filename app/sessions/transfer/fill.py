@@ -240,11 +240,11 @@ def _can_frames(
     found: list[TableRow] = []
     shift = {each.frame.t_mono_ns: each.frame.t_mono_ns - each.source_ns for each in missing}
     for first_ns, last_ns in spans:
-        if any(session.can_frames(session.unix_s(first_ns), session.unix_s(last_ns))):
+        if any(session.can_frames(session.unix_s(first_ns), session.unix_s(last_ns), all_buses=True)):
             continue
         offset_ns = shift[first_ns]
         range_s = (source.unix_s(first_ns - offset_ns), source.unix_s(last_ns - offset_ns))
-        for frame in source.can_frames(*range_s):
+        for frame in source.can_frames(*range_s, all_buses=True):
             t_ns = frame.t_mono_ns + offset_ns
             t_wall_ns = t_ns + session.info.started_wall_ns - session.info.started_mono_ns
             found.append(_can_row(replace(frame, t_mono_ns=t_ns, t_wall_ns=t_wall_ns)))
@@ -279,7 +279,7 @@ def _write(
         old: tuple[Iterator[TableRow], ...] = (
             (("configs", (c.t_mono_ns, c.t_wall_ns, c.why, c.image)) for c in session.configs_as_recorded()),
             map(_frame_row, session.frames()),
-            map(_can_row, session.can_frames()),
+            map(_can_row, session.can_frames(all_buses=True)),
             (("estimates", row) for row in session.estimates()),
         )
         new.sort(key=_time_of)

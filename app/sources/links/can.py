@@ -8,7 +8,7 @@ from urllib.parse import parse_qsl
 
 from app.clock import Clock
 from app.errors import ConfigError, LinkLost, message_of
-from app.sources.items import BUS_SHIFT, CanFault, CanItem, Item, LinkChange
+from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.backoff import Backoff
 from app.sources.links.can_controller import ControllerWatch
 from app.sources.links.can_request import Value, check_channel, check_request
@@ -70,7 +70,7 @@ def _convert(value: str) -> Value:
 class CanLink:
     """Delivers data frames to `sink`, from its own thread."""
 
-    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock, *, fd: bool = False, bus: int = 0) -> None:
+    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock, *, fd: bool = False) -> None:
         """Prepare the bus.
 
         Args:
@@ -78,10 +78,8 @@ class CanLink:
             sink: takes what is heard.
             clock: of what is heard.
             fd: frames of CAN FD are awaited, where one flag is all that the adapter asks for.
-            bus: its number, of several.
         """
         self.url = url
-        self._number = bus
         self._arguments = parse_bus(url, by_operator=True)  # of a request it was checked before
         if fd and self._arguments["interface"] in FD_BY_A_FLAG:
             self._arguments.setdefault("fd", True)
@@ -146,7 +144,6 @@ class CanLink:
                 continue
             on_data()
             can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
-            can_id |= self._number << BUS_SHIFT
             self._sink(CanItem(self._clock.monotonic_ns(), self._clock.wall_ns(), can_id, bytes(message.data)))
 
     def send(self, can_id: int, data: bytes) -> None:
@@ -170,7 +167,7 @@ class CanLink:
     def _report_fault(self, watch: ControllerWatch) -> None:
         now_ns, wall_ns = self._clock.monotonic_ns(), self._clock.wall_ns()
         errors = watch.errors, watch.tx_errors, watch.rx_errors
-        self._sink(CanFault(now_ns, wall_ns, watch.state, *errors, bus=self._number))
+        self._sink(CanFault(now_ns, wall_ns, watch.state, *errors))
 
     def _report(self, state: str, error: Text | None = None) -> None:
-        self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "can", state, error, self._number))  # type: ignore[arg-type]
+        self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "can", state, error))  # type: ignore[arg-type]

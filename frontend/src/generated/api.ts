@@ -2105,7 +2105,6 @@ export interface Snapshot {
   findings: CellFinding[];
   config_hash: string | null;
   live_s?: Age | null;
-  witnesses?: Witness[] | null;
   recording: Recording | null;
   replay: Replay | null;
   last_event_id: number;
@@ -2347,26 +2346,6 @@ export interface WithoutModule {
   energy_high: number;
   weakest_voltage_v: number;
   limiting: number;
-}
-
-/** Another source. */
-export interface Witness {
-  name: string;
-  bus: number;
-  age_s: number | null;
-  readings: WitnessReading[];
-  link?: Link | null;
-}
-
-/** One quantity that both tell, as means of the last 2 s; of cells the one that is furthest off. */
-export interface WitnessReading {
-  quantity: 'current' | 'pack_voltage' | 'soc' | 'voltage' | 'temperature';
-  value: number | null;
-  ours: number | null;
-  limit: number | null;
-  unit: string;
-  cell: number | null;
-  verdict: boolean | null;
 }
 
 /** A code and its arguments: numbers, texts, cells, quantities with their unit, and messages within messages. */

@@ -1,6 +1,6 @@
 import pytest
 
-from app.battery.library import bundled_profiles, load_part, load_profile
+from app.battery.library import bundled_profiles, load_part, load_profile, profile_files
 from app.battery.profile import read_document, understand
 from app.battery.shape import TEAM
 from app.battery.source import SpeaksMaster
@@ -96,3 +96,14 @@ def test_a_profile_that_includes_itself_is_refused(tmp_path):
 def test_a_missing_profile_names_those_that_there_are():
     with pytest.raises(ProfileError, match="foxbms-2"):
         load_profile("nothing.toml")
+
+
+@pytest.mark.parametrize("table", ['[[witness]]\nname = "second"\n', "[witness]\n"])
+@pytest.mark.parametrize("load", [load_profile, profile_files])
+def test_a_withdrawn_table_is_refused_by_its_line_and_with_what_to_do(tmp_path, table, load):
+    (tmp_path / "base.toml").write_text(f'include = ["foxbms-2"]\n{table}')
+    with pytest.raises(ProfileError, match=r"base\.toml:2: witness = .*withdrawn: .*second service"):
+        load(str(tmp_path / "base.toml"))
+    (tmp_path / "mine.toml").write_text('include = ["base.toml"]\n')
+    with pytest.raises(ProfileError, match=r"witness = .*withdrawn"):
+        load(str(tmp_path / "mine.toml"))

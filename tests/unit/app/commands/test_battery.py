@@ -123,18 +123,16 @@ def test_nothing_to_learn_from_is_an_error(capsys):
     assert "--dbc" in capsys.readouterr().err
 
 
-WITNESS = '[[witness]]\nname = "second"\nbus = 1\ndbc = "ivt-s.dbc"\n[witness.current]\nsignal = "{signal}"\n'
-
-
-@pytest.mark.parametrize(("signal", "code"), [("IVT_Result_I.IVT_Current", 0), ("Nothing", 2)])
-def test_a_witness_is_checked_and_shown_by_its_own_field(signal, code, tmp_path, capsys):
+def test_a_withdrawn_table_is_an_error_of_its_line_among_the_others(tmp_path, capsys):
     profile = tmp_path / "mine.toml"
-    profile.write_text('include = ["foxbms-2"]\n' + WITNESS.format(signal=signal))
-    assert main(["battery", "check", str(profile)]) == code
-    line = "mine.toml:6: error: witness[0].current.signal: no signal Nothing in the DBC"
-    assert (line in capsys.readouterr().out) == bool(code)
-    assert main(["battery", "show", str(profile)]) == 0
-    assert "witness second, bus 1:\nsource: CAN by " in capsys.readouterr().out
+    witness = '[[witness]]\nname = "second"\ndbc = "ivt-s.dbc"\n'
+    profile.write_text(f'include = ["foxbms-2"]\n{witness}[battery]\nparalel = 2\n')
+    assert main(["battery", "check", str(profile)]) == 2
+    found = capsys.readouterr().out
+    assert "mine.toml:2: error: witness = [[witness]]: withdrawn" in found
+    assert "mine.toml:6: error: battery.paralel" in found
+    assert main(["battery", "show", str(profile)]) == 2
+    assert "mine.toml:2: witness" in capsys.readouterr().err
 
 
 def test_a_battery_is_sized_from_a_cell_file_and_a_layout(capsys):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import ConfigError, NotNow
-from app.sources.connections import FILE, Connections, Setup, buses_of, load_connections, save_connections
+from app.sources.connections import FILE, Connections, Setup, load_connections, save_connections
 
 ORION = Connections(can="socketcan:can0", battery="orion-bms-2")
 PROFILE = b"""
@@ -109,28 +109,18 @@ def test_an_upload_that_is_no_battery_is_refused_and_not_kept(tmp_path, files):
     assert not list(tmp_path.rglob("*.toml"))
 
 
-@pytest.mark.parametrize(
-    ("urls", "expected"),
-    [
-        (None, []),
-        ("socketcan:can0", ["socketcan:can0"]),
-        ("socketcan:can0,socketcan:can1", ["socketcan:can0", "socketcan:can1"]),
-        ("vector:0,1,slcan:/dev/ttyACM0?bitrate=250000", ["vector:0,1", "slcan:/dev/ttyACM0?bitrate=250000"]),
-        ("slcan:socket://a:1?timeout=0.05,pcan:PCAN_USBBUS1", ["slcan:socket://a:1?timeout=0.05", "pcan:PCAN_USBBUS1"]),
-    ],
-)
-def test_buses_stand_behind_commas_and_a_channel_may_hold_one(urls, expected):
-    assert buses_of(urls) == expected
+@pytest.mark.parametrize("others", ["socketcan:can1", "slcan:/dev/ttyACM0?bitrate=250000,pcan:PCAN_USBBUS1"])
+def test_a_battery_has_one_bus(others):
+    with pytest.raises(ConfigError, match="one bus"):
+        Connections(can=f"socketcan:can0,{others}", battery="orion-bms-2").check(by_operator=True)
 
 
-def test_more_buses_than_frames_can_be_told_apart_of_are_refused():
-    with pytest.raises(ConfigError, match="at most 4 buses"):
-        buses_of(",".join(f"virtual:{i}" for i in range(5)))
-
-
-def test_every_bus_has_to_be_one():
-    with pytest.raises(ConfigError, match="nothing"):
-        Connections(can="virtual:a,nothing:b", battery="orion-bms-2").check()
+@pytest.mark.parametrize("first", ["socketcan:can0", "vector:0,1", "slcan:socket://a:1?timeout=0.05"])
+def test_a_channel_may_hold_a_comma_and_of_several_buses_kept_before_the_batterys_own_is_read(tmp_path, first):
+    own = Connections(can=first, battery="orion-bms-2")
+    own.check(by_operator=True)
+    save_connections(tmp_path, Connections(can=f"{first},socketcan:can1", battery="orion-bms-2"))
+    assert load_connections(tmp_path) == own
 
 
 def test_a_kept_choice_may_leave_links_out_but_has_a_battery(tmp_path):

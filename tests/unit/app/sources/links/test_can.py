@@ -9,7 +9,7 @@ import pytest
 
 from app.clock import Clock
 from app.errors import LinkLost
-from app.sources.items import CanFault, CanItem, LinkChange, bus_of
+from app.sources.items import CanFault, CanItem, LinkChange
 from app.sources.links.can import CanLink, bit_rate_of
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
@@ -77,21 +77,6 @@ def test_an_adapter_is_opened_for_can_fd_where_one_flag_does_it_and_nobody_said_
     link.start()
     assert asked.get(timeout=5).get("fd") == opened
     link.stop()
-
-
-def test_frames_and_news_of_a_further_bus_carry_its_number():
-    channel = uuid.uuid4().hex
-    items: queue.Queue = queue.Queue()
-    link = CanLink(f"virtual:{channel}", items.put, Clock(), bus=2)
-    with can.Bus(interface="virtual", channel=channel) as node:
-        link.start()
-        while not (isinstance(item := items.get(timeout=5), LinkChange) and item.state == "open"):
-            assert item.bus == 2
-        node.send(can.Message(arbitration_id=0x521, is_extended_id=False, data=b"\x01"))
-        while not isinstance(item := items.get(timeout=5), CanItem):
-            assert bus_of(item) == 2
-        link.stop()
-    assert (item.can_id & 0x1FFFFFFF, bus_of(item)) == (0x521, 2)
 
 
 @pytest.mark.parametrize(
