@@ -21,7 +21,7 @@ COMMANDS = {
     "accounts": "people and programs that may come in: add, remove, make and revoke tokens; what they did",
     "evidence": "measure how fast the master opens the shutdown circuit, as a document for the scrutineers",
     "battery": "batteries other than the team's own: profiles, what one means, what is doubtful, learn one from a bus",
-    "season": "many sessions together: a lake of Parquet files, SQL over it, trends, ageing, packs, estimate again",
+    "season": "many sessions together: a lake of Parquet files, SQL over it, trends, estimate again",
     "export": "write a session's signals as CSV, Parquet and other formats",
     "config": "read, write, store, roll back the master's configuration through a running service; profiles",
     "dbc": "write the CAN tables as a DBC file",

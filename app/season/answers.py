@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from app import __version__
 from app.season.cells.compare import CarComparison, compare
 from app.season.cells.history import CellHistory, SeasonSource
-from app.season.matching.places import WithoutModule, without
-from app.season.modules import modules_of
 from app.season.overview import SeasonOverview, overview_of
 from app.season.report import SeasonCellCurves, curves_of, season_document, season_report
 from app.sessions.info import SessionInfo
@@ -18,15 +15,6 @@ from app.sessions.worker import Limits
 from app.words import naming_cells
 
 LIMITS: Final = Limits(120)
-
-
-@dataclass(frozen=True)
-class SeasonWithout:
-    """The accumulator of a car without some modules; `has_capacity`: their capacities were measured."""
-
-    car: str
-    without: WithoutModule
-    has_capacity: bool
 
 
 def overviews_at(source: SeasonSource, chosen: set[str], car: str) -> tuple[dict[str, str], list[SeasonOverview]]:
@@ -62,23 +50,6 @@ def comparison_at(source: SeasonSource, a: set[str], b: set[str], car: str) -> l
     """
     with naming_cells(source.battery.segments):
         return compare(source.histories(car), a, b)
-
-
-def without_at(source: SeasonSource, removed: list[int], current_a: float, car: str) -> list[SeasonWithout]:
-    """Return the accumulator of each car without some modules; cars of which nothing was measured are left out.
-
-    Raises:
-        ConfigError: nothing was measured of any module, or there is no such car.
-    """
-    with naming_cells(source.battery.segments):
-        return [
-            SeasonWithout(
-                name,
-                without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, current_a),
-                modules.has_capacity,
-            )
-            for name, modules in modules_of(source.histories(car)).items()
-        ]
 
 
 def report_at(source: SeasonSource, infos: list[SessionInfo], car: str, made_s: float, language: str) -> str:

@@ -1,4 +1,4 @@
-"""The page of a season: two cars with one battery are kept apart, groups are compared, a module is left out."""
+"""The page of a season: two cars with one battery are kept apart, groups are compared."""
 
 import re
 
@@ -83,14 +83,3 @@ def test_two_halves_of_a_season_are_compared_car_by_car(page_of, open_page):
     page.get_by_role("button", name="Compare", exact=True).click()
     expect(page.get_by_role("heading", name="A: e-25-simulated, B: e-26-simulated")).to_be_visible()
     expect(rows).to_have_count(1)
-
-
-def test_the_accumulator_without_its_weakest_module_sags_less(page_of, open_page):
-    page = open_page(page_of("?car=e-25-simulated"))
-    page.get_by_test_id("season-without").select_option(label=SIXTH)
-    told = page.get_by_test_id("season-without-says")
-    expect(told).to_contain_text("Capacity")
-    at_150_a = re.compile(r"at 150 A: \+?(\d+) mV")
-    assert int(at_150_a.search(told.inner_text())[1]) == pytest.approx(150e3 * (WEAK_OHM - OHM), rel=0.1)
-    page.get_by_test_id("season-without").select_option(label="pack 1, cell 1")
-    expect(told).to_contain_text(re.compile(r"at 150 A: \+?0 mV"))

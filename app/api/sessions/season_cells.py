@@ -21,12 +21,10 @@ from app.api.web.request_body import Body
 from app.battery.fields import MOST_CELLS
 from app.season.answers import (
     LIMITS,
-    SeasonWithout,
     comparison_at,
     curves_at,
     overviews_at,
     report_at,
-    without_at,
 )
 from app.season.cells.compare import CarComparison
 from app.season.estimates.changes import EstimateChange, changes
@@ -150,24 +148,6 @@ def season_compare(
     first = _ids(_chosen(catalogue, a))
     second = _ids(_chosen(catalogue, b)) - first
     return workers.run(LIMITS, comparison_at, source, first, second, car)
-
-
-@router.get("/without")
-def season_without(
-    source: SeasonSourcePart,
-    workers: WorkersPart,
-    cells: Annotated[
-        str, Query(max_length=400, pattern=r"^\d{1,4}(,\d{1,4})*$", description="indices from 0, as 30,31")
-    ],
-    current_a: Annotated[float, Query(ge=0, le=10_000)] = 150.0,
-    car: Car = "",
-) -> list[SeasonWithout]:
-    """What the accumulator of each car would be without some modules."""
-    removed = sorted({int(part) for part in cells.split(",")})
-    n_cells = source.battery.n_cells
-    if removed[-1] >= n_cells or len(removed) >= n_cells:
-        raise invalid("cells", cells, f"some of 0..{n_cells - 1}, not all")
-    return workers.run(LIMITS, without_at, source, removed, current_a, car)
 
 
 @router.get("/changes")

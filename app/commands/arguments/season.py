@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the actions."""
     add_data_argument(parser)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for add in (_add_build, _add_query, _add_report, _add_estimate, _add_match, _add_simulate):
+    for add in (_add_build, _add_query, _add_report, _add_estimate, _add_simulate):
         add(actions)
 
 
@@ -124,36 +124,6 @@ def _add_estimate(actions: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--again", action="store_true", help="also sessions of which there is a result already")
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.set_defaults(do=Work("season.estimate.estimate"))
-
-
-def _add_match(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the actions."""
-    match = new_action(
-        actions,
-        "match",
-        "which cells in parallel, from a table of measured cells; which module where",
-        "season.match.match_cells",
-    )
-    match.add_argument(
-        "table", type=Path, nargs="?", metavar="CELLS.csv",
-        help="columns cell,capacity_ah,resistance_ohm; without it the modules of the season are placed",
-    )  # fmt: skip
-    match.add_argument("--parallel", type=int, default=10, metavar="N", help="cells of a group (default: %(default)s)")
-    match.add_argument(
-        "--rise",
-        type=float,
-        default=15.0,
-        metavar="K",
-        help="by which a mean module heats itself (default: %(default)s)",
-    )
-    match.add_argument("--out", type=Path, metavar="FILE", help="write which cell goes where, as CSV")
-    less = new_action(
-        actions, "without", "what the accumulator would be without some modules", "season.match.without_modules"
-    )
-    less.add_argument("cells", metavar="CELLS", help="pack/cell, as 3/7,3/8")
-    less.add_argument("--current", type=float, default=150.0, metavar="A", help="default: %(default)s")
-    for action in (match, less):
-        _add_season_arguments(action)
 
 
 def _add_simulate(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

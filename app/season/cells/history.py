@@ -49,7 +49,6 @@ class CellHistory:
         nominal_ah: of a new cell.
         is_present: where the module of today was in its place.
         is_absolute: whether resistances of different sessions compare.
-        resistance_ohm: of a median cell, measured with its joint; NaN where nobody knows.
         car: whose sessions they are, as the lake names it.
     """
 
@@ -68,7 +67,6 @@ class CellHistory:
     nominal_ah: float
     is_present: BoolArray
     is_absolute: bool
-    resistance_ohm: float = float("nan")
     car: str = ""
 
     @property
@@ -199,7 +197,6 @@ def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
         source.cell.capacity_ah,
         is_present,
         is_absolute,
-        float(np.nanmedian(ohm)) if np.isfinite(ohm).any() else float("nan"),
         car,
     )
 

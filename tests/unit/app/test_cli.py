@@ -103,8 +103,6 @@ def test_every_command_and_action_names_work_that_there_is():
         ("firmware --cell FOLDER", "cell = FOLDER: cannot be read (Is a directory); bundled cells: "),
         ("estimate FILE --cell missing", "missing: cannot be read (No such file or directory); bundled cells: "),
         ("estimate missing --cell samsung-25r-10p", "missing: cannot be read: No such file or directory"),
-        ("season match missing", "CELLS.csv = missing: No such file or directory"),
-        ("season match FOLDER", "CELLS.csv = FOLDER: Is a directory"),
         ("sessions import FILE", "FILE: the file is empty"),
         ("sessions check FILE", "FILE: empty"),
         ("dbc --out FOLDER", "out = FOLDER: Is a directory"),

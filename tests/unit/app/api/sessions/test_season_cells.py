@@ -67,15 +67,10 @@ def test_tags_are_set_found_and_refused(season):
     assert [(each["sessions_a"], each["sessions_b"]) for each in compared] == [(6, 0)]
 
 
-def test_a_cell_a_string_without_it_and_what_changed(season):
+def test_a_cell_has_its_curves(season):
     (curves,) = season.get("/api/v1/season/cells/30").json()
     assert len(curves["resistance"]["measured"]) == 6
     assert curves["resistance"]["low"][-1] < curves["resistance"]["high"][-1]
-    (less,) = season.get("/api/v1/season/without", params={"cells": "30"}).json()
-    assert less["without"]["removed"] == [30]
-    assert less["without"]["weakest_voltage_v"] > 0.0
-    for bad in ("96", "x", "", "0," * 50):
-        assert season.get("/api/v1/season/without", params={"cells": bad}).status_code == 422
     assert season.get("/api/v1/season/cells/96").status_code == 422
 
 
@@ -95,7 +90,6 @@ def test_a_season_without_sessions_is_empty(client):
     assert (told["sessions"], told["overviews"], told["cars"]) == ([], [], [])
     assert client.get("/api/v1/season/compare").json() == []
     assert client.get("/api/v1/season/changes").json()["changes"] == []
-    assert client.get("/api/v1/season/without", params={"cells": "3"}).status_code == 422
     assert client.get("/api/v1/season/cells/3").json() == []
 
 
@@ -128,9 +122,6 @@ def test_two_cars_are_told_apart_everywhere(two_cars):
     assert [each["car"] for each in told["sessions"]] == ["e-25", "e-26"] * 3
     curves = two_cars.get("/api/v1/season/cells/30").json()
     assert [(each["car"], len(each["resistance"]["measured"])) for each in curves] == [("e-25", 3), ("e-26", 3)]
-    less = two_cars.get("/api/v1/season/without", params={"cells": "30"}).json()
-    assert [each["car"] for each in less] == ["e-25", "e-26"]
-    assert less[1]["without"]["weakest_voltage_v"] > less[0]["without"]["weakest_voltage_v"]
     compared = two_cars.get("/api/v1/season/compare", params={"a": "car:25", "b": "car:26"}).json()
     assert [(each["car_a"], each["car_b"], each["cells"]) for each in compared] == [("e-25", "e-26", [])]
     halves = two_cars.get("/api/v1/season/compare", params={"a": "before:2026-09-24", "b": ""}).json()
@@ -147,7 +138,7 @@ def test_one_car_is_chosen_and_one_that_there_is_not_is_refused(two_cars):
     assert [each["car"] for each in two_cars.get("/api/v1/season/cells/3", params={"car": "e-26"}).json()] == ["e-26"]
     none = two_cars.get("/api/v1/season", params={"car": "e-27"}).json()
     assert (none["sessions"], none["overviews"]) == ([], [])  # the page offers the others
-    for path in ("cells/3", "compare", "without?cells=3", "report"):
-        answer = two_cars.get(f"/api/v1/season/{path}{'&' if '?' in path else '?'}car=e-27")
+    for path in ("cells/3", "compare", "report"):
+        answer = two_cars.get(f"/api/v1/season/{path}?car=e-27")
         assert answer.status_code == 422, path
         assert answer.json()["errors"][0]["field"] == "car"

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.commands.season import query
-from app.commands.season.match import match_cells, read_cells
 from app.season.store import Answer
 from app.sessions.export.csv_row import csv_row
 
@@ -48,20 +47,3 @@ def test_a_name_of_a_session_in_the_answer_of_a_season_is_no_formula(capsys):
 
     query._print(Args, Answer(pa.table({"=name": ["=1+1", "plain"], "current_a": [-3.2, None]})))
     assert capsys.readouterr().out == "'=name,current_a\n'=1+1,-3.2\nplain,\n"
-
-
-def test_names_of_matched_cells_are_no_formulas(tmp_path, capsys):
-    table = tmp_path / "cells.csv"
-    rows = "".join(f"=cell{i},{3 + i / 10},{0.02 + i / 1000}\n" for i in range(4))
-    table.write_text("cell,capacity_ah,resistance_ohm\n" + rows)
-
-    class Args:
-        out, parallel, json = tmp_path / "out.csv", 2, True
-
-    Args.table = table
-    assert read_cells(table)[0][0] == "=cell0"
-    match_cells(Args)
-    lines = Args.out.read_text().splitlines()
-    assert lines[0] == "cell,group"
-    assert len(lines) == 5
-    assert all(line.startswith("'=cell") for line in lines[1:])
