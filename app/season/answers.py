@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Final
 
 from app import __version__
-from app.season.cells.compare import CarComparison, compare
 from app.season.cells.history import CellHistory, SeasonSource
 from app.season.overview import SeasonOverview, overview_of
 from app.season.report import SeasonCellCurves, curves_of, season_document, season_report
@@ -40,16 +39,6 @@ def curves_at(source: SeasonSource, chosen: set[str], car: str, cell: int) -> li
     """
     with naming_cells(source.battery.segments):
         return [curves_of(history, cell) for history in _only(source.histories(car), chosen)]
-
-
-def comparison_at(source: SeasonSource, a: set[str], b: set[str], car: str) -> list[CarComparison]:
-    """Return how group `b` differs from group `a`.
-
-    Raises:
-        ConfigError: there is no such car.
-    """
-    with naming_cells(source.battery.segments):
-        return compare(source.histories(car), a, b)
 
 
 def report_at(source: SeasonSource, infos: list[SessionInfo], car: str, made_s: float, language: str) -> str:

@@ -1,4 +1,4 @@
-"""The season: sessions with tags, trends, cells by what limits soonest, comparison, what estimating again changed."""
+"""The season: sessions with tags, trends, cells by what limits soonest, what estimating again changed."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -21,12 +21,10 @@ from app.api.web.request_body import Body
 from app.battery.fields import MOST_CELLS
 from app.season.answers import (
     LIMITS,
-    comparison_at,
     curves_at,
     overviews_at,
     report_at,
 )
-from app.season.cells.compare import CarComparison
 from app.season.estimates.changes import EstimateChange, changes
 from app.season.estimates.results import EstimateSet, Results
 from app.season.lake.facts import where_of
@@ -130,24 +128,6 @@ def season_cell(
     if cell >= source.battery.n_cells:
         raise invalid("cell", cell, f"0..{source.battery.n_cells - 1}")
     return workers.run(LIMITS, curves_at, source, _ids(_chosen(catalogue, words)), car, cell)
-
-
-@router.get("/compare")
-def season_compare(
-    source: SeasonSourcePart,
-    catalogue: CataloguePart,
-    workers: WorkersPart,
-    a: Words = "",
-    b: Words = "",
-    car: Car = "",
-) -> list[CarComparison]:
-    """Two groups of sessions against each other, by words as in the search; a session of both counts in A alone.
-
-    A group of one car against a group of another one is one comparison; else there is one of each car.
-    """
-    first = _ids(_chosen(catalogue, a))
-    second = _ids(_chosen(catalogue, b)) - first
-    return workers.run(LIMITS, comparison_at, source, first, second, car)
 
 
 @router.get("/changes")

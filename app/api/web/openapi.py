@@ -88,7 +88,6 @@ _BY_NAME = {  # where method and path say too little
     ("get", "/setup/plugged"): "list_plugged_adapters",
     ("post", "/setup/look"): "look_at_setup",
     ("put", "/copies/order"): "set_copy_order",
-    ("get", "/season/compare"): "compare_session_groups",
     ("delete", "/sessions/{session_id}/laps"): "forget_session_laps",
 }
 

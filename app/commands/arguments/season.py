@@ -79,12 +79,7 @@ def _add_report(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     report = new_action(actions, "report", text, "season.report.show_report")
     report.add_argument("--html", type=Path, metavar="FOLDER", help="write the season report, to print")
     report.add_argument("--sessions", default="", metavar="WORDS", help="of the sessions that match alone")
-    text = "two groups of sessions against each other: cars, halves of a season, before and after a change"
-    groups = new_action(actions, "compare", text, "season.report.show_comparison")
-    groups.add_argument("a", metavar="A", help="words of names and tags, as 'tyres:wet', 'since:2026-03-01'")
-    groups.add_argument("b", metavar="B", help="likewise")
-    for action in (report, groups):
-        _add_season_arguments(action)
+    _add_season_arguments(report)
     tag = new_action(actions, "tag", "set the tags of a session; they are kept in its file", "season.report.tag")
     add_session_argument(tag)
     for name in NAMES:

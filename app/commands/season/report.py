@@ -1,4 +1,4 @@
-"""`voltwall season report`, `compare` and `tag`: what the season says of the cells, and tags that find sessions."""
+"""`voltwall season report` and `tag`: what the season says of the cells, and tags that find sessions."""
 
 import argparse
 import json
@@ -14,7 +14,6 @@ from app.commands.session_commands.selection import (
     find_session,
 )
 from app.errors import ConfigError
-from app.season.cells.compare import CarComparison, compare
 from app.season.overview import SeasonOverview
 from app.season.report import SeasonReport, season_document, season_report
 from app.season.tags import NAMES, matches, write_tags
@@ -88,36 +87,6 @@ def _print_trend(name: str, trend: SeasonTrend | None, unit: str, digits: int = 
     else:
         month = "too few days to tell what a month changes"
     print(f"  {name:15} {100 * trend.now:.{digits}f} % {unit}, {month}, {trend.sessions} sessions")
-
-
-def show_comparison(args: argparse.Namespace) -> int:
-    """Print two groups of sessions against each other."""
-    with kept_season(args) as source:
-        groups = [{info.id for info in catalogue(args).list() if matches(info, words)} for words in (args.a, args.b)]
-        if both := groups[0] & groups[1]:
-            raise ConfigError("B", args.b, f"no session that is in A too, as {min(both)}")
-        found = compare(source.histories(args.car), *groups)
-        if args.json:
-            json.dump([asdict(each) for each in found], sys.stdout, allow_nan=False)
-            print()
-            return 0
-        for each in found:
-            _print_comparison(each)
-    return 0
-
-
-def _print_comparison(found: CarComparison) -> None:
-    cars = found.car_a if found.car_a == found.car_b else f"A: {found.car_a}, B: {found.car_b}"
-    print(f"{cars}; {found.sessions_a} sessions in A, {found.sessions_b} in B")
-    print(f"{'':21} {'A':>9} {'B':>9}   B less A, 95 %")
-    for each in found.differences:
-        a, b = (f"{'-' if value is None else format(value, '.4g'):>9}" for value in (each.a, each.b))
-        change = "too few sessions" if each.change is None else f"{each.change:+.3g}, {each.low:+.3g}..{each.high:+.3g}"
-        chance = "" if each.is_sure or each.change is None else " (not more than chance)"
-        print(f"{each.name:21} {a} {b}   {change}{chance} {each.unit}")
-    for cell in found.cells[:SHOWN]:
-        band = f"{100 * cell.low:+.1f}..{100 * cell.high:+.1f}"
-        print(f"{short_place(cell.cell):6} resistance {100 * cell.change:+.1f} % against the others, 95 % {band}")
 
 
 def tag(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""The measurements of every cell of a car, a row a session: what trends, ageing, ranking and comparison are made of.
+"""The measurements of every cell of a car, a row a session: what trends, ageing and ranking are made of.
 
 Cars share nothing, also where their accumulators are of one profile: each has a history of its own. What is in it are
 facts of the season lake: resistance at the temperature and SOC of the moment, charge passed, capacity between rests,
@@ -41,7 +41,6 @@ class CellHistory:
         resistance_sigma: its standard deviation.
         capacity_ah: measured in this session alone.
         capacity_sigma_ah: its standard deviation.
-        temperature_degc: mean of the session.
         rest_soc: at the first rest of the session, by the voltage.
         lost_per_day: SOC a day between the last rest of the session before and the first of this one.
         lost_sigma: its standard deviation.
@@ -59,7 +58,6 @@ class CellHistory:
     resistance_sigma: FloatArray
     capacity_ah: FloatArray
     capacity_sigma_ah: FloatArray
-    temperature_degc: FloatArray
     rest_soc: FloatArray
     lost_per_day: FloatArray
     lost_sigma: FloatArray
@@ -189,7 +187,6 @@ def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
         sigma,
         column("capacity_ah"),
         column("capacity_sigma_ah"),
-        column("temperature_mean_degc"),
         rest_soc,
         lost / days,
         REST_SOC_SIGMA / days,

@@ -3,7 +3,7 @@
 -- $segments = : cells of each pack as a JSON list; empty: of all
 -- $simulated = 0: 1: of the simulated car
 SELECT cells.car AS car, cells.session AS session, sessions.start_time AS start_time, cell,
-       resistance_ohm, resistance_factor, resistance_factor_sigma, temperature_mean_degc,
+       resistance_ohm, resistance_factor, resistance_factor_sigma,
        cells.charge_out_ah + cells.charge_in_ah AS charge_ah, capacity_ah, capacity_sigma_ah,
        first_rest_time, first_rest_soc, last_rest_time, last_rest_soc
 FROM cells

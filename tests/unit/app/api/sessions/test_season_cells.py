@@ -63,8 +63,6 @@ def test_tags_are_set_found_and_refused(season):
     assert found["overviews"][0]["sessions"] == 3
     assert season.put(f"/api/v1/season/sessions/{ids[0]}/tags", json={"tags": {"colour": "red"}}).status_code == 422
     assert season.put("/api/v1/season/sessions/none/tags", json={"tags": {}}).status_code == 404
-    compared = season.get("/api/v1/season/compare", params={"b": "tyres:wet"}).json()
-    assert [(each["sessions_a"], each["sessions_b"]) for each in compared] == [(6, 0)]
 
 
 def test_a_cell_has_its_curves(season):
@@ -88,7 +86,6 @@ def test_what_estimating_again_changed_is_told(season, tmp_path):
 def test_a_season_without_sessions_is_empty(client):
     told = client.get("/api/v1/season").json()
     assert (told["sessions"], told["overviews"], told["cars"]) == ([], [], [])
-    assert client.get("/api/v1/season/compare").json() == []
     assert client.get("/api/v1/season/changes").json()["changes"] == []
     assert client.get("/api/v1/season/cells/3").json() == []
 
@@ -122,10 +119,6 @@ def test_two_cars_are_told_apart_everywhere(two_cars):
     assert [each["car"] for each in told["sessions"]] == ["e-25", "e-26"] * 3
     curves = two_cars.get("/api/v1/season/cells/30").json()
     assert [(each["car"], len(each["resistance"]["measured"])) for each in curves] == [("e-25", 3), ("e-26", 3)]
-    compared = two_cars.get("/api/v1/season/compare", params={"a": "car:25", "b": "car:26"}).json()
-    assert [(each["car_a"], each["car_b"], each["cells"]) for each in compared] == [("e-25", "e-26", [])]
-    halves = two_cars.get("/api/v1/season/compare", params={"a": "before:2026-09-24", "b": ""}).json()
-    assert [each["car_b"] for each in halves] == ["e-25", "e-26"]
     report = two_cars.get("/api/v1/season/report").text
     assert '"car":"e-25"' in report.replace(" ", "")
     assert '"car":"e-26"' in report.replace(" ", "")
@@ -138,7 +131,7 @@ def test_one_car_is_chosen_and_one_that_there_is_not_is_refused(two_cars):
     assert [each["car"] for each in two_cars.get("/api/v1/season/cells/3", params={"car": "e-26"}).json()] == ["e-26"]
     none = two_cars.get("/api/v1/season", params={"car": "e-27"}).json()
     assert (none["sessions"], none["overviews"]) == ([], [])  # the page offers the others
-    for path in ("cells/3", "compare", "report"):
+    for path in ("cells/3", "report"):
         answer = two_cars.get(f"/api/v1/season/{path}?car=e-27")
         assert answer.status_code == 422, path
         assert answer.json()["errors"][0]["field"] == "car"
