@@ -1,4 +1,4 @@
-"""Lines and steps of the accumulator and of each pack: resistance, capacity, spreads, self-discharge."""
+"""Lines of the accumulator and of each pack: resistance, capacity, spreads, self-discharge."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.season.cells.history import CellHistory, row_median
-from app.season.cells.trend import Line, Step, line, steps
+from app.season.cells.trend import Line, line
 
 MONTH_DAYS: Final = 365.25 / 12
 LEAST_SPREAD: Final = 2  # cells
@@ -36,28 +36,8 @@ class SeasonTrend:
 
 
 @dataclass(frozen=True)
-class SeasonStep:
-    """From `session` on a quantity lies higher by `size`; `p` after the tests of all packs, or of all cells."""
-
-    session: str
-    time_s: float
-    size: float
-    low: float
-    high: float
-    p: float
-
-
-@dataclass(frozen=True)
-class SeasonQuantity:
-    """A quantity over the season; None where it was measured too seldom, or no step is more than chance."""
-
-    trend: SeasonTrend | None
-    step: SeasonStep | None
-
-
-@dataclass(frozen=True)
 class SeasonGroup:
-    """The accumulator, or one pack of it.
+    """The accumulator, or one pack of it; None where a quantity was measured too seldom.
 
     Attributes:
         pack: from 0; None: the accumulator.
@@ -71,11 +51,11 @@ class SeasonGroup:
     """
 
     pack: int | None
-    resistance: SeasonQuantity
-    capacity: SeasonQuantity
-    spread: SeasonQuantity
-    soc_spread: SeasonQuantity
-    self_discharge: SeasonQuantity
+    resistance: SeasonTrend | None
+    capacity: SeasonTrend | None
+    spread: SeasonTrend | None
+    soc_spread: SeasonTrend | None
+    self_discharge: SeasonTrend | None
 
 
 def groups_of(history: CellHistory, segments: Sequence[int]) -> list[SeasonGroup]:
@@ -93,24 +73,23 @@ def groups_of(history: CellHistory, segments: Sequence[int]) -> list[SeasonGroup
         _range(soc),
         row_median(lost),
     )
-    made = [SeasonGroup(None, *(_quantities(history, values[:, None])[0] for values in whole))]
+    made = [SeasonGroup(None, *(_trend(history, values) for values in whole))]
     if len(segments) < 2:
         return made
     ends = np.cumsum(segments)
     packs = [slice(int(end) - cells, int(end)) for end, cells in zip(ends, segments, strict=True)]
     beyond = lost - row_median(lost)[:, None]
-    columns = [
-        np.stack([reduce(values[:, pack]) for pack in packs], axis=1)
-        for values, reduce in (
-            (resistance, row_median),
-            (capacity, row_median),
-            (relative, _deviation),
-            (soc, _range),
-            (beyond, row_median),
-        )
+    of_pack = (
+        (resistance, row_median),
+        (capacity, row_median),
+        (relative, _deviation),
+        (soc, _range),
+        (beyond, row_median),
+    )
+    return made + [
+        SeasonGroup(k, *(_trend(history, reduce(values[:, pack])) for values, reduce in of_pack))
+        for k, pack in enumerate(packs)
     ]
-    found = [_quantities(history, each) for each in columns]
-    return made + [SeasonGroup(k, *each) for k, each in enumerate(zip(*found, strict=True))]
 
 
 def trend_of(found: Line | None) -> SeasonTrend | None:
@@ -126,24 +105,9 @@ def tells_month(found: Line) -> bool:
     return max(found.high - found.low, found.high, -found.low) * MONTH_DAYS <= WIDEST
 
 
-def step_of(step: Step | None, history: CellHistory) -> SeasonStep | None:
-    """Return a step with the session that it begins with."""
-    if step is None:
-        return None
-    at = step.at
-    return SeasonStep(history.sessions[at], float(history.start_s[at]), step.size, step.low, step.high, step.p)
-
-
-def _quantities(history: CellHistory, columns: FloatArray) -> list[SeasonQuantity]:
-    """Each column of (n, groups) values, of which nobody knows a sigma: sessions differ by what they differ."""
-    if not len(history.sessions):
-        return [SeasonQuantity(None, None)] * columns.shape[1]
-    none = np.zeros(columns.shape)
-    found = steps(history.days, columns, none)
-    return [
-        SeasonQuantity(trend_of(line(history.days, values, none[:, 0])), step_of(step, history))
-        for values, step in zip(columns.T, found, strict=True)
-    ]
+def _trend(history: CellHistory, values: FloatArray) -> SeasonTrend | None:
+    """Of (n,) values without sigmas: sessions differ by what they differ."""
+    return trend_of(line(history.days, values, np.zeros_like(values)))
 
 
 def _deviation(values: FloatArray) -> FloatArray:

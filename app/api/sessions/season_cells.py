@@ -124,7 +124,7 @@ def season_cell(
     words: Words = "",
     car: Car = "",
 ) -> list[SeasonCellCurves]:
-    """Resistance and capacity of a cell of each car over the season, with the band of its ageing, 90 days ahead too."""
+    """Resistance and capacity of a cell of each car over the season, with the lines through them and their bands."""
     if cell >= source.battery.n_cells:
         raise invalid("cell", cell, f"0..{source.battery.n_cells - 1}")
     return workers.run(LIMITS, curves_at, source, _ids(_chosen(catalogue, words)), car, cell)

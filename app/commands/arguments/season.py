@@ -75,7 +75,7 @@ def _add_query(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def _add_report(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the actions."""
-    text = "trends of the accumulator and its cells, steps, ranking with reasons"
+    text = "trends of the accumulator and its cells, ranking with reasons"
     report = new_action(actions, "report", text, "season.report.show_report")
     report.add_argument("--html", type=Path, metavar="FOLDER", help="write the season report, to print")
     report.add_argument("--sessions", default="", metavar="WORDS", help="of the sessions that match alone")

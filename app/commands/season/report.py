@@ -17,7 +17,7 @@ from app.errors import ConfigError
 from app.season.overview import SeasonOverview
 from app.season.report import SeasonReport, season_document, season_report
 from app.season.tags import NAMES, matches, write_tags
-from app.season.trends import SeasonQuantity, SeasonTrend
+from app.season.trends import SeasonTrend
 
 SHOWN = 10
 QUANTITIES = {
@@ -60,20 +60,13 @@ def _print_car(found: SeasonOverview) -> None:
         for name, unit in QUANTITIES.items():
             if name == "resistance" and not found.is_absolute:
                 unit = "of the median cell"
-            _print_quantity(name.replace("_", " "), getattr(group, name), unit)
+            _print_trend(name.replace("_", " "), getattr(group, name), unit)
     for each in found.cells[:SHOWN]:
         if each.reasons:
             print(f"{short_place(each.cell):6} {'; '.join(reason.text for reason in each.reasons)}")
             _print_trend("resistance", each.resistance_trend, "of the median cell")
             _print_trend("capacity", each.capacity_trend, "of the median cell")
             _print_trend("self discharge", each.self_discharge_trend, "a day beyond the median cell", 3)
-
-
-def _print_quantity(name: str, found: SeasonQuantity, unit: str) -> None:
-    _print_trend(name, found.trend, unit)
-    if (step := found.step) is not None:
-        size = f"{100 * step.size:+.2f} %, 95 % {100 * step.low:+.2f}..{100 * step.high:+.2f}"
-        print(f"  {'':15} stepped by {size} with {step.session}, p {step.p:.2g}")
 
 
 def _print_trend(name: str, trend: SeasonTrend | None, unit: str, digits: int = 2) -> None:

@@ -1,1 +1,1 @@
-"""What a season says of each cell: its history, trends, ageing, comparison of sessions."""
+"""What a season says of each cell: its history and its trends."""

@@ -1,4 +1,4 @@
-"""The measurements of every cell of a car, a row a session: what trends, ageing and ranking are made of.
+"""The measurements of every cell of a car, a row a session: what trends, curves and ranking are made of.
 
 Cars share nothing, also where their accumulators are of one profile: each has a history of its own. What is in it are
 facts of the season lake: resistance at the temperature and SOC of the moment, charge passed, capacity between rests,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.season.overview import curve_of, overview_of
-from tests.unit.app.season.season_of import history, season
+from tests.unit.app.season.season_of import history
 
 PACKS = [4, 4, 4]
 
@@ -25,7 +25,7 @@ def test_a_cell_that_grows_comes_first_with_its_pace_and_band():
     month = 0.12 / (29 * 7.0) * 30.44
     assert first.resistance_trend.low <= month <= first.resistance_trend.high
     assert {reason.code for reason in first.reasons} >= {"season-resists", "season-resistance-grows"}
-    assert found.groups[0].resistance.trend.sessions == 30
+    assert found.groups[0].resistance.sessions == 30
 
 
 def grown_within(days):
@@ -46,14 +46,6 @@ def test_sessions_of_one_day_tell_where_a_cell_is_and_no_month():
         assert ("season-resistance-grows" in codes) is tells
 
 
-def test_a_step_is_told_with_its_session():
-    values, capacity = measured()
-    values[15:, 2] += 0.08
-    first = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity), PACKS).cells[0]
-    assert first.cell == 2
-    assert first.resistance_step.session in {"s14", "s15", "s16"}
-
-
 def test_a_cell_that_leaks_more_each_week_is_told_with_its_pace_and_band():
     values, capacity = measured()
     lost = 1e-4 + 2e-5 * np.random.default_rng(5).standard_normal((30, 12))
@@ -71,18 +63,25 @@ def test_sound_cells_give_no_reasons():
     assert [each.reasons for each in found.cells if each.reasons] == []
 
 
-def test_a_curve_goes_ahead_with_a_wider_band():
-    made = season(210, n_cells=6, n=30)
-    values, sigmas = made.measured(made.resistance, 0.02, 0.0)
-    curve = curve_of(history(values, sigmas, made.days[:-1]), 3, "resistance")
+def test_a_curve_has_what_was_measured_and_its_line_up_to_the_last_session():
+    values, _ = measured()
+    values[:, 3] += np.linspace(0.0, 0.12, 30)
+    values[:4, 3] = np.nan
+    made = history(values, np.full(values.shape, 0.005))
+    curve = curve_of(made, 3, "resistance")
+    assert curve.measured[:4] == [None] * 4
+    assert curve.measured[4:] == pytest.approx(values[4:, 3], abs=1e-6)
+    assert (curve.line_time_s[0], curve.line_time_s[-1]) == pytest.approx((curve.time_s[4], curve.time_s[-1]))
+    assert curve.line[-1] == pytest.approx(1.12, abs=0.01)
+    assert (np.array(curve.low) < curve.line).all()
+    assert (np.array(curve.line) < curve.high).all()
     widths = np.array(curve.high) - np.array(curve.low)
-    assert curve.curve_time_s[-1] - curve.time_s[-1] == pytest.approx(90 * 86400.0)
-    assert widths[-1] > widths[len(widths) // 2]
-    assert curve_of(history(values, sigmas, made.days[:-1]), 3, "capacity").mean == [None] * len(curve.curve_time_s)
+    assert widths.argmin() not in (0, len(widths) - 1)  # surest in the middle
+    assert curve_of(made, 3, "capacity").line == []
 
 
 def test_a_season_without_a_session_is_empty():
     empty = overview_of(history(np.empty((0, 4)), np.empty((0, 4))), [4])
-    assert (empty.sessions, len(empty.groups), empty.groups[0].resistance.trend) == (0, 1, None)
+    assert (empty.sessions, len(empty.groups), empty.groups[0].resistance) == (0, 1, None)
     assert [each.reasons for each in empty.cells] == [[], [], [], []]
-    assert curve_of(history(np.empty((0, 4)), np.empty((0, 4))), 0, "resistance").mean == []
+    assert curve_of(history(np.empty((0, 4)), np.empty((0, 4))), 0, "resistance").line == []

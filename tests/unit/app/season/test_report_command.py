@@ -31,4 +31,4 @@ def test_sessions_of_one_day_tell_no_month_on_the_command_line_and_in_print(tmp_
     assert resistance.endswith("5 sessions")
     assert main([*asked, "--json"]) == 0
     (car,) = json.loads(capsys.readouterr().out)["cars"]
-    assert car["overview"]["groups"][0]["resistance"]["trend"]["tells_month"] is False
+    assert car["overview"]["groups"][0]["resistance"]["tells_month"] is False

@@ -1,4 +1,4 @@
-"""Trends of the accumulator and of its packs: found where they are, with their band; no step out of chance."""
+"""Trends of the accumulator and of its packs: found where they are, with their band."""
 
 import numpy as np
 import pytest
@@ -26,20 +26,11 @@ def test_a_pack_that_grows_is_told_with_its_band_and_the_others_are_not():
     values[:, 4:8] += 0.004 * WEEKS
     accumulator, *packs = groups(values)
     assert [each.pack for each in (accumulator, *packs)] == [None, 0, 1, 2]
-    grown = packs[1].resistance.trend
+    grown = packs[1].resistance
     assert grown.low <= 0.004 * MONTH_WEEKS <= grown.high
     assert grown.is_sure
-    assert abs(packs[0].resistance.trend.per_month) < 0.1 * grown.per_month
-    assert accumulator.spread.trend.is_sure  # one pack moves away: cells lie farther apart
-
-
-def test_a_step_of_a_pack_is_told_with_its_session_and_no_other_has_one():
-    values = 1.0 + noise()
-    values[15:, 8:] += 0.03
-    steps = [each.resistance.step for each in groups(values)[1:]]
-    assert steps[:2] == [None, None]
-    assert steps[2].session in {"s14", "s15", "s16"}
-    assert steps[2].low <= 0.03 <= steps[2].high
+    assert abs(packs[0].resistance.per_month) < 0.1 * grown.per_month
+    assert accumulator.spread.is_sure  # one pack moves away: cells lie farther apart
 
 
 def test_the_soc_spread_is_that_of_the_rests():
@@ -47,9 +38,9 @@ def test_the_soc_spread_is_that_of_the_rests():
     soc[:, 5] -= 0.001 * WEEKS[:, 0]
     accumulator, *packs = groups(rest_soc=soc)
     for each in (accumulator, packs[1]):
-        assert each.soc_spread.trend.now == pytest.approx(0.029, abs=0.002)
-        assert each.soc_spread.trend.is_sure
-    assert packs[0].soc_spread.trend.now < 0.002
+        assert each.soc_spread.now == pytest.approx(0.029, abs=0.002)
+        assert each.soc_spread.is_sure
+    assert packs[0].soc_spread.now < 0.002
 
 
 def test_self_discharge_of_a_pack_is_beyond_that_of_the_accumulator():
@@ -57,15 +48,15 @@ def test_self_discharge_of_a_pack_is_beyond_that_of_the_accumulator():
     lost[:, :4] += 0.0001 * WEEKS
     lost[0] = np.nan  # before the first session there is none
     accumulator, *packs = groups(lost=lost)
-    assert accumulator.self_discharge.trend.now == pytest.approx(0.001, abs=0.0002)
-    trend = packs[0].self_discharge.trend
+    assert accumulator.self_discharge.now == pytest.approx(0.001, abs=0.0002)
+    trend = packs[0].self_discharge
     assert trend.low <= 0.0001 * MONTH_WEEKS <= trend.high
     assert trend.sessions == N - 1
 
 
 def test_what_was_not_measured_has_no_trend():
     for each in groups():
-        assert each.capacity.trend is each.soc_spread.trend is each.self_discharge.trend is None
+        assert each.capacity is each.soc_spread is each.self_discharge is None
 
 
 def test_an_accumulator_of_one_pack_is_told_once():

@@ -50,7 +50,7 @@ def test_a_season_tells_sessions_trends_and_the_cell_that_limits(season):
     assert first["cell"] == 30
     assert first["resistance"] == pytest.approx(0.5, abs=0.1)
     assert first["reasons"][0]["code"] == "season-resists"
-    assert told["overviews"][0]["groups"][0]["resistance"]["trend"]["sessions"] == 6
+    assert told["overviews"][0]["groups"][0]["resistance"]["sessions"] == 6
 
 
 def test_tags_are_set_found_and_refused(season):
