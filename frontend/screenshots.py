@@ -53,14 +53,14 @@ def session_pages(url: str) -> dict[str, str]:
     if not finished:
         return {}
     session = max(finished, key=lambda each: int(each["event_count"]))["id"]
-    pages = {"session": f"sessions/{session}", "passports": "sessions/passport", "import": "sessions/import"}
+    pages = {"session": f"sessions/{session}", "import": "sessions/import"}
     pages |= {f"session-{tab}": f"sessions/{session}/{tab}" for tab in ("laps", "report", "export")}
     boxes = ask(f"sessions/{session}/blackboxes")["boxes"]
     if boxes:
         box = next((each for each in boxes if each["severity"] == "trip"), boxes[0])
         pages["blackbox"] = f"sessions/box/{box['id']}"
         if box["cell"] is not None:
-            pages["passport"] = f"sessions/passport/{box['cell']}"
+            pages["season-cell"] = f"season?cell={box['cell']}"
     return pages
 
 

@@ -30,12 +30,13 @@ from app.live.learned_state import LearnedState, load_learned_state, save_learne
 from app.live.prediction import LearnedCells
 from app.sessions.catalogue import Catalogue
 from app.sessions.event_log import EventLog
-from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sessions.recording.session_names import RecordingPlan, load_plan, save_plan
 from app.sessions.retention import Retention, RetentionRule
+from app.sessions.swaps import SwapFile
 from app.sources.connections import Connections, load_connections, save_connections
+from app.sources.loaded_battery import team_battery
 from app.sources.recordings.profile import ImportProfile, ProfileStore
 from app.telemetry import Event
 from firmware_protocol.config_image import default_image, with_value
@@ -218,14 +219,10 @@ def events(folder: Path, said: list[str]) -> Iterator[Step]:
 
 
 def stores(folder: Path, said: list[str]) -> Iterator[Step]:
-    """The passports' file, and what the filter learned."""
-    opened: list[PassportStore] = []
-    yield lambda: opened.append(PassportStore(folder / "passport.sqlite"))
-    yield lambda: opened[0].add_record("a", WALL_NS, "red", {"cells": [1, 2]})
-    yield lambda: opened[0].add_swap(WALL_NS, [3], "new", "ada", "red")
-    yield lambda: must(opened[0].known() == {"a"}, "a passport is lost")
-    yield lambda: must(len(opened[0].swaps()) in (1, 2), "a swap is lost")
-    opened[0].close()
+    """Swaps of modules, and what the filter learned."""
+    swaps = SwapFile(folder, team_battery().battery)
+    yield lambda: swaps.add([3], WALL_NS / 1e9, "new", "ada", "red", [])
+    yield lambda: must(len(swaps.read()) in (1, 2), "a swap is lost")
     path = folder / "learned.npz"
     for charge in (0.5, 0.6):
         cells = LearnedCells(np.zeros((6, 96)), np.zeros(96))

@@ -27,7 +27,7 @@ from app.api.live import routes as live
 from app.api.live import setup as first_steps
 from app.api.schemas.service import ProblemOut
 from app.api.sessions import analysis as debrief
-from app.api.sessions import imports, passport, recorder, season, season_cells, transfer
+from app.api.sessions import imports, recorder, season, season_cells, transfer
 from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
 from app.api.web import openapi, people, problems
@@ -196,7 +196,6 @@ def api_routes() -> APIRouter:
         imports,
         learn,
         live,
-        passport,
         race,
         season,
         season_cells,

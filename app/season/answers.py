@@ -8,7 +8,7 @@ from typing import Final
 from app import __version__
 from app.season.cells.history import CellHistory, SeasonSource
 from app.season.overview import SeasonOverview, overview_of
-from app.season.report import SeasonCellCurves, curves_of, season_document, season_report
+from app.season.report import SeasonCell, cell_of, season_document, season_report
 from app.sessions.info import SessionInfo
 from app.sessions.worker import Limits
 from app.words import naming_cells
@@ -31,14 +31,18 @@ def overviews_at(source: SeasonSource, chosen: set[str], car: str) -> tuple[dict
         return car_of, [overview_of(history, source.battery.segments) for history in _only(wanted, chosen)]
 
 
-def curves_at(source: SeasonSource, chosen: set[str], car: str, cell: int) -> list[SeasonCellCurves]:
-    """Return both curves of a cell of each car that has a chosen session.
+def cell_at(source: SeasonSource, chosen: set[str], car: str, cell: int) -> list[SeasonCell]:
+    """Return a cell of each car that has a chosen session.
 
     Raises:
         ConfigError: there is no such car.
     """
-    with naming_cells(source.battery.segments):
-        return [curves_of(history, cell) for history in _only(source.histories(car), chosen)]
+    return [cell_of(history, cell) for history in _only(source.histories(car), chosen)]
+
+
+def cars_at(source: SeasonSource) -> list[str]:
+    """Return the cars of the lake with this battery."""
+    return [history.car for history in source.histories()]
 
 
 def report_at(source: SeasonSource, infos: list[SessionInfo], car: str, made_s: float, language: str) -> str:

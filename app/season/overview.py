@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from app.analysis.finding import AnalysisFinding, finding
-from app.analysis.passport.history import CAPACITY_LOW, RESISTANCE_HIGH, SELF_DISCHARGE_HIGH
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.season.cells.history import DAY_S, CellHistory, newest_median, row_median
@@ -24,6 +23,9 @@ from app.season.trends import (
 )
 from app.words import Message, Quantity
 
+CAPACITY_LOW: Final = -0.05  # against the median cell
+RESISTANCE_HIGH: Final = 0.2
+SELF_DISCHARGE_HIGH: Final = 0.002  # SOC a day beyond the median: 0.2 %
 LINE_POINTS: Final = 20  # of a curve: the ends of its band bend
 TOLD: Final = 0.25  # of a limit: below, a cell gives no reason
 SOON_DAYS: Final = 182.6  # a pace is a reason where it goes so much of the way within half a year
@@ -59,7 +61,7 @@ class SeasonOverview:
 
 @dataclass(frozen=True)
 class SeasonCurve:
-    """A quantity of one cell: what was measured, and the line through it with the ends of its band of 95 %."""
+    """A quantity of a cell: what was measured of any module, and the line of today's with its band of 95 %."""
 
     time_s: list[float]
     measured: list[float | None]
@@ -75,11 +77,10 @@ def overview_of(history: CellHistory, segments: Sequence[int]) -> SeasonOverview
     resistance, r_sigma = history.of("resistance")
     capacity, c_sigma = history.of("capacity")
     relative, c_relative = (values / row_median(values)[:, None] for values in (resistance, capacity))
-    lost = history.today(history.lost_per_day)
-    lost = lost - row_median(lost)[:, None]
+    lost, l_sigma = history.of("self_discharge")
     r_lines, c_lines, l_lines = (
         lines(history.days, values, sigmas)
-        for values, sigmas in ((relative, r_sigma), (c_relative, c_sigma), (lost, history.lost_sigma))
+        for values, sigmas in ((relative, r_sigma), (c_relative, c_sigma), (lost, l_sigma))
     )
     r_now, c_now = newest_median(relative, NEWEST) - 1.0, _against(newest_median(capacity, NEWEST))
     leak = history.self_discharge_per_day
@@ -102,16 +103,17 @@ def overview_of(history: CellHistory, segments: Sequence[int]) -> SeasonOverview
 
 
 def curve_of(history: CellHistory, cell: int, name: str) -> SeasonCurve:
-    """Return `resistance` or `capacity` of a cell, a fraction of new, with its line from first to last measurement."""
+    """Return a quantity of a cell as `CellHistory.measured` names it, with its line from first to last measurement."""
+    measured, measured_sigma = (listed(each[:, cell], 6) for each in history.measured(name))
+    start_s: list[float] = history.start_s.tolist()
     values, sigmas = (each[:, cell] for each in history.of(name))
-    measured = history.start_s.tolist(), listed(values, 6), listed(sigmas, 6)
     found = line(history.days, values, sigmas)
     if found is None:
-        return SeasonCurve(*measured, [], [], [], [])
+        return SeasonCurve(start_s, measured, measured_sigma, [], [], [], [])
     asked = np.linspace(history.days[np.isfinite(values)][0], found.last_day, LINE_POINTS)
     drawn, reach = found.at(asked)
-    time_s = float(history.start_s[0]) + asked * DAY_S
-    return SeasonCurve(*measured, time_s.tolist(), drawn.tolist(), (drawn - reach).tolist(), (drawn + reach).tolist())
+    drawn_s, low, high = start_s[0] + asked * DAY_S, drawn - reach, drawn + reach
+    return SeasonCurve(start_s, measured, measured_sigma, drawn_s.tolist(), drawn.tolist(), low.tolist(), high.tolist())
 
 
 def _rank(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Final
 
+from app.analysis.totals import listed
 from app.battery.battery import Battery
 from app.season.cells.history import CellHistory
 from app.season.overview import SeasonCurve, SeasonOverview, curve_of, overview_of
@@ -28,13 +29,23 @@ class SeasonSession:
 
 
 @dataclass(frozen=True)
-class SeasonCellCurves:
-    """Both quantities of a cell of a car over the season."""
+class SeasonCell:
+    """A cell of a car over the season, a value a session.
+
+    Attributes:
+        sessions: their ids, the oldest first.
+        module: how many modules were in its place before.
+        resistance_ohm: as measured, with the joint.
+    """
 
     car: str
     cell: int
+    sessions: list[str]
+    module: list[int]
+    resistance_ohm: list[float | None]
     resistance: SeasonCurve
     capacity: SeasonCurve
+    self_discharge: SeasonCurve
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,7 @@ class CarReport:
     """What the sessions of one car say, and the curves of its cells that limit soonest."""
 
     overview: SeasonOverview
-    curves: list[SeasonCellCurves]
+    curves: list[SeasonCell]
 
 
 def session_of(info: SessionInfo, car: str) -> SeasonSession:
@@ -76,13 +87,18 @@ def season_report(
 def _car(history: CellHistory, battery: Battery) -> CarReport:
     found = overview_of(history, battery.segments)
     weakest = [each.cell for each in found.cells[:CURVES] if each.reasons]
-    return CarReport(found, [curves_of(history, cell) for cell in weakest])
+    return CarReport(found, [cell_of(history, cell) for cell in weakest])
 
 
-def curves_of(history: CellHistory, cell: int) -> SeasonCellCurves:
-    """Return both curves of a cell."""
-    return SeasonCellCurves(
-        history.car, cell, curve_of(history, cell, "resistance"), curve_of(history, cell, "capacity")
+def cell_of(history: CellHistory, cell: int) -> SeasonCell:
+    """Return a cell over the sessions of a car."""
+    return SeasonCell(
+        history.car,
+        cell,
+        list(history.sessions),
+        history.module[:, cell].astype(int).tolist(),
+        listed(history.resistance_ohm[:, cell], 7),
+        *(curve_of(history, cell, name) for name in ("resistance", "capacity", "self_discharge")),
     )
 
 

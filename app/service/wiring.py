@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from app.analysis.black_box.box import BlackBox
-from app.analysis.black_box.from_session import keep_black_boxes
+from app.analysis.black_box.of_sessions import BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.incidents import Trigger
-from app.analysis.passport.keeper import PassportKeeper
 from app.analysis.replay_chain import ReplayChain
 from app.analysis.root_cause.cause import Cause, trip_cause
 from app.analysis.root_cause.from_session import cause_of_trip
@@ -56,6 +55,7 @@ from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.recording.disk import DiskLimits
 from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
+from app.sessions.swaps import SwapFile
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.follow import GONE_S, Follower, Followers, remotes_of
 from app.sessions.transfer.import_jobs import ImportJobs
@@ -93,8 +93,9 @@ class Service:
     fetches: FetchJobs
     followers: Followers
     imports: ImportJobs
-    passports: PassportKeeper
+    swaps: SwapFile
     black_boxes: BlackBoxRecorder
+    boxes_of_sessions: BlackBoxesOfSessions
     configuration: ConfigurationWriter
     in_force: ConfigurationInForce
     rules: Rules
@@ -142,7 +143,7 @@ class Service:
         self.live.stop()
         self.learned_state.save()
         self.jobs.shutdown(wait=True, cancel_futures=True)
-        self.passports.close()
+        self.boxes_of_sessions.close()
         self.black_boxes.close()
         self.recorder.close()
         if self.mqtt is not None:
@@ -233,16 +234,7 @@ def make_service(
         battery=battery.battery,
         on_set_aside=damaged.adding(boxes_lost.set),
     )
-    passports = PassportKeeper(
-        data,
-        catalogue,
-        pipelines.cell,
-        battery=battery.battery,
-        simulated=is_simulated,
-        also=lambda session: keep_black_boxes(session, black_boxes.store),
-        also_lost=boxes_lost,
-        on_set_aside=damaged.add,
-    )
+    swaps = SwapFile(data, battery.battery, simulated=is_simulated)
 
     # The pipeline of the live source, which goes on from what earlier runs learned; the replay has its own
     learned_path = data / learned_file(battery.battery.name, is_team=battery.battery == team_battery().battery)
@@ -360,13 +352,16 @@ def make_service(
         retention=retention,
         season=season,
         season_source=lambda: SeasonSource(
-            season.place, battery.battery, is_simulated, pipelines.cell, tuple(passports.swaps())
+            season.place, battery.battery, is_simulated, pipelines.cell, tuple(swaps.read())
         ),
         fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
         followers=Followers(followers),
         imports=ImportJobs(data, pipelines.for_import, events.note, workers, battery),
-        passports=passports,
+        swaps=swaps,
         black_boxes=black_boxes,
+        boxes_of_sessions=BlackBoxesOfSessions(
+            catalogue, black_boxes.store, is_simulated=is_simulated, lost=boxes_lost
+        ),
         configuration=configuration,
         in_force=in_force,
         rules=rules,

@@ -6,14 +6,7 @@ import './theme/base.css';
 import './theme/controls.css';
 import './theme/print.css';
 import Document from './views/Document.svelte';
-import type {
-  BlackBox,
-  Evidence,
-  Report,
-  SeasonCellCurves,
-  SeasonOverview,
-  SeasonSession,
-} from './link/types';
+import type { BlackBox, Evidence, Report, SeasonCell, SeasonOverview, SeasonSession } from './link/types';
 import { shapes } from './store/shapes.svelte';
 import { paper } from './store/paper.svelte';
 import { chosen } from './words/words.svelte';
@@ -24,7 +17,7 @@ export interface SeasonReport {
   made_s: number;
   voltwall: string;
   sessions: SeasonSession[];
-  cars: { overview: SeasonOverview; curves: SeasonCellCurves[] }[];
+  cars: { overview: SeasonOverview; curves: SeasonCell[] }[];
 }
 
 export type Subject =

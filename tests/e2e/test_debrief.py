@@ -1,4 +1,4 @@
-"""Looking back in the browser: laps, report, black box, comparison, passports."""
+"""Looking back in the browser: laps, report, black box, comparison."""
 
 import re
 from zipfile import ZipFile
@@ -164,36 +164,7 @@ def test_a_document_speaks_the_language_of_the_page(looked_back, open_page):
         assert [line for line in body.splitlines() if ENGLISH.search(line)] == [], ENGLISH.findall(body)
 
 
-def test_a_swap_is_recorded_on_a_phone(looked_back, open_page):
-    service, _, _ = looked_back
-    page = open_page(f"{service.base_url}/#/sessions/passport/30", PHONE)
-    expect(page.get_by_test_id("passport-state")).to_contain_text("1 session read")
-    page.get_by_role("textbox", name="Note").fill("spare 4")
-    page.get_by_test_id("swap").click()
-    expect(page.get_by_text("spare 4")).to_be_visible()
-    expect(page.get_by_test_id("passport-history").get_by_role("row")).to_have_count(2)
-
-
-def test_a_swap_is_of_the_car_that_is_chosen(make_module_service, open_page, tmp_path):
-    make = SessionMaker(tmp_path / "sessions")
-    for day, car in enumerate(("red", "blue")):
-        make(TIME_S[:60], CURRENT_A[:60], start_s=1.79e9 + day * 86400, metadata={"car": car})
-    service = make_module_service("--serial", NO_CAR, data=tmp_path)
-    page = open_page(f"{service.base_url}/#/sessions/passport/30")
-    car = page.get_by_test_id("passport-car")
-    expect(car).to_have_value("blue")  # drove last
-    car.select_option("red")
-    expect(page).to_have_url(re.compile("car=red"))
-    expect(page.get_by_test_id("passport-state")).to_contain_text("1 session read")
-    page.get_by_role("textbox", name="Note").fill("spare 4")
-    page.get_by_test_id("swap").click()
-    expect(page.get_by_text("spare 4")).to_be_visible()
-    car.select_option("blue")
-    expect(page.get_by_text("None was recorded.")).to_be_visible()
-    expect(page.get_by_test_id("passport-history").get_by_role("row")).to_have_count(2)
-
-
-@pytest.mark.timeout(300)  # eleven pages: minutes on a machine with forty other things to do
+@pytest.mark.timeout(300)  # nine pages: minutes on a machine with forty other things to do
 def test_no_page_of_a_session_has_an_accessibility_violation_or_is_too_wide(looked_back, open_page, violations):
     """In `make test` in the dark theme on a desktop, in `make campaign` in all themes and on a phone."""
     service, first, second = looked_back
@@ -208,8 +179,6 @@ def test_no_page_of_a_session_has_an_accessibility_violation_or_is_too_wide(look
         f"sessions/{second}/compare/{first}": page_has('[data-testid="comparison"]'),
         f"sessions/{second}/export": page_has("main h1"),
         "sessions/boxes": page_has('[data-testid="boxes"]'),
-        "sessions/passport": page_has('[data-testid="passport-state"]'),
-        "sessions/passport/30": page_has('[data-testid="passport-history"]'),
         "sessions/import": page_has("main h1"),
     }
     page = open_page(f"{service.base_url}/#/sessions")

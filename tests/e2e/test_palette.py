@@ -47,7 +47,7 @@ def test_keys_lead_to_cells_pages_sessions_and_parameters(car, session, open_pag
     for words, title in (
         ("p3 c7", "pack 3, cell 7"),
         ("cell 31", "pack 3, cell 7"),
-        ("passport cell", "Cell passports"),
+        ("black boxes", "Black boxes"),
     ):
         typed(page, words, opens_with="/")
         page.keyboard.press("Enter")

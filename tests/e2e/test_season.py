@@ -1,4 +1,6 @@
-"""The page of a season: two cars with one battery are kept apart."""
+"""The page of a season: two cars with one battery are kept apart, and so are the modules of a cell."""
+
+import re
 
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from playwright.sync_api import expect
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
+from tests.e2e.conftest import is_too_wide
 from tests.recorded.arrays import START_S, SessionMaker
 
 CELL = load_cell("samsung-25r-10p")
@@ -52,3 +55,35 @@ def test_two_cars_with_one_battery_have_trends_ranking_and_sessions_of_their_own
     expect(cars).to_have_count(1)
     expect(page.get_by_test_id("season-state")).to_contain_text("6 sessions")
     expect(page.get_by_test_id("season-sessions").locator("tbody tr")).to_have_count(6)
+
+
+def test_a_swap_is_recorded_on_a_phone_of_the_car_that_is_chosen(page_of, open_page, violations):
+    page = open_page(page_of("?cell=30"), "phone")
+    expect(page.get_by_test_id("season-cell-sessions")).to_have_count(2)
+    expect(page.get_by_test_id("swap")).to_be_disabled()  # of which car?
+    page.get_by_test_id("season-car").select_option("e-26-simulated")
+    rows = page.get_by_test_id("season-cell-sessions").locator("tbody tr")
+    expect(rows).to_have_count(DAYS)
+    expect(page.get_by_test_id("season-cell")).to_contain_text("% of the cell file")
+    page.get_by_role("textbox", name="Note").fill("spare 4")
+    page.get_by_label("When").fill("2026-09-24T00:00")
+    page.get_by_test_id("swap").click()
+    expect(page.get_by_text("spare 4")).to_be_visible()
+    module = rows.locator("td:nth-child(2)")
+    expect(module).to_have_text(["2"] * 3 + ["1"] * 3)
+    assert not is_too_wide(page)
+    assert violations(page) == {}
+    page.get_by_test_id("season-car").select_option("e-25-simulated")
+    expect(page.get_by_text("None was recorded.")).to_be_visible()
+    expect(module).to_have_text(["1"] * DAYS)
+
+
+def test_a_cell_leads_to_its_season(page_of, open_page):
+    page = open_page(page_of().replace("season", "packs/3/7"))
+    page.get_by_test_id("cell-season").click()
+    expect(page).to_have_url(re.compile("season.cell=30"))
+    expect(page.get_by_test_id("season-cell").get_by_role("heading", level=2)).to_have_text(THIRD)
+    expect(page.get_by_test_id("season-cell-choice")).to_be_in_viewport()  # below all that is said of packs
+    page.get_by_test_id("season-cell-choice").select_option(label=SIXTH)
+    expect(page.get_by_test_id("season-cell").get_by_role("heading", level=2)).to_have_text(SIXTH)
+    expect(page).to_have_url(re.compile("cell=60"))

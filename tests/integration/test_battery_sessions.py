@@ -34,7 +34,7 @@ def foxbms(tmp_path_factory) -> tuple[Path, str]:
     return folder, imported(folder, str(log), "--battery", "foxbms-2", "--name", "their run")
 
 
-def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_the_passports(foxbms, capsys, tmp_path) -> None:
+def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_its_season(foxbms, capsys, tmp_path) -> None:
     capsys.readouterr()
     data, session_id = foxbms
     at = ["--data", str(data)]
@@ -60,10 +60,11 @@ def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_the_passports(fox
     assert all(3.0 < float(whole[f"v[{cell}] (V)"]) < 4.3 for cell in range(216))
 
     capsys.readouterr()
-    assert main(["sessions", "passport", "--battery", "foxbms-2", "--json", *at]) == 0
-    passports = json.loads(capsys.readouterr().out)
-    assert (passports["sessions"], len(passports["rank"])) == ([session_id], 216)
-    assert main(["sessions", "passport", "--json", *at]) == 0  # of the team's own
+    assert main(["season", "report", "--battery", "foxbms-2", "--json", *at]) == 0
+    season = json.loads(capsys.readouterr().out)
+    assert [each["id"] for each in season["sessions"]] == [session_id]
+    assert len(season["cars"][0]["overview"]["cells"]) == 216
+    assert main(["season", "report", "--json", *at]) == 0  # of the team's own
     assert json.loads(capsys.readouterr().out)["sessions"] == []
 
 
@@ -120,9 +121,9 @@ def test_an_orion_log_of_72_cells_is_compared_with_another(tmp_path, capsys) -> 
     assert len(known) > 5
     assert known == pytest.approx({name: compared["b"][name] for name in known}, rel=0.05)
     assert main(["sessions", "report", ids[0], *at]) == 0
-    assert main(["sessions", "passport", "--battery", str(profile), "--swap", "6/12", *at]) == 0
-    assert "6/12 replaced" in capsys.readouterr().err
-    assert main(["sessions", "passport", "--battery", str(profile), "--swap", "7/1", *at]) == 2
+    assert main(["season", "swap", "6/12", "--battery", str(profile), *at]) == 0
+    assert "swap 1: 6/12 of " in capsys.readouterr().out
+    assert main(["season", "swap", "7/1", "--battery", str(profile), *at]) == 2
     assert "1/1 to 6/12" in capsys.readouterr().err
 
 

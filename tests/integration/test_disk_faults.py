@@ -1,6 +1,6 @@
 """Every call of the disk fails once: nothing that was acknowledged is lost, it is said, and the next try works.
 
-The recorder, the history of the configuration, the EEPROM's file, profiles, settings, events, passports, retention and
+The recorder, the history of the configuration, the EEPROM's file, profiles, settings, events, swaps, retention and
 the lake, in a process with tests/integration/faulty_disk.c below SQLite. `make campaign` lets each call fail with each
 error; `make test` a few of the small files' by chance, the same every time.
 """

@@ -6,7 +6,6 @@ import re
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from app.cli import main
@@ -14,7 +13,6 @@ from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import Data, Window
 from tests.fake_clock import FunctionClock
-from tests.recorded.arrays import START_S, SessionMaker
 
 WALL_NS = 1_790_000_000 * 10**9
 
@@ -164,45 +162,9 @@ def test_a_mistake_is_one_line(data: Path, tmp_path: Path, capsys, options: list
 
 
 def test_every_action_has_a_help_of_its_own(capsys) -> None:
-    for action, said in (("laps", "--laps-from"), ("import", "--profile"), ("passport", "--swap"), ("fetch", "URL")):
+    for action, said in (("laps", "--laps-from"), ("import", "--profile"), ("fetch", "URL")):
         with pytest.raises(SystemExit, match="0"):
             main(["sessions", action, "--help"])
         shown = capsys.readouterr().out
         assert said in shown
         assert "--older-than" not in shown
-
-
-def test_a_swap_is_confirmed_listed_and_taken_back(data: Path, capsys) -> None:
-    command = ["sessions", "passport", "--data", str(data)]
-    assert main([*command, "--swap", "3/8,3/7", "--at", "2026-09-21T10:00", "--note", "spare box"]) == 0
-    shown = capsys.readouterr()
-    assert "recorded: 3/7, 3/8 replaced 2026-09-21 10:00Z: spare box" in shown.err
-    assert shown.out.startswith("1 finished session\n1 of them keep no cell file: today's judges them\n")
-    assert "\nswap 1: 3/7, 3/8 replaced 2026-09-21 10:00Z: spare box\n" in shown.out
-    assert main([*command, "--take-back", "1"]) == 0
-    assert "swap" not in capsys.readouterr().out
-    assert main([*command, "--take-back", "1"]) == 2
-    assert "a swap that is listed" in capsys.readouterr().err
-
-
-def test_a_swap_is_of_the_car_that_is_named(tmp_path: Path, capsys) -> None:
-    make = SessionMaker(tmp_path / "sessions")
-    for day, car in enumerate(("red", "blue")):
-        make(np.arange(20.0), np.zeros(20), start_s=START_S + day * 86400.0, metadata={"car": car})
-    command = ["sessions", "passport", "--data", str(tmp_path)]
-    assert main([*command, "--swap", "3/7"]) == 2
-    assert re.search("car.*blue.*red", capsys.readouterr().err)
-    assert main([*command, "--swap", "3/7", "--car", "red"]) == 0
-    shown = capsys.readouterr().out
-    assert shown.startswith("car red, of blue, red\n1 finished session\n")
-    assert "swap 1: 3/7 replaced" in shown
-    assert main([*command, "--json"]) == 0
-    newest = json.loads(capsys.readouterr().out)
-    assert (newest["car"], newest["swaps"], len(newest["sessions"])) == ("blue", [], 1)
-
-
-def test_without_a_finished_session_no_cell_is_ranked(tmp_path: Path, capsys) -> None:
-    assert main(["sessions", "passport", "--data", str(tmp_path)]) == 0
-    assert capsys.readouterr().out == "0 finished sessions\n"
-    assert main(["sessions", "passport", "--data", str(tmp_path), "--json"]) == 0
-    assert set(json.loads(capsys.readouterr().out)["rank"]) == {None}

@@ -94,6 +94,11 @@ def keep_black_boxes(session: SessionFile, store: BlackBoxStore) -> list[StoredB
     return store.stored(session.info.id)
 
 
+def has_all_black_boxes(session: SessionFile, store: BlackBoxStore) -> bool:
+    """Whether there is a box of every incident of a session."""
+    return len(store.stored(session.info.id)) >= len(incidents(_triggers(session)))
+
+
 def store_box(store: BlackBoxStore, box: BlackBox) -> bool:
     """Keep a box; False where one that is at least as complete is there.
 

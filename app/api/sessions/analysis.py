@@ -23,10 +23,10 @@ from app.api.sessions.jobs import comparison_at, evidence_at, laps_at, overlay_a
 from app.api.sessions.routes import MAX_UNIX_S
 from app.api.web.dependencies import (
     BlackBoxesPart,
+    BoxesOfSessionsPart,
     CataloguePart,
     ClockPart,
     EventsPart,
-    PassportsPart,
     UserDep,
     WorkersPart,
 )
@@ -166,10 +166,10 @@ def overlay(
 
 @router.get("/blackboxes")
 def black_boxes(
-    black_boxes: BlackBoxesPart, passports: PassportsPart, limit: LimitQuery = None, cursor: CursorQuery = None
+    black_boxes: BlackBoxesPart, of_sessions: BoxesOfSessionsPart, limit: LimitQuery = None, cursor: CursorQuery = None
 ) -> BoxList:
     """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
-    passports.update()
+    of_sessions.update()
     return _box_list(black_boxes.store.stored(), limit, cursor)
 
 

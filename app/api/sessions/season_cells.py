@@ -1,11 +1,13 @@
-"""The season: sessions with tags, trends, cells by what limits soonest, what estimating again changed."""
+"""The season: sessions with tags, trends, cells, swaps of modules, what estimating again changed."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Response
 from pydantic import Field
 
+from app.api.schemas.sessions import DeletedOut
+from app.api.sessions.routes import MAX_UNIX_S
 from app.api.web.dependencies import (
     CataloguePart,
     ClockPart,
@@ -13,15 +15,17 @@ from app.api.web.dependencies import (
     SeasonPart,
     SeasonSourcePart,
     SettingsPart,
+    SwapsPart,
     UserDep,
     WorkersPart,
 )
-from app.api.web.problems import invalid
+from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.battery.fields import MOST_CELLS
 from app.season.answers import (
     LIMITS,
-    curves_at,
+    cars_at,
+    cell_at,
     overviews_at,
     report_at,
 )
@@ -29,9 +33,10 @@ from app.season.estimates.changes import EstimateChange, changes
 from app.season.estimates.results import EstimateSet, Results
 from app.season.lake.facts import where_of
 from app.season.overview import SeasonOverview
-from app.season.report import SeasonCellCurves, SeasonSession, session_of
+from app.season.report import SeasonCell, SeasonSession, session_of
 from app.season.tags import LONGEST, NAMES, matches, write_tags
 from app.sessions.info import SessionInfo
+from app.sessions.swaps import Swap
 from app.words import Message
 
 router = APIRouter(prefix="/season", tags=["season"])
@@ -50,6 +55,7 @@ class Season:
         is_kept: this service brings its lake up to date.
         cars: all of the lake with this battery, as the lake names them.
         overviews: of each car that has a session that matches.
+        swaps: of modules, of the chosen car or of all.
     """
 
     sessions: list[SeasonSession]
@@ -59,6 +65,7 @@ class Season:
     tag_names: list[str]
     cars: list[str]
     overviews: list[SeasonOverview]
+    swaps: list[Swap]
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,15 @@ class SeasonChanges:
     after: EstimateSet | None
     before: EstimateSet | None
     changes: list[EstimateChange]
+
+
+class NewSwap(Body):
+    """Modules that were replaced."""
+
+    cells: list[int] = Field(min_length=1, max_length=MOST_CELLS, description="indices from 0")
+    time_s: float | None = Field(None, ge=0, le=MAX_UNIX_S, description="unix time; none: now")
+    note: str = Field("", max_length=500)
+    car: str = Field("", max_length=200, description="whose; empty: of the only car there is")
 
 
 class NewTags(Body):
@@ -112,6 +128,7 @@ def season_now(
         list(NAMES),
         sorted(set(car_of.values())),
         overviews,
+        [swap for swap in source.swaps if not car or swap.is_of(car)],
     )
 
 
@@ -123,11 +140,39 @@ def season_cell(
     workers: WorkersPart,
     words: Words = "",
     car: Car = "",
-) -> list[SeasonCellCurves]:
-    """Resistance and capacity of a cell of each car over the season, with the lines through them and their bands."""
+) -> list[SeasonCell]:
+    """A cell of each car over the season: resistance, capacity, self-discharge, the lines through them, its modules."""
     if cell >= source.battery.n_cells:
         raise invalid("cell", cell, f"0..{source.battery.n_cells - 1}")
-    return workers.run(LIMITS, curves_at, source, _ids(_chosen(catalogue, words)), car, cell)
+    return workers.run(LIMITS, cell_at, source, _ids(_chosen(catalogue, words)), car, cell)
+
+
+@router.post("/swaps", status_code=201)
+def swap_modules(
+    body: NewSwap,
+    source: SeasonSourcePart,
+    swaps: SwapsPart,
+    workers: WorkersPart,
+    clock: ClockPart,
+    events: EventsPart,
+    user: UserDep,
+) -> list[Swap]:
+    """Record that modules of a car were swapped: what is in these places from then on inherits nothing."""
+    at_s = clock.wall_s() if body.time_s is None else body.time_s
+    swaps.add(body.cells, at_s, body.note, user.name, body.car, workers.run(LIMITS, cars_at, source))
+    events.note("info", "module-swapped", Message("modules-swapped", n=len(body.cells), note=body.note), user.name)
+    return swaps.read()
+
+
+@router.delete("/swaps/{swap_id}", response_model=DeletedOut)
+def take_swap_back(
+    swap_id: Annotated[int, Path(ge=0, lt=1 << 63)], swaps: SwapsPart, events: EventsPart, user: UserDep
+) -> dict[str, Any]:
+    """Take a swap back."""
+    if not swaps.remove(swap_id):
+        raise not_found("swap", str(swap_id))
+    events.note("info", "module-swapped", Message("swap-taken-back", swap=swap_id), user.name)
+    return {"deleted": True}
 
 
 @router.get("/changes")

@@ -6,8 +6,8 @@ from typing import Annotated, Any, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from app.analysis.black_box.of_sessions import BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
-from app.analysis.passport.keeper import PassportKeeper
 from app.api.access.certificate import Certificate
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
@@ -39,6 +39,7 @@ from app.service.wiring import Service
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
+from app.sessions.swaps import SwapFile
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.follow import Followers
 from app.sessions.transfer.import_jobs import ImportJobs
@@ -130,6 +131,7 @@ NEEDS_MASTER = Depends(_writable)  # of a route that reads or writes a master's 
 
 BatteryPart = Annotated[LoadedBattery, _from_service("battery")]
 BlackBoxesPart = Annotated[BlackBoxRecorder, _from_service("black_boxes")]
+BoxesOfSessionsPart = Annotated[BlackBoxesOfSessions, _from_service("boxes_of_sessions")]
 CanTracePart = Annotated[CanTrace, _from_service("trace")]
 CataloguePart = Annotated[Catalogue, _from_service("catalogue")]
 CommandsPart = Annotated[MasterCommands, _from_service("commands")]
@@ -147,7 +149,6 @@ ImportsPart = Annotated[ImportJobs, _from_service("imports")]
 InForcePart = Annotated[ConfigurationInForce, _from_service("in_force")]
 LinksPart = Annotated[Links, _from_service("links")]
 LivePart = Annotated[PipelineThread, _from_service("live")]
-PassportsPart = Annotated[PassportKeeper, _from_service("passports")]
 PipelinesPart = Annotated[Pipelines, _from_service("pipelines")]
 ProfilesPart = Annotated[Profiles, _from_service("profiles")]
 RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
@@ -157,6 +158,7 @@ SeasonSourcePart = Annotated[SeasonSource, Depends(_season_source)]
 SeasonPart = Annotated[SeasonLake, _from_service("season")]
 SettingsPart = Annotated[Settings, _from_service("settings")]
 SignedPart = Annotated[WriteLog, _from_service("write_log")]
+SwapsPart = Annotated[SwapFile, _from_service("swaps")]
 WorkersPart = Annotated[Workers, _from_service("workers")]
 SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]
 

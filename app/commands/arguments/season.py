@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the actions."""
     add_data_argument(parser)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for add in (_add_build, _add_query, _add_report, _add_estimate, _add_simulate):
+    for add in (_add_build, _add_query, _add_report, _add_swap, _add_estimate, _add_simulate):
         add(actions)
 
 
@@ -84,6 +84,23 @@ def _add_report(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     add_session_argument(tag)
     for name in NAMES:
         tag.add_argument(f"--{name}", metavar="TEXT", help="empty: take it away")
+
+
+def _add_swap(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    swap = new_action(
+        actions,
+        "swap",
+        "swaps of modules: list them, record one, take one back; a swapped module inherits nothing",
+        "season.swap.swap_modules",
+    )
+    swap.add_argument(
+        "cells", metavar="CELLS", nargs="?", help="record that these were replaced: pack/cell, such as 3/7,3/8"
+    )
+    swap.add_argument("--at", metavar="TIME", help="when, such as 2026-07-14T10:30 (UTC; default: now)")
+    swap.add_argument("--note", default="", help="about the swap")
+    swap.add_argument("--take-back", type=int, metavar="NUMBER", help="remove the swap of this number")
+    _add_season_arguments(swap)
 
 
 def _add_estimate(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from app.commands.arguments.common import (
-    add_car_arguments,
     add_data_argument,
     add_json_argument,
     add_session_argument,
@@ -53,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_argument(prune)
     for action in (delete, prune):
         action.add_argument("--yes", action="store_true", help="delete without asking")
-    for add in (_add_analysis, _add_passport, _add_transfer, _add_importing):
+    for add in (_add_analysis, _add_transfer, _add_importing):
         add(actions)
 
 
@@ -89,26 +88,6 @@ def _add_analysis(actions: "argparse._SubParsersAction[argparse.ArgumentParser]"
     boxes.add_argument("--html", type=Path, metavar="FOLDER", help="write a page to print for each")
     report.add_argument("--html", type=Path, metavar="FOLDER", help="write the whole report with its charts")
     compare.add_argument("--with", dest="other", required=True, metavar="SESSION", help="the other one, id or file")
-
-
-def _add_passport(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    action = new_action(
-        actions,
-        "passport",
-        "every cell across all sessions: capacity, resistance, self-discharge, balancing, rank, drift",
-        "session_commands.passport.show_passport",
-    )
-    add_car_arguments(action)
-    action.add_argument(
-        "--car", default="", metavar="NAME", help="of this car, as the season names it (default: of the newest session)"
-    )
-    add_json_argument(action)
-    swap = action.add_argument_group("swaps", "a swapped module begins a new line, which inherits nothing")
-    swap.add_argument("--swap", metavar="CELLS", help="record that these modules were replaced: pack/cell, as 3/7,3/8")
-    swap.add_argument("--at", metavar="TIME", help="when, as 2026-07-14T10:30 (UTC; default: now)")
-    swap.add_argument("--note", default="", help="about the swap")
-    swap.add_argument("--take-back", type=int, metavar="NUMBER", help="forget the swap of this number")
 
 
 def _add_transfer(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -5,11 +5,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from app.analysis.passport.keeper import PassportKeeper
 from app.commands.season.build import built_lake, lake_of
-from app.commands.session_commands.selection import catalogue, chosen_battery, data_folder
+from app.commands.session_commands.selection import chosen_battery, data_folder
 from app.season.cells.history import SeasonSource
 from app.season.lake.place import Place
+from app.sessions.swaps import SwapFile
 from app.words import naming_cells
 
 
@@ -24,10 +24,6 @@ def kept_season(args: argparse.Namespace) -> Iterator[SeasonSource]:
     folder, lake = data_folder(args), lake_of(args)
     if (folder / "sessions").is_dir():
         built_lake(Place(lake), [folder / "sessions"], shows=sys.stderr.isatty())
-    passports = PassportKeeper(folder, catalogue(args), cell, battery=battery, simulated=args.simulated)
-    try:
-        swaps = tuple(passports.swaps())
-    finally:
-        passports.close()
+    swaps = SwapFile(folder, battery, simulated=args.simulated).read()
     with naming_cells(battery.segments):
-        yield SeasonSource(lake, battery, args.simulated, cell, swaps)
+        yield SeasonSource(lake, battery, args.simulated, cell, tuple(swaps))

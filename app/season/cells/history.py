@@ -2,7 +2,7 @@
 
 Cars share nothing, also where their accumulators are of one profile: each has a history of its own. What is in it are
 facts of the season lake: resistance at the temperature and SOC of the moment, charge passed, capacity between rests,
-SOC at rests. Swaps of modules are those of the cell passports, of this car.
+SOC at rests. Swaps of modules are those of this car.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.analysis.passport.history import Swap, lost_in_pause
 from app.battery.battery import Battery
 from app.errors import ConfigError
 from app.estimation.arrays import BoolArray, FloatArray
@@ -22,10 +21,13 @@ from app.estimation.cell_model.circuit import CellModel
 from app.season.store import SeasonStore
 from app.season.store.questions import ask
 from app.sessions.info import SessionInfo
+from app.sessions.swaps import Swap
 from app.words import Message
 
 DAY_S: Final = 86400.0
 RELATIVE_SIGMA: Final = 0.01  # of a resistance against the median cell, where nobody said
+REST_GAP_S: Final = 8 * 3600.0  # a shorter pause says nothing of self-discharge
+REST_MOVED_MAX: Final = 0.03  # the median cell moved by more: the pack was used or charged unrecorded
 REST_SOC_SIGMA: Final = 0.002  # of the difference of two rests; how much pauses differ beyond it, the line finds
 
 
@@ -37,6 +39,7 @@ class CellHistory:
         sessions: their ids.
         start_s: unix time.
         charge_ah: passed so far, out and in, as far as sessions told it.
+        resistance_ohm: as measured, with the joint.
         resistance: over that of the cell file where `is_absolute`, else over the median cell of the session.
         resistance_sigma: its standard deviation.
         capacity_ah: measured in this session alone.
@@ -46,7 +49,8 @@ class CellHistory:
         lost_sigma: its standard deviation.
         self_discharge_per_day: (n_cells,) SOC a day beyond the median, over all pauses.
         nominal_ah: of a new cell.
-        is_present: where the module of today was in its place.
+        module: how many modules were in the place before.
+        is_present: where it is the module of today.
         is_absolute: whether resistances of different sessions compare.
         car: whose sessions they are, as the lake names it.
     """
@@ -54,6 +58,7 @@ class CellHistory:
     sessions: tuple[str, ...]
     start_s: FloatArray
     charge_ah: FloatArray
+    resistance_ohm: FloatArray
     resistance: FloatArray
     resistance_sigma: FloatArray
     capacity_ah: FloatArray
@@ -63,6 +68,7 @@ class CellHistory:
     lost_sigma: FloatArray
     self_discharge_per_day: FloatArray
     nominal_ah: float
+    module: FloatArray
     is_present: BoolArray
     is_absolute: bool
     car: str = ""
@@ -91,11 +97,21 @@ class CellHistory:
         }
         return replace(self, sessions=tuple(each for each in self.sessions if each in sessions), **cut)
 
-    def of(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return fractions of new and their sigmas: `resistance`, or `capacity`."""
+    def measured(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return what was measured of the modules of then, and its sigmas.
+
+        `resistance` and `capacity` are fractions of new, `self_discharge` is SOC a day beyond the median cell.
+        """
         if name == "resistance":
-            return self.today(self.resistance), self.resistance_sigma
-        return self.today(self.capacity_ah / self.nominal_ah), self.capacity_sigma_ah / self.nominal_ah
+            return self.resistance, self.resistance_sigma
+        if name == "capacity":
+            return self.capacity_ah / self.nominal_ah, self.capacity_sigma_ah / self.nominal_ah
+        return self.lost_per_day - row_median(self.lost_per_day)[:, None], self.lost_sigma
+
+    def of(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return the same of the modules of today alone."""
+        values, sigmas = self.measured(name)
+        return self.today(values), sigmas
 
 
 @dataclass(frozen=True)
@@ -159,12 +175,11 @@ def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
         return _numbers(table.column(name)).reshape(shape)
 
     start_s = column("start_time")[:, 0]
-    line = np.zeros(shape)  # number of swaps that the module in a place has seen, session by session
-    line_now = np.zeros(n_cells)
+    module, module_now = np.zeros(shape), np.zeros(n_cells)
     for swap in (each for each in source.swaps if each.is_of(car)):
         is_swapped = np.isin(np.arange(n_cells), swap.cells)
-        line += np.outer(start_s >= swap.time_s, is_swapped)
-        line_now += is_swapped
+        module += np.outer(start_s >= swap.time_s, is_swapped)
+        module_now += is_swapped
     ohm = column("resistance_ohm")
     resistance, sigma = column("resistance_factor"), column("resistance_factor_sigma")
     is_absolute = bool(np.isfinite(resistance).any())
@@ -176,13 +191,14 @@ def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
     gaps_s = column("first_rest_time")[1:, 0] - column("last_rest_time")[:-1, 0]
     for k, gap_s in enumerate(gaps_s, 1):
         if (moved := lost_in_pause(last_soc[k - 1], rest_soc[k], gap_s)) is not None:
-            is_same = line[k] == line[k - 1]
+            is_same = module[k] == module[k - 1]
             lost[k, is_same], days[k, is_same] = moved[is_same], gap_s / DAY_S
-    is_present = line == line_now
+    is_present = module == module_now
     return CellHistory(
         tuple(table.column("session").to_pylist()[::n_cells]),
         start_s,
         np.cumsum(np.nanmax(np.nan_to_num(column("charge_ah")), axis=1, initial=0.0)),
+        ohm,
         resistance,
         sigma,
         column("capacity_ah"),
@@ -192,10 +208,26 @@ def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
         REST_SOC_SIGMA / days,
         _per_day(np.where(is_present, lost, np.nan), days),
         source.cell.capacity_ah,
+        module,
         is_present,
         is_absolute,
         car,
     )
+
+
+def lost_in_pause(last_soc: FloatArray, first_soc: FloatArray, gap_s: float) -> FloatArray | None:
+    """Return (n_cells,) SOC lost in a pause; None where it is too short, or the pack was used or charged meanwhile.
+
+    Args:
+        last_soc: (n_cells,) at the rest before it.
+        first_soc: (n_cells,) at the rest after it.
+        gap_s: from one rest to the other.
+    """
+    lost = last_soc - first_soc
+    known = lost[np.isfinite(lost)]
+    if not gap_s >= REST_GAP_S or not known.size or abs(float(np.median(known))) > REST_MOVED_MAX:
+        return None
+    return lost
 
 
 def _numbers(column: Any) -> FloatArray:

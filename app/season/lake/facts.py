@@ -18,8 +18,6 @@ from app.analysis.finding import english, message_of_event
 from app.analysis.laps.figures import Lap, figures_of
 from app.analysis.laps.from_session import find_laps
 from app.analysis.limits import limits_of, limits_of_profile
-from app.analysis.passport.history import Stretch
-from app.analysis.passport.keeper import RestCounter
 from app.analysis.session_arrays import read_totals
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
@@ -31,8 +29,8 @@ from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import SOC_MOVED_MIN
 from app.season.estimates.session import SessionEstimate
 from app.season.lake.cell_sums import CellSums
+from app.season.lake.rest_counter import RestCounter, Stretch
 from app.season.lake.schema import WHOLE
-from app.sessions.car import car_of
 from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 
@@ -68,7 +66,10 @@ def where_of(session: SessionFile) -> Where:
     info = session.info
     year = str(_time(info.started_wall_ns / 1e9).year)
     season = file_name_of(str(info.metadata.get("season") or year))
-    return Where(car_of(info, session.battery.name), season, info.id)
+    car = file_name_of(str(info.metadata.get("car") or session.battery.name))  # what `serve --car` said
+    if info.metadata.get("source") == "simulator":
+        car += "-simulated"
+    return Where(car, season, info.id)
 
 
 @in_its_words

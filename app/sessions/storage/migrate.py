@@ -39,7 +39,6 @@ def _steps(kind: str) -> tuple[str, ...]:
 SESSION = Schema(int.from_bytes(b"VWse"), _steps("session"), readable_from=2)
 EVENTS = Schema(int.from_bytes(b"VWev"), _steps("events"))
 BLACKBOXES = Schema(int.from_bytes(b"VWbb"), _steps("blackboxes"))
-PASSPORT = Schema(int.from_bytes(b"VWpp"), _steps("passport"))
 
 
 def check(connection: sqlite3.Connection, schema: Schema, path: str) -> int:

@@ -18,7 +18,6 @@ import { THEMES, user } from './user.svelte';
 const MOST = 60; // more than anybody reads; typing narrows them
 const SUBPAGES: readonly { path: string; name: Text; page: Text }[] = [
   { path: 'sessions/boxes', name: 'Black boxes', page: 'Sessions' },
-  { path: 'sessions/passport', name: 'Cell passports', page: 'Sessions' },
   { path: 'sessions/import', name: 'Import', page: 'Sessions' },
   { path: 'setup', name: 'What shall Voltwall read?', page: 'System' },
 ];

@@ -10,10 +10,8 @@ export const whole = (text: string): string =>
     .replace(/(?<![\p{L}\d])-(?=\d)/gu, MINUS)
     .replace(/(\d) (%|A|V|Ah|mV|K|s|min|h|kWh|°C|mΩ)(?![\p{L}])/gu, '$1\u00a0$2');
 
-/** What is said, as part of a sentence. */
-export const phrase = (finding: AnalysisFinding): string => whole(messageText(finding, finding.text));
-
 /** What is said, as a sentence: it begins with a capital letter. */
-export const sentence = (finding: AnalysisFinding): string => capitalised(phrase(finding));
+export const sentence = (finding: AnalysisFinding): string =>
+  capitalised(whole(messageText(finding, finding.text)));
 
 export const capitalised = (text: string): string => text.slice(0, 1).toUpperCase() + text.slice(1);

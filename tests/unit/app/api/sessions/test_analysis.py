@@ -113,6 +113,13 @@ def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_i
     assert client.get("/api/v1/blackboxes/none").status_code == 404
 
 
+def test_who_asks_for_all_black_boxes_has_those_of_old_sessions_made_meanwhile(client, tripped):
+    client.get("/api/v1/blackboxes")
+    client.app.state.parts.service.boxes_of_sessions._thread.join()
+    (box,) = client.get("/api/v1/blackboxes").json()["boxes"]
+    assert (box["session_id"], box["cell"]) == (tripped, 3)
+
+
 def test_a_report_says_what_limited_and_a_page_holds_it(client, session_id, tripped):
     report = client.get(f"/api/v1/sessions/{tripped}/report").json()
     assert report["limited"][0].startswith("Tripped: under (pack 1, cell 4)")

@@ -72,6 +72,30 @@ def test_a_cell_has_its_curves(season):
     assert season.get("/api/v1/season/cells/96").status_code == 422
 
 
+def test_a_swap_is_recorded_and_taken_back(season):
+    when = START_S + 2.5 * DAY_S
+    made = season.post("/api/v1/season/swaps", json={"cells": [30], "time_s": when, "note": "spare 4"})
+    assert made.status_code == 201
+    (swap,) = made.json()
+    assert (swap["cells"], swap["note"], swap["time_s"]) == ([30], "spare 4", when)
+    told = season.get("/api/v1/season").json()
+    assert told["swaps"] == [swap]
+    assert [swap["car"]] == told["cars"]  # the only one
+    (cell,) = season.get("/api/v1/season/cells/30").json()
+    assert cell["module"] == [0, 0, 0, 1, 1, 1]
+    assert len(cell["resistance"]["measured"]) == 6
+    assert cell["resistance"]["line"] == []  # of three sessions of the new one
+    assert season.delete(f"/api/v1/season/swaps/{swap['id']}").status_code == 200
+    assert season.delete(f"/api/v1/season/swaps/{swap['id']}").status_code == 404
+    assert season.get("/api/v1/season/cells/30").json()[0]["module"] == [0] * 6
+
+
+@pytest.mark.parametrize("body", [{"cells": []}, {"cells": [96]}, {"cells": [1], "time_s": -1}])
+def test_a_swap_that_cannot_be_is_refused(season, body):
+    assert season.post("/api/v1/season/swaps", json=body).status_code == 422
+    assert season.get("/api/v1/season").json()["swaps"] == []
+
+
 def test_what_estimating_again_changed_is_told(season, tmp_path):
     results, own = Results(tmp_path), set_of("session", None, "fused")
     results.begin(own)
@@ -122,6 +146,20 @@ def test_two_cars_are_told_apart_everywhere(two_cars):
     report = two_cars.get("/api/v1/season/report").text
     assert '"car":"e-25"' in report.replace(" ", "")
     assert '"car":"e-26"' in report.replace(" ", "")
+
+
+def test_a_swap_is_of_one_car_and_which_of_several_has_to_be_said(two_cars):
+    for body in ({"cells": [30]}, {"cells": [30], "car": "green"}):
+        answer = two_cars.post("/api/v1/season/swaps", json=body)
+        assert answer.status_code == 422
+        assert "e-25" in answer.text
+        assert "e-26" in answer.text
+    made = two_cars.post("/api/v1/season/swaps", json={"cells": [30], "time_s": START_S + 2.5 * DAY_S, "car": "e-26"})
+    assert [swap["car"] for swap in made.json()] == ["e-26"]
+    cells = two_cars.get("/api/v1/season/cells/30").json()
+    assert {each["car"]: each["module"] for each in cells} == {"e-25": [0, 0, 0], "e-26": [0, 1, 1]}
+    swaps = {car: two_cars.get("/api/v1/season", params={"car": car}).json()["swaps"] for car in ("e-25", "e-26")}
+    assert swaps == {"e-25": [], "e-26": made.json()}
 
 
 def test_one_car_is_chosen_and_one_that_there_is_not_is_refused(two_cars):

@@ -86,7 +86,6 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["report", "ID"],
         ["laps", "ID"],
         ["compare", "ID", "--with", "OTHER"],
-        ["passport"],
     ],
     ids=" ".join,
 )
@@ -95,7 +94,7 @@ def test_a_look_at_sessions_tells_how_far_it_is(data: Path, tmp_path: Path, word
     named = {"ID": first, "OTHER": other, "OUT": str(tmp_path / "out.sqlite")}
     found = shares(run("sessions", *(named.get(word, word) for word in words), "--data", data))
     assert found
-    if words[0] not in ("compare", "passport"):  # two sessions of a line each; a step a session
+    if words[0] != "compare":  # two sessions of a line each
         assert all(low <= high for low, high in pairwise(found))
         assert found[-1] >= 99.0
 

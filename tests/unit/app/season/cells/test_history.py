@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from app.analysis.passport.history import Swap
-from app.analysis.passport.keeper import PassportKeeper
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
-from app.season.cells.history import DAY_S, SeasonSource
+from app.season.cells.history import DAY_S, SeasonSource, lost_in_pause
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
-from app.sessions.catalogue import Catalogue
+from app.season.report import cell_of
+from app.sessions.swaps import Swap
 from app.sources.loaded_battery import load_battery, team_battery
 from tests.recorded.arrays import START_S, SessionMaker
 
@@ -74,6 +73,26 @@ def test_a_swapped_module_inherits_nothing(lake):
     assert found.lost_per_day[2, LEAKY] == pytest.approx(LEAK, rel=0.1)
 
 
+def test_a_cell_has_a_value_a_session_also_of_the_module_before(lake):
+    swap = Swap(START_S + 0.5 * DAY_S, (WEAK,))
+    found = cell_of(of_one(lake, swaps=(swap,)), WEAK)
+    assert found.module == [0, 1, 1]
+    assert len(found.sessions) == 3
+    assert found.resistance_ohm == pytest.approx([0.003] * 3, rel=0.05)
+    assert None not in found.resistance.measured
+    assert found.self_discharge.measured[:2] == [None, None]  # before the first session, and over the swap
+    assert found.self_discharge.measured[2] == pytest.approx(0.0, abs=LEAK / 10)
+    assert cell_of(of_one(lake), LEAKY).self_discharge.measured[1:] == pytest.approx([LEAK] * 2, rel=0.1)
+
+
+def test_a_short_pause_and_one_in_which_the_pack_was_charged_say_nothing():
+    soc, night_s = np.full(4, 0.8), 9 * 3600.0
+    assert lost_in_pause(soc, soc - 0.001, night_s) == pytest.approx(np.full(4, 0.001))
+    assert lost_in_pause(soc, soc - 0.001, 7 * 3600.0) is None
+    assert lost_in_pause(soc, soc + 0.15, night_s) is None
+    assert lost_in_pause(soc, np.full(4, np.nan), night_s) is None
+
+
 def test_an_empty_lake_has_no_car(tmp_path):
     assert source(str(tmp_path)).histories() == source(str(tmp_path)).histories("red") == []
 
@@ -88,13 +107,9 @@ def test_a_second_accumulator_of_a_car_has_a_profile_of_its_own_name(tmp_path):
         start_s, red = START_S + day * DAY_S, {"car": "red"}
         make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, metadata=red, battery=accumulators[day % 2])
     build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
-    catalogue, found = Catalogue(tmp_path / "sessions"), []
+    found = []
     for each in accumulators:
         (history,) = SeasonSource(str(tmp_path / "lake"), each.battery, False, CELL).histories()
-        keeper = PassportKeeper(tmp_path, catalogue, CELL, battery=each.battery)
-        keeper.read_new()
-        assert keeper.passports().sessions == history.sessions
-        keeper.close()
         assert history.car == "red"
         assert history.charge_ah == pytest.approx(AMPERE_HOURS * np.arange(1, 3), rel=0.02)
         found.append(history)
