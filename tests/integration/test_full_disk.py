@@ -40,7 +40,7 @@ REQUESTS = {
     "POST /imports?filename=a.csv": b"t,I,v1\\n" + b"1,2,3.7\\n" * 5000,
     "PUT /recorder": {"event": "FSG", "driver": "x" * 50},
     "PUT /config/profiles/wet": {"source": "default"},
-    "POST /passport/swaps": {"cells": [3], "note": "x" * 500},
+    "POST /season/swaps": {"cells": [3], "note": "x" * 500},
     f"PUT /season/sessions/{session}/tags": {"tags": {"track": "x" * 200}},
     f"PUT /sessions/{session}/laps": {
         "laps": [{"start_s": 10.0 * k, "end_s": 10.0 * k + 9, "note": "x" * 200} for k in range(100)]

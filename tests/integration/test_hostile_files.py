@@ -42,7 +42,7 @@ def test_every_bad_session_is_a_row_with_its_reason_and_all_else_goes_on(make_se
         listed = [each["id"] for each in found["sessions"]]
         assert set(sessions) < set(listed)
         assert len(listed) == 2 + len(BATTERIES) + len(HARMLESS)
-        for path in ("/season", "/pieces", "/passport", "/blackboxes"):
+        for path in ("/season", "/pieces", "/blackboxes"):
             assert client.get(path).status_code == 200, path
         for file in [*names, *(f"{each}.sqlite" for each in listed)]:
             for path in (
@@ -64,7 +64,7 @@ def test_every_bad_session_is_a_row_with_its_reason_and_all_else_goes_on(make_se
         assert len(client.get("/sessions").json()["unreadable"]) == len(UNREADABLE) + 2
 
 
-DERIVED = ("events.sqlite", "blackboxes.sqlite", "passport.sqlite")
+DERIVED = ("events.sqlite", "blackboxes.sqlite")
 
 
 def test_damaged_databases_are_set_aside_and_the_page_says_so(make_service) -> None:
@@ -78,8 +78,7 @@ def test_damaged_databases_are_set_aside_and_the_page_says_so(make_service) -> N
         assert sorted(reason.split()[0] for reason in reasons) == sorted(DERIVED)
         events = client.get("/events").json()["events"]
         assert sorted(each["text"] for each in events if each["code"] == "file-set-aside") == sorted(reasons)
-        for path in ("/passport", "/blackboxes"):
-            assert client.get(path).status_code == 200
+        assert client.get("/blackboxes").status_code == 200
     for name in DERIVED:
         (kept,) = service.data.glob(f"{name}.damaged-*")
         assert kept.read_bytes().startswith(b"\x00garbage")
@@ -87,7 +86,7 @@ def test_damaged_databases_are_set_aside_and_the_page_says_so(make_service) -> N
     service.start()
     with service.client() as client:
         assert not [each for each in client.get("/health").json()["reasons"] if "was damaged" in each]
-        assert len([each for each in client.get("/events").json()["events"] if each["code"] == "file-set-aside"]) == 3
+        assert len([each for each in client.get("/events").json()["events"] if each["code"] == "file-set-aside"]) == 2
 
 
 def test_damage_met_while_it_runs_stops_nothing(make_service) -> None:

@@ -14,6 +14,8 @@ from app.commands.session_commands.selection import data_folder
 from app.errors import ConfigError
 from app.sessions.swaps import SwapFile
 
+MOST_DIGITS = 9  # of a pack or a cell
+
 
 def swap_modules(args: argparse.Namespace) -> int:
     """Record a swap, or take one back, where that is asked for; print those of the car, or of all."""
@@ -22,7 +24,7 @@ def swap_modules(args: argparse.Namespace) -> int:
         if args.take_back is not None and not swaps.remove(args.take_back):
             raise ConfigError("--take-back", args.take_back, "the number of a swap that is listed")
         if args.cells is not None:
-            cells = [_cell_index(source.battery, part) for part in args.cells.split(",")]
+            cells = [cell_index(source.battery, part) for part in args.cells.split(",")]
             cars = [history.car for history in source.histories()]
             swaps.add(cells, _time(args.at), args.note, None, args.car, cars)
         listed = [swap for swap in swaps.read() if not args.car or swap.is_of(args.car)]
@@ -38,9 +40,14 @@ def swap_modules(args: argparse.Namespace) -> int:
     return 0
 
 
-def _cell_index(battery: Battery, text: str) -> int:
+def cell_index(battery: Battery, text: str) -> int:
+    """Return the index of a cell named PACK/CELL.
+
+    Raises:
+        ConfigError: the battery has no such cell.
+    """
     pack, _, cell = text.strip().partition("/")
-    is_place = pack.isdigit() and cell.isdigit()
+    is_place = all(part.isascii() and part.isdecimal() and len(part) <= MOST_DIGITS for part in (pack, cell))
     index = battery.cell_at(int(pack) - 1, int(cell) - 1) if is_place else None
     if index is None:
         raise ConfigError("CELLS", text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")

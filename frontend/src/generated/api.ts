@@ -73,25 +73,6 @@ export interface Alarm {
   text_words: Words | null;
 }
 
-/** Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read. */
-export interface AllPassports {
-  car: string;
-  cars: string[];
-  sessions: number;
-  by_todays_cell: number;
-  reading: number;
-  to_read: number;
-  capacity_ah: (number | null)[];
-  capacity_sigma_ah: (number | null)[];
-  resistance_ohm: (number | null)[];
-  resistance_relative: (number | null)[];
-  self_discharge_per_day: (number | null)[];
-  balancing_h: (number | null)[];
-  rank: (number | null)[];
-  drifts: Drift[];
-  swaps: StoredSwap[];
-}
-
 /** One thing that is said; `code` and `args` are the JSON form of a message, `text` is that message in English. */
 export interface AnalysisFinding {
   code: string;
@@ -358,16 +339,6 @@ export interface CarAlarm {
   active: boolean;
 }
 
-/** Group B, sessions of `car_b`, against group A, sessions of `car_a`; `cells` where that is the same car. */
-export interface CarComparison {
-  car_a: string;
-  car_b: string;
-  sessions_a: number;
-  sessions_b: number;
-  differences: SeasonDifference[];
-  cells: SeasonCellDifference[];
-}
-
 /** A link of a car to its master. */
 export interface CarLink {
   state: string;
@@ -455,16 +426,6 @@ export interface CellFinding {
   evidence_words: Words | null;
 }
 
-/** The life of one cell's place, the oldest session first. */
-export interface CellPassport {
-  car: string;
-  cell: number;
-  rank: number | null;
-  entries: PassportEntry[];
-  drifts: Drift[];
-  swaps: StoredSwap[];
-}
-
 /** One cell against the median one; `score` is how far it has gone to the nearest limit: 1 is there. */
 export interface CellRank {
   cell: number;
@@ -475,8 +436,6 @@ export interface CellRank {
   resistance_trend: SeasonTrend | null;
   capacity_trend: SeasonTrend | null;
   self_discharge_trend: SeasonTrend | null;
-  resistance_step: SeasonStep | null;
-  capacity_step: SeasonStep | null;
   reasons: AnalysisFinding[];
 }
 
@@ -735,19 +694,6 @@ export interface Drawing {
   rows: number;
   order: number[];
   turned: number[];
-}
-
-/** A cell that moves away from the others; `weeks` until its limit, 0: it is passed. */
-export interface Drift {
-  code: string;
-  args: Record<string, unknown>;
-  text: string;
-  cell: number;
-  what: 'capacity' | 'resistance' | 'self-discharge';
-  per_week: number;
-  now: number;
-  limit: number;
-  weeks: number;
 }
 
 /** The two frames, null where not sent; what stands in them now. */
@@ -1425,19 +1371,6 @@ export interface Parameter {
   meaning: string;
 }
 
-/** What one session told about a cell; `line` counts its modules from 0. */
-export interface PassportEntry {
-  session_id: string;
-  time_s: number;
-  line: number;
-  capacity_ah: number | null;
-  capacity_sigma_ah: number | null;
-  resistance_ohm: number | null;
-  resistance_relative: number | null;
-  self_discharge_per_day: number | null;
-  balancing_h: number | null;
-}
-
 /** The other cells at the trip; `apart`: this cell against their mean. */
 export interface Peers {
   low: number;
@@ -1775,6 +1708,7 @@ export interface Season {
   tag_names: string[];
   cars: string[];
   overviews: SeasonOverview[];
+  swaps: Swap[];
 }
 
 /** Rows of an answer; times in ISO 8601, null where nothing is known. */
@@ -1785,21 +1719,16 @@ export interface SeasonAnswer {
   seconds: number;
 }
 
-/** Both quantities of a cell of a car over the season. */
-export interface SeasonCellCurves {
+/** A cell of a car over the season, a value a session. */
+export interface SeasonCell {
   car: string;
   cell: number;
+  sessions: string[];
+  module: number[];
+  resistance_ohm: (number | null)[];
   resistance: SeasonCurve;
   capacity: SeasonCurve;
-}
-
-/** A cell that changed against the others of its car; `p` after the tests of all cells. */
-export interface SeasonCellDifference {
-  cell: number;
-  change: number;
-  low: number;
-  high: number;
-  p: number;
+  self_discharge: SeasonCurve;
 }
 
 /** What estimating again changed; `after` and `before` are sets, None where there is none. */
@@ -1810,38 +1739,25 @@ export interface SeasonChanges {
   changes: EstimateChange[];
 }
 
-/** A quantity of one cell: what was measured, and the band of 95 % of the Gaussian process, also ahead. */
+/** A quantity of a cell: what was measured of any module, and the line of today's with its band of 95 %. */
 export interface SeasonCurve {
   time_s: number[];
   measured: (number | null)[];
   sigma: (number | null)[];
-  curve_time_s: number[];
-  mean: (number | null)[];
-  low: (number | null)[];
-  high: (number | null)[];
+  line_time_s: number[];
+  line: number[];
+  low: number[];
+  high: number[];
 }
 
-/** `b` less `a` of one figure, with the ends of its band of 95 %; None where a group has fewer than two. */
-export interface SeasonDifference {
-  name: string;
-  unit: string;
-  a: number | null;
-  b: number | null;
-  n_a: number;
-  n_b: number;
-  change: number | null;
-  low: number | null;
-  high: number | null;
-}
-
-/** The accumulator, or one pack of it. */
+/** The accumulator, or one pack of it; None where a quantity was measured too seldom. */
 export interface SeasonGroup {
   pack: number | null;
-  resistance: SeasonQuantity;
-  capacity: SeasonQuantity;
-  spread: SeasonQuantity;
-  soc_spread: SeasonQuantity;
-  self_discharge: SeasonQuantity;
+  resistance: SeasonTrend | null;
+  capacity: SeasonTrend | null;
+  spread: SeasonTrend | null;
+  soc_spread: SeasonTrend | null;
+  self_discharge: SeasonTrend | null;
 }
 
 /** The accumulator of a car, its packs, and all cells, the one that limits soonest first. */
@@ -1852,12 +1768,6 @@ export interface SeasonOverview {
   charge_ah: number;
   groups: SeasonGroup[];
   cells: CellRank[];
-}
-
-/** A quantity over the season; None where it was measured too seldom, or no step is more than chance. */
-export interface SeasonQuantity {
-  trend: SeasonTrend | null;
-  step: SeasonStep | null;
 }
 
 /** The questions that come along, and where the lake lies. */
@@ -1876,16 +1786,6 @@ export interface SeasonSession {
   tags: Record<string, string>;
 }
 
-/** From `session` on a quantity lies higher by `size`; `p` after the tests of all packs, or of all cells. */
-export interface SeasonStep {
-  session: string;
-  time_s: number;
-  size: number;
-  low: number;
-  high: number;
-  p: number;
-}
-
 /** A line: per month with the ends of its band of 95 %, and where it is now. */
 export interface SeasonTrend {
   now: number;
@@ -1895,13 +1795,6 @@ export interface SeasonTrend {
   sessions: number;
   is_sure: boolean;
   tells_month: boolean;
-}
-
-/** The accumulator of a car without some modules; `has_capacity`: their capacities were measured. */
-export interface SeasonWithout {
-  car: string;
-  without: WithoutModule;
-  has_capacity: boolean;
 }
 
 /** Two sessions side by side; `cells` changed the most in resistance, `unlike`: what of then differs. */
@@ -2179,16 +2072,6 @@ export interface StoredConfig {
   counter: number;
 }
 
-/** A swap as it was recorded. */
-export interface StoredSwap {
-  id: number;
-  time_s: number;
-  cells: number[];
-  note: string;
-  who: string | null;
-  car?: string | null;
-}
-
 /** A field of the master's struct. */
 export interface StructField {
   name: string;
@@ -2199,6 +2082,16 @@ export interface StructField {
   unit: string;
   scale: number;
   meaning: string;
+}
+
+/** Modules that were replaced at an instant: what is in these places from then on inherits nothing. */
+export interface Swap {
+  time_s: number;
+  cells: number[];
+  note: string;
+  who?: string | null;
+  car?: string | null;
+  id: number;
 }
 
 /** The machine that the service runs on, and who reads. */
@@ -2332,20 +2225,6 @@ export interface Verdict {
   out: number[];
   share: number | null;
   limit: number;
-}
-
-/** A string without some modules against the whole one, with the ends of its band of 95 %. */
-export interface WithoutModule {
-  removed: number[];
-  capacity_now_ah: number;
-  capacity_ah: number;
-  capacity_low_ah: number;
-  capacity_high_ah: number;
-  energy: number;
-  energy_low: number;
-  energy_high: number;
-  weakest_voltage_v: number;
-  limiting: number;
 }
 
 /** A code and its arguments: numbers, texts, cells, quantities with their unit, and messages within messages. */

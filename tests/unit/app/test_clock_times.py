@@ -20,7 +20,7 @@ def session(make_session, request):
 
 @pytest.mark.parametrize(
     "command",
-    [["list"], ["show", "ID"], ["report", "ID"], ["laps", "ID"], ["passport"], ["prune", "--older-than", "3"]],
+    [["list"], ["show", "ID"], ["report", "ID"], ["laps", "ID"], ["prune", "--older-than", "3"]],
 )
 def test_a_session_of_any_clock_is_shown(session, command, capsys):
     given = [session.stem if each == "ID" else each for each in command]

@@ -139,5 +139,5 @@ def test_a_file_that_was_set_aside_is_a_problem_and_no_failure(health, live, par
     notes = []
     parts.damaged.note_into(lambda *note: notes.append(note))
     assert [(severity, code) for severity, code, _ in notes] == [("warning", "file-set-aside")]
-    parts.damaged.add(Path("passport.sqlite"), Path("kept"))
+    parts.damaged.add(Path("blackboxes.sqlite"), Path("kept"))
     assert len(notes) == 2

@@ -11,8 +11,7 @@ import pytest
 from app.sessions.black_box_store import BlackBoxStore
 from app.sessions.errors import RecordingFailed, SchemaTooNew
 from app.sessions.event_log import EventLog
-from app.sessions.passport_store import PassportStore
-from app.sessions.storage.migrate import BLACKBOXES, EVENTS, PASSPORT
+from app.sessions.storage.migrate import BLACKBOXES, EVENTS
 from app.telemetry import Event
 from app.words import Message
 from tests.fake_clock import FakeClock
@@ -22,15 +21,12 @@ def events(path: Path, on_set_aside) -> EventLog:
     return EventLog(path, FakeClock(), on_set_aside)
 
 
-def use(store: EventLog | BlackBoxStore | PassportStore, number: int) -> int:
+def use(store: EventLog | BlackBoxStore, number: int) -> int:
     """Write one more row and return how many there are."""
     if isinstance(store, EventLog):
         store.append(Event(1, "info", "code", Message("verbatim", text=str(number))))
         store.flush()
         return len(store.query(limit=10_000))
-    if isinstance(store, PassportStore):
-        store.add_record(f"s{number}", number, "car", {"body": os.urandom(500).hex()})
-        return len(store.records("car"))
     store._store.change(
         "INSERT INTO blackboxes (id, t_wall_ns, code, severity, text, is_complete, body)"
         " VALUES (?, 1, '', '', '', 1, ?)",
@@ -60,7 +56,7 @@ def become_folder(path: Path) -> None:
     (path / "inside").touch()
 
 
-TABLES = {"events": events, "blackboxes": BlackBoxStore, "passport": PassportStore}
+TABLES = {"events": events, "blackboxes": BlackBoxStore}
 DAMAGES: dict[str, Callable[[Path], object]] = {
     "garbage": lambda path: path.write_bytes(os.urandom(5000)),
     "zeros": lambda path: path.write_bytes(bytes(8192)),
@@ -78,7 +74,7 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
     ),
     "a folder": become_folder,
 }
-MARKS = {"events": EVENTS.application_id, "blackboxes": BLACKBOXES.application_id, "passport": PASSPORT.application_id}
+MARKS = {"events": EVENTS.application_id, "blackboxes": BLACKBOXES.application_id}
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
@@ -144,19 +140,8 @@ def test_a_file_of_a_newer_program_is_refused_and_stays(tmp_path: Path, name: st
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_damaged_record_of_a_passport_is_made_again_and_hides_no_other(tmp_path: Path) -> None:
-    store = PassportStore(tmp_path / "passport.sqlite")
-    for name in "abc":
-        store.add_record(name, 1, "car", {"name": name})
-    for session, body in (("a", b"no zlib"), ("b", None)):
-        store._store.change("UPDATE records SET body = coalesce(?, 'text') WHERE session_id = ?", (body, session))
-    assert store.records("car") == [{"name": "c"}]
-    assert store.known() == {"c"}
-    store.close()
-
-
 def test_one_that_cannot_be_set_aside_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "passport.sqlite"
+    path = tmp_path / "blackboxes.sqlite"
     path.write_bytes(b"garbage" * 100)
 
     def refuse(*_: object) -> None:
@@ -164,4 +149,4 @@ def test_one_that_cannot_be_set_aside_is_refused(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(Path, "rename", refuse)
     with pytest.raises(RecordingFailed, match="refused"):
-        PassportStore(path)
+        BlackBoxStore(path)
