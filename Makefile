@@ -83,7 +83,7 @@ $(VENV)/.site-installed: requirements/site.lock | $(VENV)/.dev-installed
 	@touch $@
 
 clean: ## remove everything that was fetched or built
-	rm -rf mutants site $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter*.so app/estimation/filters/engine/vw_filter*.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf mutants site $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter*.so app/estimation/filters/engine/vw_filter*.dylib firmware_protocol/c/simulated/vw_firmware.so firmware_protocol/c/simulated/vw_firmware.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 frontend: | $(VENV)/.build-installed
 	@$(PY) hatch_build.py

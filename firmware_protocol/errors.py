@@ -3,6 +3,7 @@
 ProtocolError
   EncodeError      our mistake: a value does not fit
   DecodeError      the peer's: bytes that mean nothing
+  LibraryError     a shared library of C sources that cannot be used here
 """
 
 from typing import Literal
@@ -46,3 +47,7 @@ class DecodeError(ProtocolError):
         self.offset = offset
         where = "" if offset is None else f" at byte {offset}"
         super().__init__(f"{what}{where}: {reason}")
+
+
+class LibraryError(ProtocolError):
+    """A shared library that is not there, or not the one of the C sources that it came with."""

@@ -1,4 +1,4 @@
-"""The simulated accumulator: physics, virtual master, ports that look like the real thing."""
+"""The simulated accumulator: physics, the firmware as its master, ports that look like the real thing."""
 
 import os
 

@@ -23,13 +23,13 @@ class MasterOnBus:
     def bit_rate(self) -> int:
         """The bit rate of the configuration in force [bit/s]."""
         master = self._running()
-        return 0 if master is None or self.is_held_off else master.can.bit_rate
+        return 0 if master is None or self.is_held_off else master.bit_rate
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
         """Hand a frame to the running master."""
         master = self._running()
         if master is not None:
-            master.can.received(frame, now_s)
+            master.can_received(frame, now_s)
 
 
 class ChargerOnBus:

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from simulator.bms_state import RelayState
 from simulator.errors import SimulatorError
 from simulator.fault_kinds import FAULTS, FaultKind, Target
 from simulator.faults import ActiveFault, read_target
 from simulator.inputs import FOR_S, MIN_SPEED, Limits, read_choice, read_number, read_optional, refuse_unknown
 from simulator.library import library
-from simulator.relays import RelayState
 from simulator.runner import Runner
 from simulator.scenario_player import Notice, ScenarioPlayer
 from simulator.shape import Shape

@@ -1,7 +1,6 @@
 """The AT24C256 as a chip: 32 kB in a file, 64-byte pages, 5 ms a write, and the effects of a power cut and of wear."""
 
 import logging
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ SIZE = 32_768
 PAGE_SIZE = 64
 PAGE_WRITE_S = 0.005
 ERASED = 0xFF
+_TIME_TOLERANCE_S = 1e-9
 
 
 class Eeprom:
@@ -28,6 +28,7 @@ class Eeprom:
         self._path = path
         self.content = bytearray([ERASED]) * SIZE
         self.worn_pages: set[int] = set()
+        self._under_way: tuple[int, bytes, float] | None = None  # address, data, until when
         if path is None:
             return
         try:
@@ -68,29 +69,21 @@ class Eeprom:
                 return
         self.content[start : start + PAGE_SIZE] = written
 
-    def tear(self, address: int, data: bytes, n_bytes: int, garbage: int) -> None:
-        """Write what is left after a power cut: the first `n_bytes`, then one random byte."""
-        self.write(address, (data[:n_bytes] + bytes([garbage & 0xFF]))[: len(data)])
+    def begin_write(self, address: int, data: bytes, now_s: float) -> None:
+        """Begin to write a page, which takes the chip 5 ms."""
+        self._under_way = address, data, now_s + PAGE_WRITE_S
 
+    def is_busy(self, now_s: float) -> bool:
+        """Return whether a page is being written still."""
+        if self._under_way is not None and self._under_way[2] <= now_s + _TIME_TOLERANCE_S:
+            self.write(*self._under_way[:2])
+            self._under_way = None
+        return self._under_way is not None
 
-class PageJob:
-    """Page writes one after the other, 5 ms each; an interruption leaves a page written in part."""
-
-    def __init__(self, eeprom: Eeprom, pages: Iterable[tuple[int, bytes]], now_s: float) -> None:
-        self._eeprom = eeprom
-        self._pages = list(pages)
-        self.due_s = now_s + PAGE_WRITE_S
-
-    def run(self, now_s: float) -> bool:
-        """Finish the pages whose write time has passed; return whether all are done."""
-        while self._pages and self.due_s <= now_s:
-            self._eeprom.write(*self._pages.pop(0))
-            self.due_s += PAGE_WRITE_S
-        return not self._pages
-
-    def interrupt(self, rng: np.random.Generator) -> None:
-        """Cut the power."""
-        if self._pages:
-            address, data = self._pages[0]
-            self._eeprom.tear(address, data, int(rng.integers(len(data) + 1)), int(rng.integers(256)))
-        self._pages.clear()
+    def lose_power(self, rng: np.random.Generator) -> None:
+        """Cut the power: of a page under way some bytes are written, then one is random."""
+        if self._under_way is not None:
+            address, data, _ = self._under_way
+            n_bytes, garbage = int(rng.integers(len(data) + 1)), int(rng.integers(256))
+            self.write(address, (data[:n_bytes] + bytes([garbage]))[: len(data)])
+            self._under_way = None

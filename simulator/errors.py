@@ -6,6 +6,7 @@ SimulatorError
   FaultError       a fault that does not exist or cannot take this value
   InputError       a key of a file or a request that is missing, foreign, or has a value that it cannot have
   PortError        a port that cannot be opened
+  FirmwareError    the master's firmware has not been built for this machine
 """
 
 
@@ -57,3 +58,7 @@ class PortError(SimulatorError):
         self.port = port
         self.reason = reason
         super().__init__(f"{port}: {reason}")
+
+
+class FirmwareError(SimulatorError):
+    """The master's firmware cannot be loaded."""

@@ -1,11 +1,8 @@
-"""Register groups of many slaves over the pair: as packets with PEC15, made, disturbed and checked all at once.
+"""Register groups of many slaves over the pair: as packets with PEC15, made and disturbed all at once.
 
 A packet is four little-endian words: three of data, and the check word with its bytes as they go over the pair. PEC15
 is linear, so the check word is the XOR of one table entry a word; `firmware_protocol.ltc6804` makes the tables.
 """
-
-import functools
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +14,6 @@ PACKET_WORDS = DATA_WORDS + 1
 _COMMAND_BYTES = 4
 WordArray = NDArray[np.uint16]
 BoolArray = NDArray[np.bool_]
-
-
-class Answers(NamedTuple):
-    """The received packets of one read of every slave."""
-
-    words: WordArray  # (n_slaves, groups, 3), not to be written: undisturbed they are the registers themselves
-    intact: BoolArray  # (n_slaves, groups) whether the check word is that of the data
-    is_whole: bool  # all of them
 
 
 def _check_word(group: bytes) -> int:
@@ -66,11 +55,6 @@ def to_packets(groups: WordArray) -> WordArray:
     return packets
 
 
-def is_intact(packets: WordArray) -> BoolArray:
-    """Return which packets carry the check word of their data, shape (..., 4) to (...)."""
-    return np.asarray(check_words(packets) == packets[..., DATA_WORDS])
-
-
 def flip_bits(packets: WordArray | NDArray[np.uint8], rate: float, rng: np.random.Generator) -> None:
     """Disturb packets in place: each bit flips at this rate, at most one a byte."""
     flat = packets.view(np.uint8).reshape(-1)
@@ -85,12 +69,11 @@ def damaged(packet: bytes, rate: float, rng: np.random.Generator) -> bytes:
     return arrived.tobytes()
 
 
-def carry(registers: WordArray, silent: BoolArray | None, bit_error_rate: float, rng: np.random.Generator) -> Answers:
-    """Return what arrives of all slaves' registers.
+def carry(registers: WordArray, silent: BoolArray | None, bit_error_rate: float, rng: np.random.Generator) -> WordArray:
+    """Return what arrives of all slaves' registers: (n_slaves, groups, 4), packets with their check words.
 
-    Each group is asked for by a command of its own; a slave that gets it damaged does not answer. Nothing on a quiet
-    pair changes a packet, and a packet that nothing changed carries the check word that it was made with: then packets
-    need not be made.
+    Each group is asked for by a command of its own; a slave that gets it damaged does not answer. On a quiet pair the
+    packets are not made: then it returns (n_slaves, groups, 3), the registers themselves, not to be written.
 
     Args:
         registers: (n_slaves, words), a multiple of three words.
@@ -100,7 +83,7 @@ def carry(registers: WordArray, silent: BoolArray | None, bit_error_rate: float,
     """
     groups = registers.reshape(len(registers), -1, DATA_WORDS)
     if silent is None and not bit_error_rate:
-        return Answers(groups, _all_intact(groups.shape[:2]), is_whole=True)
+        return groups
     packets = to_packets(groups)
     if bit_error_rate:
         flip_bits(packets, bit_error_rate, rng)
@@ -108,12 +91,4 @@ def carry(registers: WordArray, silent: BoolArray | None, bit_error_rate: float,
         packets[unheard] = 0xFFFF
     if silent is not None:
         packets[silent] = 0xFFFF
-    intact = is_intact(packets)
-    return Answers(packets[..., :DATA_WORDS], intact, is_whole=bool(intact.all()))
-
-
-@functools.lru_cache
-def _all_intact(shape: tuple[int, ...]) -> BoolArray:
-    intact = np.ones(shape, dtype=bool)
-    intact.flags.writeable = False
-    return intact
+    return packets

@@ -3,8 +3,6 @@
 Time is virtual seconds, given by the caller. A frame is handed over whole, at the instant at which its last byte left.
 """
 
-from collections import deque
-
 import numpy as np
 
 from firmware_protocol.framing import LINE_BYTES_PER_S
@@ -47,24 +45,3 @@ class UartLine:
         for hit in hits:
             out[hit] ^= 1 << int(self._rng.integers(8))
         return bytes(out)
-
-
-class Outbox:
-    """Messages that wait for the wire: replies and events, first come first served, bounded.
-
-    They become frames when the wire takes them, so that sequence and uptime are those of that instant.
-    """
-
-    def __init__(self, capacity: int = 64) -> None:
-        self._waiting: deque[tuple[int, bytes]] = deque(maxlen=capacity)
-
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
-
-    def put(self, message_type: int, body: bytes) -> None:
-        """Queue a message; the oldest is lost where too many wait."""
-        self._waiting.append((message_type, body))
-
-    def pop(self) -> tuple[int, bytes]:
-        """Return the oldest message's type and body."""
-        return self._waiting.popleft()

@@ -7,7 +7,7 @@ that is constant over the step, so no step length is unstable.
 import math
 from dataclasses import dataclass
 
-from simulator.relays import RelayState
+from simulator.bms_state import RelayState
 
 
 @dataclass(frozen=True)

@@ -1,331 +1,225 @@
-"""The virtual master: the firmware's tasks over one struct, from its boot to its next reset.
+"""The master between a boot and a reset: its firmware in C, on the board's slaves, EEPROM and current sensor.
 
-`measure` is one pass over sensors, protection and outputs, every 20 ms as the slaves allow. Bytes come in by `receive`,
-frames leave by `next_frame` when the line is free. It reads the board's sensors, never the true state of a cell.
+`measure` is one pass of it, every 20 ms. Bytes come in by `receive`, frames leave by `next_frame` when the line is
+free. Nothing is decided here: what is flashed is what is simulated.
 """
 
+import ctypes
 import math
+from collections.abc import Iterator
+from ctypes import addressof, c_size_t, c_uint16, c_uint32
 
 import numpy as np
+from numpy.typing import NDArray
 
-from firmware_protocol.config_image import default_image
-from firmware_protocol.framing import LINE_SILENCE_S, CommandDecoder, Frame, StreamCommand, encode_frame
-from firmware_protocol.memory_map import CELLS_PER_PACK, FIELDS
-from firmware_protocol.messages import (
-    NO_OFFSET,
-    CommandId,
-    Data,
-    EventCode,
-    EventMessage,
-    Ident,
-    MessageType,
-    Reply,
-    Window,
-)
-from firmware_protocol.schedule import StreamSchedule
+from firmware_protocol.can_tables import bit_rate
+from firmware_protocol.memory_map import FIELDS, MASTER_SIZE, STATUS_FLAGS
+from firmware_protocol.messages import CommandId, Result
+from simulator import firmware
+from simulator.bms_state import ChargingState, RelayState
 from simulator.board import Board
-from simulator.can_node import CanNode
-from simulator.charging import Balancer, Charging, ChargingState
-from simulator.fans import Fans
-from simulator.line import Outbox
-from simulator.measuring_task import MeasuringTask
-from simulator.memory import FLAG, Config, MasterMemory
-from simulator.protection import Protection, violations
-from simulator.relays import Relays, RelayState, TellsRelays
-from simulator.requests import RequestHandler
-from simulator.soc_counter import SocCounter
-from simulator.storage import ConfigStore
+from simulator.can_bus import CanFrame
 
-FIRMWARE_VERSION = (1, 0, 0)
-PASS_S = 0.02
 RESET_DELAY_S = 0.1  # so that the reply to the command leaves first
-SLAVE_REFRESH_S = 1.0
-NO_CHARGER = 255
-POWER_ON = 0
-_DRIVING = (RelayState.VEHICLE, RelayState.PRECHARGE)
-_FIT, _I2C1, _USART1, _CAN1, _CHARGER, _CHARGING, _BALANCING, _LOAD = (
-    FLAG[name] for name in ("fit", "i2c1", "usart1", "can1", "charger", "charging", "balancing", "load")
-)
-_CHARGER_FLAGS_OFFSET = FIELDS["charger.flags"].offset
+_SAMPLE_S = 0.001
+_DRAWN_SAMPLES = 1000
+_RELAYS = tuple(RelayState)
+_FLAG = {name: 1 << bit for bit, name in enumerate(STATUS_FLAGS)}
+_BRP_OFFSET = FIELDS["conf.can_brp"].offset
+_FAN_DUTY_OFFSET = FIELDS["charger.fan_duty"].offset
+_READ_ROWS = ("read_cells", "read_auxiliary", "read_configuration")  # as `vw_simulated_row` has them
 
 
-class VirtualMaster(TellsRelays):
-    """The firmware between a boot and a reset."""
+class _Wiring:
+    """What the firmware reaches its board by, each call at the time that it gives."""
+
+    def __init__(self, board: Board, packets: NDArray[np.uint16], boot_s: float) -> None:
+        self._board, self._packets, self._boot_s = board, packets, boot_s
+        self._read_rows = [getattr(board.chain, name) for name in _READ_ROWS]
+        self.pass_s = boot_s
+        self.functions = firmware.BoardStruct(
+            firmware.Transfer(self._transfer),
+            firmware.ReadRow(self._read_row),
+            firmware.EepromRead(self._read),
+            firmware.EepromWrite(self._write),
+            firmware.EepromIsBusy(self._is_busy),
+        )
+
+    def _transfer(self, at_us: int, sent: int, n_sent: int, received: int, n_received: int) -> None:
+        at_s = self.pass_s + at_us * 1e-6
+        if not n_sent:
+            self._board.chain.wake(at_s)
+            return
+        answer = self._board.chain.execute(ctypes.string_at(sent, n_sent), at_s)
+        if n_received:
+            ctypes.memmove(received, answer.ljust(n_received, b"\xff"), n_received)
+
+    def _read_row(self, at_us: int, row: int) -> bool:
+        words = self._read_rows[row](self.pass_s + at_us * 1e-6)
+        _, n_groups, n_words = words.shape
+        self._packets[:, :n_groups, :n_words] = words
+        return bool(n_words == self._packets.shape[2])
+
+    def _read(self, address: int, data: int, length: int) -> None:
+        ctypes.memmove(data, self._board.eeprom.read(address, length), length)
+
+    def _write(self, now_ms: int, address: int, data: int, length: int) -> None:
+        self._board.eeprom.begin_write(address, ctypes.string_at(data, length), self._boot_s + now_ms * 1e-3)
+
+    def _is_busy(self, now_ms: int) -> bool:
+        return self._board.eeprom.is_busy(self._boot_s + now_ms * 1e-3)
+
+
+class _Charging:
+    """How the firmware's charging stands."""
+
+    def __init__(self, io: firmware.IoStruct) -> None:
+        self._io = io
+
+    @property
+    def is_active(self) -> bool:
+        """The charge relays are closed."""
+        return bool(self._io.is_charging)
+
+    @property
+    def state(self) -> ChargingState:
+        """Its stage."""
+        return ChargingState(self._io.charging)
+
+
+class VirtualMaster:
+    """The firmware between a boot and a reset.
+
+    Raises:
+        FirmwareError: its library has not been built.
+    """
 
     def __init__(self, board: Board, now_s: float, reset_cause: int = 0) -> None:
         board.boots += 1
         self.board = board
         self._boot_s = now_s
-        self._reset_cause = reset_cause
-        self._sequence = 0
-        self._outbox = Outbox()
-        self._decoder = CommandDecoder()
-        self._last_byte_s = now_s
-        self.memory = MasterMemory()
-        self.store = ConfigStore(board.eeprom, now_s)
-        self._requests = RequestHandler(self)
-        self._stream: StreamSchedule | None = None
-        self.emit(EventMessage(EventCode.BOOT, 0, NO_OFFSET, reset_cause, 0))
-        stored = self.store.config_at_start()
-        if stored is None:
-            self.emit(EventMessage(EventCode.EEPROM_INVALID, 0, NO_OFFSET, 0, 0))
-        self.memory.config = stored or default_image()
-        self.config = Config.from_image(self.memory.image)
-        self.can = CanNode(self.memory)
-        self._charger_mask = self.can.mask_writing(_CHARGER_FLAGS_OFFSET)
-        self._measurement = MeasuringTask(self.memory, board, now_s)
-        self._soc = SocCounter()
-        if reset_cause != POWER_ON and self.store.journal is not None:
-            self._soc.start_from_journal(self.store.journal.dod_raw)
-        self._balancer = Balancer()
-        self.charging = Charging(self.memory, self._balancer)
-        self.protection = Protection(board.latch)
-        self._relays = Relays()
-        self.fans = Fans()
-        self._balance_asked = False
-        self._slave_refresh_s = now_s
+        self._c = firmware.load()
+        self._memory = ctypes.create_string_buffer(self._c.vw_simulated_size())
+        self._io = io = firmware.IoStruct.from_buffer(self._memory)
+        self.image = memoryview(self._memory).cast("B")[:MASTER_SIZE]  # the struct, which the firmware changes
+        self._samples = np.frombuffer(io.samples, dtype="<u2")
+        self._frame = addressof(io.frame)
+        packets = np.frombuffer(io.packets, dtype="<u2").reshape(firmware.PACKETS)
+        self._wiring = _Wiring(board, packets, now_s)
+        self.charging = _Charging(io)
+        self.is_can_off = False
         self.drive_requested = False
         self.is_shutdown_closed = True  # the rest of the circuit: buttons, insulation monitor, interlocks
         self.reset_due_s: float | None = None
+        io.is_open = board.latch.is_open
+        inputs = firmware.SensorInputs(*board.chain.sensor_inputs)
+        functions = ctypes.byref(self._wiring.functions)
+        self._c.vw_simulated_boot(self._memory, functions, inputs, reset_cause, c_uint32(board.boots))
+
+    def _ms(self, now_s: float) -> c_uint32:
+        return c_uint32(round((now_s - self._boot_s) * 1000))
 
     # --- outputs
 
     @property
-    def fan_duty(self) -> float:
-        """Duty of the fans, 0..1."""
-        return self.memory.charger("fan_duty") / 255
+    def relay_state(self) -> RelayState:
+        """Which side the relays connect the accumulator to."""
+        return _RELAYS[int(self._io.relays)]
 
     @property
-    def is_at_work(self) -> bool:
-        """Relays are closed or closing, or charging is active: only live fields of the configuration may change."""
-        return self._relays.state is not RelayState.OPEN or self.charging.is_active
+    def relays_since_s(self) -> float:
+        """When they came to that."""
+        return self._boot_s + float(self._io.relays_since_ms) / 1000
+
+    @property
+    def has_precharge_failed(self) -> bool:
+        """The vehicle's link did not reach its voltage in time."""
+        return bool(self._io.has_precharge_failed)
+
+    @property
+    def fan_duty(self) -> float:
+        """Duty of the fans, 0..1."""
+        return self.image[_FAN_DUTY_OFFSET] / 255
+
+    @property
+    def is_ok(self) -> bool:
+        """The OK signal."""
+        return not self._io.is_open
+
+    @property
+    def is_streaming(self) -> bool:
+        """The host has asked for telemetry."""
+        return bool(self._io.is_streaming)
 
     # --- one pass
 
     def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:
         """Run one pass: measure, protect, charge, balance, set relays and fans."""
-        config = self.config
-        reading = self._measurement.run(config, now_s, dt_s, true_current_a, self.charging.is_active)
-        is_ready = self._measurement.is_ready
-        self._count_charge(now_s, reading.i_fc)
-        events = self.protection.judge(violations(config, reading), now_s) if is_ready else []
-        events += self.can.expire(now_s)
-        charger_alive = bool(self.can.rx_active & self._charger_mask)
-        events += self._follow_charger(now_s)
-        if not self.protection.is_ok:
-            self._stop_balancing()
-            events += self.charging.stop(now_s, fault=True)
-        if self.drive_requested and not self.charging.is_active:
-            events += self.charging.stop(now_s)
-        events += self.charging.step(config, now_s, charger_alive=charger_alive, v_max=reading.v_max)
-        self._relays.step(
-            now_s,
-            is_ok=self.protection.is_ok and self.is_shutdown_closed,
-            drive_requested=self.drive_requested and is_ready,
-            charging=self.charging.is_active,
-            link_share=self.board.link_share,
-        )
-        self._balance(now_s)
-        self.memory.set_charger("fan_duty", self.fans.duty(config, reading.t_max, now_s))
-        self._write_status(charger_alive)
-        self._emit_all(events)
-        self._run_store(now_s)
-        if now_s - self._last_byte_s > LINE_SILENCE_S:
-            self._decoder.idle()
+        board, io = self.board, self._io
+        n = min(max(round(dt_s / _SAMPLE_S), 1), firmware.MAX_SAMPLES)
+        counts = board.current_sensor.sample(true_current_a, min(n, _DRAWN_SAMPLES))
+        # a simulation in long passes: the same samples again, so that no charge is lost
+        self._samples[:n] = counts if n <= _DRAWN_SAMPLES else np.resize(counts, n)
+        io.is_drive_asked = self.drive_requested
+        io.is_shutdown_closed = self.is_shutdown_closed
+        io.link_permille = min(max(int(board.link_share * 1000), 0), 0xFFFF)
+        io.hardware = _FLAG["i2c1"] * (not board.eeprom.worn_pages) | _FLAG["can1"] * (self.bit_rate > 0)
+        board.eeprom.is_busy(now_s)  # a page under way is over
+        self._wiring.pass_s = now_s
+        self._c.vw_simulated_pass(self._memory, self._ms(now_s), c_uint32(round(dt_s * 1000)), c_uint16(n))
+        board.latch.is_open = bool(io.is_open)
 
-    def _follow_charger(self, now_s: float) -> list[EventMessage]:
-        """Begin and end charging with the message that the configuration names; by hand it ends as ever."""
-        match self.can.take_charge():
-            case True if self._may_charge:
-                return self.charging.start(now_s)
-            case False:
-                return self.charging.stop(now_s)
-        return []
-
-    @property
-    def _may_charge(self) -> bool:
-        return self._relays.state not in _DRIVING and not self.drive_requested and self.protection.is_ok
-
-    def _count_charge(self, now_s: float, i_fc: int) -> None:
-        if self._soc.is_started:
-            for i_fs in self._measurement.new_means:
-                self._soc.count(self.config, i_fs)
-        elif self._measurement.is_ready:
-            self._soc.start_from_rest(self.config, self._measurement.v_avg, i_fc)
-        dod, soc = self._soc.dod_uah, self._soc.soc_counts(self.config)
-        self.memory.set_charge(dod, soc)
-        if self._soc.is_started:
-            self.store.remember(dod, soc, now_s)
-
-    def _stop_balancing(self) -> None:
-        self._balance_asked = False
-        if not self.charging.is_active:
-            self._balancer.stop()
-
-    def _balance(self, now_s: float) -> None:
-        self._balancer.watch_by_hand(self.config, self.memory.v, now_s)
-        if self._balance_asked and self.charging.state != ChargingState.BALANCING:
-            self._balance_asked = self._balancer.choose(self.config, self.memory.v)
-        if now_s >= self._slave_refresh_s:
-            self._slave_refresh_s = now_s + SLAVE_REFRESH_S
-            self._measurement.reader.configure(self._balancer.cells)
-
-    def _write_status(self, charger_alive: bool) -> None:
-        self.memory.flags = (
-            _FIT * self.protection.is_ok
-            | _I2C1 * (not self.board.eeprom.worn_pages)
-            | _USART1 * self.is_streaming
-            | _CAN1 * (self.can.bit_rate > 0)
-            | _CHARGER * charger_alive
-            | _CHARGING * self.charging.is_active
-            | _BALANCING * self._balancer.is_active
-            | _LOAD * (self._relays.state is RelayState.VEHICLE)
-        )
-        self.memory.set_can_masks(self.can.tx_enabled, self.can.rx_enabled, self.can.rx_active)
-        self.memory.set_charger_status(self.memory.charger("flags") if charger_alive else NO_CHARGER)
-
-    # --- configuration
-
-    def use_config(self, config: bytes) -> None:
-        """Put a checked configuration in force."""
-        self.memory.config = config
-        self.config = Config.from_image(self.memory.image)
-        if self._stream is not None:
-            self._stream.period_s = self.config.telemetry_period / 1000
-        self.can.reload()
-        self._charger_mask = self.can.mask_writing(_CHARGER_FLAGS_OFFSET)
-        self._slave_refresh_s = 0.0
-
-    def _run_store(self, now_s: float) -> None:
-        finished = self.store.run(now_s)
-        if finished is None:
-            return
-        reply, event = finished
-        self._requests.finished(reply, now_s)
-        self._send_reply(reply)
-        if event is not None:
-            self.emit(event)
-
-    def store_config(self, now_s: float) -> bool:
-        """Store the configuration in force; return whether it began."""
-        return self.store.start(0, self.memory.config, now_s)
-
-    def lose_power(self, rng: np.random.Generator) -> None:
-        """Lose power; a write that is under way is interrupted."""
-        self.store.lose_power(rng)
-
-    # --- commands
+    # --- commands of the operator
 
     def command(self, command: CommandId, argument: int, now_s: float) -> bool:
         """Carry out a command with a checked argument; return False where the state forbids it."""
-        is_driving = self._relays.state in _DRIVING
-        match command:
-            case CommandId.CHARGE_START:
-                if not self._may_charge:
-                    return False
-                self._emit_all(self.charging.start(now_s))
-            case CommandId.CHARGE_STOP:
-                self._emit_all(self.charging.stop(now_s))
-            case CommandId.BALANCE_START:
-                if is_driving or self.charging.is_active or not self.protection.is_ok:
-                    return False
-                self._balancer.stop()
-                self._balance_asked = True
-            case CommandId.BALANCE_CELLS:
-                if is_driving or self.charging.is_active or not self.protection.is_ok:
-                    return False
-                self._balance_asked = False
-                self._balancer.choose_by_hand(argument >> CELLS_PER_PACK, argument & 0xFFF, now_s)
-                self._slave_refresh_s = 0.0
-            case CommandId.SOC_FROM_OCV:
-                if not self._measurement.is_ready or not self._soc.start_from_rest(
-                    self.config, self._measurement.v_avg, FIELDS["i_fc"].unpack(self.memory.image)[0]
-                ):
-                    return False
-                soc = self._soc.soc_counts(self.config)
-                self.emit(EventMessage(EventCode.SOC_SET, 0, NO_OFFSET, soc, 0))
-            case CommandId.BALANCE_STOP:
-                self._stop_balancing()
-            case CommandId.FAN_OVERRIDE:
-                self.fans.command(argument, now_s)
-            case CommandId.CLEAR_FAULTS:
-                if not self.protection.clear():
-                    return False
-                self._emit_all(self.charging.stop(now_s))
-                self._relays.retry()
-                self.emit(EventMessage(EventCode.FAULTS_CLEARED, 0, NO_OFFSET, 0, 0))
-            case CommandId.SET_SOC:
-                self._soc.set_soc(self.config, argument)
-                self.emit(EventMessage(EventCode.SOC_SET, 0, NO_OFFSET, argument, 0))
-            case CommandId.CAN_TX_ENABLE:
-                self.can.enable_tx(argument)
-            case CommandId.CAN_SEND:
-                self.can.send_once(argument)
-            case CommandId.RESET:
-                if is_driving:
-                    return False
-                self.reset_due_s = now_s + RESET_DELAY_S
-        return True
+        is_done = bool(self._c.vw_simulated_command(self._memory, self._ms(now_s), command, argument) == Result.DONE)
+        self.board.latch.is_open = bool(self._io.is_open)
+        if is_done and command == CommandId.RESET:
+            self.reset_due_s = now_s + RESET_DELAY_S
+        return is_done
+
+    def store_config(self, now_s: float) -> bool:
+        """Store the configuration in force; return whether it began."""
+        return bool(self._c.vw_simulated_store(self._memory, self._ms(now_s)) == Result.DONE)
+
+    def lose_power(self, rng: np.random.Generator) -> None:
+        """Lose power; a page that is being written stays written in part."""
+        self.board.eeprom.lose_power(rng)
 
     # --- RS232
 
-    def ident(self) -> Ident:
-        """Return the answer to IDENT."""
-        return Ident(FIRMWARE_VERSION, reset_cause=self._reset_cause, boots=self.board.boots)
-
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes from the line."""
-        if now_s - self._last_byte_s > LINE_SILENCE_S:
-            self._decoder.idle()
-        self._last_byte_s = now_s
-        for item in self._decoder.feed(data):
-            if isinstance(item, StreamCommand):
-                self._switch_stream(item.start, now_s)
-            elif isinstance(item, Frame):
-                reply = self._requests.handle(item, now_s)
-                if reply is not None:
-                    self._send_reply(reply)
-
-    @property
-    def is_streaming(self) -> bool:
-        """The host has asked for telemetry."""
-        return self._stream is not None
-
-    def _switch_stream(self, on: bool, now_s: float) -> None:
-        if not on:
-            self._stream = None
-        elif self._stream is None:
-            self._stream = StreamSchedule(self.config.telemetry_period / 1000, now_s)
+        self._c.vw_simulated_received(self._memory, self._ms(now_s), data, c_size_t(len(data)))
+        self.board.latch.is_open = bool(self._io.is_open)
 
     def next_frame(self, now_s: float) -> bytes | None:
         """Return the next frame for the free line, None where there is none."""
-        if self._outbox:
-            return self._frame(*self._outbox.pop(), now_s)
-        spans = None if self._stream is None else self._stream.take(now_s)
-        if spans is None:
-            return None
-        image = self.memory.image
-        data = Data(tuple(Window(offset, bytes(image[offset : offset + length])) for offset, length in spans))
-        return self._frame(MessageType.DATA, data.to_body(), now_s)
+        length = self._c.vw_simulated_next(self._memory, self._ms(now_s))
+        if self._io.is_restarting and self.reset_due_s is None:
+            self.reset_due_s = now_s + RESET_DELAY_S
+        return ctypes.string_at(self._frame, length) if length else None
 
     def next_due_s(self, now_s: float) -> float:
         """Return the earliest time at which there may be a frame to send."""
-        if self._outbox:
-            return now_s
-        return math.inf if self._stream is None else self._stream.due_s(now_s)
+        return self._boot_s + self._io.line_due_ms * 1e-3 if self._io.has_line_due else math.inf
 
-    def emit(self, event: EventMessage) -> None:
-        """Queue an event for the host."""
-        self._outbox.put(MessageType.EVENT, event.to_body())
+    # --- CAN
 
-    def _emit_all(self, events: list[EventMessage]) -> None:
-        for event in events:
-            self.emit(event)
+    @property
+    def bit_rate(self) -> int:
+        """The bit rate of the prescaler in force, 0 in bus-off."""
+        return 0 if self.is_can_off else bit_rate(self.image[_BRP_OFFSET])
 
-    def _send_reply(self, reply: Reply) -> None:
-        self._outbox.put(MessageType.REPLY, reply.to_body())
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        """Take a frame from the bus."""
+        length = len(frame.data)
+        data = (ctypes.c_uint8 * 8)(*frame.data[:8])
+        given = firmware.CanFrameStruct(frame.can_id, frame.is_extended, length, data)
+        self._c.vw_simulated_can_received(self._memory, self._ms(now_s), ctypes.byref(given))
 
-    def _frame(self, message_type: int, body: bytes, now_s: float) -> bytes:
-        frame = encode_frame(message_type, self._sequence, round((now_s - self._boot_s) * 1000), body)
-        self._sequence = (self._sequence + 1) & 0xFF
-        return frame
+    def can_sent(self) -> Iterator[CanFrame]:
+        """Yield the frames that the last pass sends."""
+        for frame in self._io.can[: self._io.n_can]:
+            yield CanFrame(frame.id, frame.is_extended, bytes(frame.data[: frame.length]))

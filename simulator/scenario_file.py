@@ -39,7 +39,7 @@ from simulator.loads import PATTERNS_C
 from simulator.recording import load_recording, read_recording
 from simulator.scenario import ACTIONS, LOADS, ActionPlan, Expectation, FaultPlan, PhasePlan, Scenario, Start
 from simulator.shape import TEAM, Shape
-from simulator.slave_setup import THESIS_SENSOR_INPUTS
+from simulator.slave import THESIS_SENSOR_INPUTS
 
 Item = TypeVar("Item")
 

@@ -14,20 +14,18 @@ from firmware_protocol.eeprom import plan_store
 from firmware_protocol.messages import CommandId
 from simulator.accumulator import AccumulatorParameters
 from simulator.ageing import Ageing, aged
-from simulator.charging import ChargingState
+from simulator.bms_state import ChargingState
 from simulator.dbc_battery.battery import DbcBattery
 from simulator.dbc_battery.simulation import BatterySimulation
 from simulator.eeprom import Eeprom
 from simulator.errors import InputError
 from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent, Idle, Load, Pattern, Recorded, Rest
-from simulator.master import PASS_S
 from simulator.race import acceleration, endurance, skid_pad
 from simulator.scenario import ActionPlan, FaultPlan, PhasePlan, Scenario
 from simulator.shape import TEAM
 from simulator.simulation import Simulation
-from simulator.soc_counter import SOC_SCALE
-from simulator.vehicle import Vehicle
+from simulator.vehicle import PASS_S, SOC_SCALE, Vehicle
 
 CHARGE_RETRY_S = 1.0
 STANDBY_S = 2.0  # from high voltage on to driving
@@ -79,14 +77,13 @@ class ScenarioPlayer:
         seed: int | None = None,
         step_s: float = PASS_S,
         battery: DbcBattery | None = None,
-        car: type[Simulation] = Simulation,
     ) -> None:
         """Build the simulation that the scenario starts with: without a battery the team's own car."""
         self.scenario = scenario
         used_seed = scenario.seed if seed is None else seed
         self.simulation: Vehicle
         if battery is None:
-            self.simulation = _of_team(scenario, eeprom or Eeprom(), used_seed, step_s, car)
+            self.simulation = _of_team(scenario, eeprom or Eeprom(), used_seed, step_s)
         else:
             parameters = _parameters(scenario, battery.shape.n_cells, used_seed)
             self.simulation = BatterySimulation(parameters, battery, seed=used_seed, step_s=step_s)
@@ -242,12 +239,12 @@ class ScenarioPlayer:
         return plan.recording or Rest()
 
 
-def _of_team(scenario: Scenario, eeprom: Eeprom, seed: int, step_s: float, car: type[Simulation]) -> Simulation:
+def _of_team(scenario: Scenario, eeprom: Eeprom, seed: int, step_s: float) -> Simulation:
     if scenario.config is not None:
         for page in plan_store(bytes(eeprom.content), scenario.config):
             eeprom.write(page.offset, page.data)
     parameters = _parameters(scenario, TEAM.n_cells, seed)
-    return car(
+    return Simulation(
         parameters,
         eeprom=eeprom,
         seed=seed,

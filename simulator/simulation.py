@@ -8,15 +8,15 @@ import math
 from firmware_protocol.elcon import STATUS_ID
 from simulator.accumulator import AccumulatorParameters
 from simulator.balancing.circuits import Balance, balancing_circuit
+from simulator.bms_state import RelayState
 from simulator.board import Board
 from simulator.bus_nodes import MasterOnBus
 from simulator.can_bus import CanFrame
 from simulator.eeprom import Eeprom
 from simulator.line import UartLine
-from simulator.master import PASS_S, VirtualMaster
-from simulator.relays import RelayState
-from simulator.slave_setup import THESIS_SENSOR_INPUTS
-from simulator.vehicle import COMMANDED, Vehicle
+from simulator.master import VirtualMaster
+from simulator.slave import THESIS_SENSOR_INPUTS
+from simulator.vehicle import COMMANDED, PASS_S, Vehicle
 
 SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
@@ -126,14 +126,14 @@ class Simulation(Vehicle):
         if master is None:
             self._step_charger(dt_s, is_connected=False)
             return
-        master.can.is_off = self.master_on_bus.is_held_off or self.bus.is_off(self.master_on_bus)
+        master.is_can_off = self.master_on_bus.is_held_off or self.bus.is_off(self.master_on_bus)
         if self.babbler.share:
             self.babbler.step(self.bus, now_s, dt_s)
         master.drive_requested = self._wants_drive
         master.is_shutdown_closed = not self.is_shutdown_open
         master.measure(now_s, dt_s, self.current_a)
         self._step_charger(dt_s, is_connected=master.relay_state == RelayState.CHARGER)
-        for frame in master.can.due(now_s, dt_s):
+        for frame in master.can_sent():
             self.bus.send(self.master_on_bus, frame, now_s)
         if master.reset_due_s is not None and now_s >= master.reset_due_s:
             self.reset(COMMANDED)

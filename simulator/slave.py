@@ -22,9 +22,10 @@ from firmware_protocol.ltc6804 import (
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.conversion import ADCV, ADOW, REFERENCE_START_S, Conversion, decode_conversion
 from simulator.converters import BoolArray, ByteArray, Converters, FloatArray
-from simulator.isospi import PACKET_WORDS, Answers, WordArray, carry, damaged, flip_bits
-from simulator.slave_setup import FIRST_ADDRESS, THESIS_SENSOR_INPUTS
+from simulator.isospi import PACKET_WORDS, WordArray, carry, damaged, flip_bits
 
+FIRST_ADDRESS = 1  # switches on the boards: 1 to 8
+THESIS_SENSOR_INPUTS = (0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11)  # cell inputs of sensors 1 to 12
 WATCHDOG_S = 2.0
 PORT_IDLE_S = 4.3e-3  # without traffic, then the port has to be woken: the earliest of the data sheet, 4.3 to 6.7 ms
 PORT_READY_S = 10e-6
@@ -175,12 +176,12 @@ class SlaveChain:
             self._start(conversion, self._chips(slaves), now_s)
         return b""
 
-    def read_cells(self, now_s: float) -> Answers:
+    def read_cells(self, now_s: float) -> WordArray:
         """Return the answers of all slaves to the four cell reads."""
         hears = self._hears(now_s)
         return self._answers(self.converters.cvr, hears=hears)
 
-    def read_auxiliary(self, now_s: float) -> Answers:
+    def read_auxiliary(self, now_s: float) -> WordArray:
         """Return the answers of all slaves to both auxiliary and both status reads."""
         hears = self._hears(now_s)
         self.converters.flag(self.cfgr)
@@ -188,7 +189,7 @@ class SlaveChain:
         self.converters.status_was_read(_ALL)
         return answers
 
-    def read_configuration(self, now_s: float) -> Answers:
+    def read_configuration(self, now_s: float) -> WordArray:
         """Return the answers of all slaves to the configuration read."""
         hears = self._hears(now_s)
         groups = b"".join(self._configuration_read(slave, now_s) for slave in range(self.n_slaves))
@@ -211,7 +212,7 @@ class SlaveChain:
         chips[slaves] = self._listens[slaves]
         return chips
 
-    def _answers(self, registers: WordArray, *, hears: bool) -> Answers:
+    def _answers(self, registers: WordArray, *, hears: bool) -> WordArray:
         silent = None if hears and self._all_listen else ~(self._listens & hears)
         return carry(registers, silent, self.bit_error_rate, self._rng)
 

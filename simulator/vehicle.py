@@ -10,16 +10,17 @@ import numpy as np
 
 from firmware_protocol.messages import CommandId
 from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.bms_state import ChargingState, RelayState
 from simulator.bus_nodes import BabblingNode, ChargerOnBus
 from simulator.can_bus import CanBus
 from simulator.charger_unit import ChargerParameters, ChargerUnit
-from simulator.charging import ChargingState
 from simulator.link_circuit import LinkCircuit
 from simulator.loads import Load, Rest
-from simulator.relays import RelayState
 from simulator.shape import TEAM, Shape
 
+PASS_S = 0.02
 BOOT_S = 0.3
+SOC_SCALE = 10_000  # the argument of SET_SOC is in 0.01 %
 POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
 
 

@@ -1,9 +1,9 @@
-"""The modules of the master in C behind the interface of the virtual master's, so that the same tests judge both."""
+"""The modules of the master in C, as Python objects: each with a struct of its own, times in seconds."""
 
 from __future__ import annotations
 
 import ctypes
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 
@@ -12,16 +12,32 @@ import numpy as np
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CELLS_PER_PACK, CONFIG, CONFIG_SIZE, MASTER_SIZE, N_CELLS, N_PACKS
 from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
-from simulator import protection, relays
-from simulator.charging import ChargingState
-from simulator.memory import Config, MasterMemory
-from tests.c_programs import master_library
+from simulator import firmware
+from simulator.bms_state import ChargingState, Latch, RelayState
+from tests.master_memory import Config, MasterMemory
 
 NONE = 0xFF
 N_TRIPS = 8
-DUE_S = (
-    1e-9  # later in Python than in C, so that what is due on the millisecond is due whatever a float's last digit says
-)
+
+
+@dataclass(slots=True)
+class Reading:
+    """`vw_reading_t`; None for what is not lost."""
+
+    v_min: int
+    v_min_id: int
+    v_max: int
+    v_max_id: int
+    t_min: int
+    t_min_id: int
+    t_max: int
+    t_max_id: int
+    i_fc: int
+    is_charging: bool
+    lost_cell: int | None
+    lost_temperature: int | None
+    lost_slave: int | None
+    lost_current: bool
 
 
 def ms(seconds: float) -> int:
@@ -75,7 +91,7 @@ class CReading(ctypes.Structure):
     )
 
     @classmethod
-    def of(cls, reading: protection.Reading) -> CReading:
+    def of(cls, reading: Reading) -> CReading:
         """Return a reading as C has it."""
         values = {field.name: getattr(reading, field.name) for field in fields(reading)}
         return cls(**{name: NONE if value is None else value for name, value in values.items()})
@@ -121,9 +137,9 @@ class RelayInputs(ctypes.Structure):
 
 
 @cache
-def library(path: Path | None = None) -> ctypes.CDLL:
-    """Return the library, by default the one of all modules."""
-    loaded = ctypes.CDLL(str(path or master_library()))
+def library(path: Path | None = None) -> ctypes.PyDLL:
+    """Return the library, by default the one that the simulator loads."""
+    loaded = firmware.load() if path is None else ctypes.PyDLL(str(path))
     for name in ("vw_protection_judge", "vw_fans_duty"):
         if hasattr(loaded, name):
             getattr(loaded, name).restype = ctypes.c_uint8
@@ -131,30 +147,10 @@ def library(path: Path | None = None) -> ctypes.CDLL:
     return loaded
 
 
-class PythonProtection:
-    """The virtual master's protection."""
-
-    def __init__(self, latch: protection.Latch) -> None:
-        self._protection = protection.Protection(latch)
-
-    @property
-    def is_ok(self) -> bool:
-        """The OK signal."""
-        return self._protection.is_ok
-
-    def judge(self, config: Config, reading: protection.Reading, now_s: float) -> list[EventMessage]:
-        """Take a reading and return an event for each limit that has just tripped."""
-        return self._protection.judge(protection.violations(config, reading), now_s)
-
-    def clear(self) -> bool:
-        """Release the latch unless a limit is violated now."""
-        return self._protection.clear()
-
-
 class CProtection:
-    """`vw_protection`, with the interface of `PythonProtection`."""
+    """`vw_protection`."""
 
-    def __init__(self, latch: protection.Latch, path: Path | None = None) -> None:
+    def __init__(self, latch: Latch, path: Path | None = None) -> None:
         self._library, self._latch, self._state = library(path), latch, ProtectionState()
         self._library.vw_protection_init(ctypes.byref(self._state), latch.is_open)
 
@@ -163,8 +159,8 @@ class CProtection:
         """The OK signal."""
         return not self._latch.is_open
 
-    def judge(self, config: Config, reading: protection.Reading, now_s: float) -> list[EventMessage]:
-        """As `PythonProtection`."""
+    def judge(self, config: Config, reading: Reading, now_s: float) -> list[EventMessage]:
+        """Take a reading and return an event for each limit that has just tripped."""
         self._state.is_open = self._latch.is_open
         trips, read = (Event * N_TRIPS)(), CReading.of(reading)
         n = self._library.vw_protection_judge(
@@ -174,14 +170,14 @@ class CProtection:
         return [trip.message() for trip in trips[:n]]
 
     def clear(self) -> bool:
-        """As `PythonProtection`."""
+        """Release the latch unless a limit is violated now."""
         is_clear: bool = self._library.vw_protection_clear(ctypes.byref(self._state))
         self._latch.is_open = self._state.is_open
         return is_clear
 
 
 class CFans:
-    """`vw_fans`, with the interface of `simulator.fans.Fans`."""
+    """`vw_fans`."""
 
     def __init__(self) -> None:
         self._state = FansState()
@@ -198,16 +194,16 @@ class CFans:
 
 
 class CRelays:
-    """`vw_relays`, with the interface of `simulator.relays.Relays`."""
+    """`vw_relays`."""
 
     def __init__(self) -> None:
         self._state = RelaysState()
         library().vw_relays_init(ctypes.byref(self._state), 0)
 
     @property
-    def state(self) -> relays.RelayState:
+    def state(self) -> RelayState:
         """Which side the relays connect the accumulator to."""
-        return list(relays.RelayState)[self._state.state]
+        return list(RelayState)[self._state.state]
 
     @property
     def has_precharge_failed(self) -> bool:
@@ -221,7 +217,7 @@ class CRelays:
 
     def step(
         self, now_s: float, *, is_ok: bool, drive_requested: bool, charging: bool, link_share: float
-    ) -> relays.RelayState:
+    ) -> RelayState:
         """Advance one pass and return the state."""
         inputs = RelayInputs(is_ok, drive_requested, charging, int(link_share * 1000))
         library().vw_relays_step(ctypes.byref(self._state), ctypes.byref(inputs), ms(now_s))
@@ -239,7 +235,7 @@ class CounterState(ctypes.Structure):
 
 
 class CSocCounter:
-    """`vw_soc_counter`, with the interface of `simulator.soc_counter.SocCounter`."""
+    """`vw_soc_counter`."""
 
     def __init__(self) -> None:
         self._state = CounterState()
@@ -316,12 +312,12 @@ class CBalancer:
 
     @property
     def cells(self) -> np.ndarray:
-        """One bool a cell, as `simulator.charging.Balancer` has them."""
+        """One bool a cell."""
         return np.array([self.state.cells[k // CELLS_PER_PACK] >> k % CELLS_PER_PACK & 1 for k in range(N_CELLS)], bool)
 
 
 class CCharging:
-    """`vw_charging` on the same struct, with the interface of `simulator.charging.Charging`."""
+    """`vw_charging` on a struct."""
 
     def __init__(self, memory: MasterMemory, balancer: CBalancer) -> None:
         self._memory, self.balancer, self._struct = memory, balancer, ChargingStruct()

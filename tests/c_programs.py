@@ -54,19 +54,6 @@ def estimator_library() -> Path:
 
 
 @cache
-def master_library() -> Path:
-    """Return the master's own modules as a shared library."""
-    port = Path(__file__).parent / "c_port" / "port.c"
-    sources = [*MASTER, *sorted(C_FOLDER.glob("vw_*.c")), port]
-    command = ["gcc", *FLAGS, "-Wconversion", "-O2", "-fPIC", "-shared"]
-
-    def compile_into(part: Path) -> None:
-        subprocess.run([*command, *map(str, sources), "-o", str(part)], check=True)
-
-    return _built("vw_master", [*sources, port.with_suffix(".h")], command, compile_into)
-
-
-@cache
 def slaves_library(*sanitizers: str) -> Path:
     """Return the C master's driver of the slaves and measuring as a library, with what these options of gcc watch."""
     sources = [

@@ -1,4 +1,4 @@
-"""The C driver of the slaves on the simulated slaves, through a byte interface, beside the Python reader on others."""
+"""The C driver of the slaves on the simulated slaves, packet by packet."""
 
 import ctypes
 from ctypes import POINTER, Structure, byref, c_bool, c_size_t, c_uint8, c_uint16, c_uint32, c_void_p
@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from firmware_protocol.ltc6804 import READ_CELLS, Command, decode_command
-from firmware_protocol.memory_map import CHIP_MISSING, N_PACKS, SLAVE_OFFSET, SLAVE_SIZE
-from simulator.isospi import Answers
-from simulator.memory import MasterMemory
-from simulator.slave import SlaveChain
-from simulator.slave_reader import STATUS_ACTIVE, STATUS_FAULT, SlaveReader
+from firmware_protocol.memory_map import N_PACKS, SLAVE_OFFSET, SLAVE_SIZE
+from simulator.slave import THESIS_SENSOR_INPUTS, SlaveChain
+from tests.master_memory import MasterMemory
 
 BYTE_S = 8e-6
 _OTHER = (Command.RDAUXA, Command.RDAUXB, Command.RDSTATA, Command.RDSTATB)
@@ -90,22 +88,6 @@ class DamagedChain(SlaveChain):
                 return bytes((answer[0] ^ 0x10, *answer[1:]))
         return answer
 
-    def read_cells(self, now_s: float) -> Answers:
-        return self._lose(0, super().read_cells(now_s))
-
-    def read_auxiliary(self, now_s: float) -> Answers:
-        return self._lose(1, super().read_auxiliary(now_s))
-
-    def read_configuration(self, now_s: float) -> Answers:
-        return self._lose(2, super().read_configuration(now_s))
-
-    def _lose(self, kind: int, answers: Answers) -> Answers:
-        intact = answers.intact.copy()
-        for of_kind, slave, at in self.damaged:
-            if of_kind == kind:
-                intact[slave, at] = False
-        return Answers(answers.words, intact, is_whole=bool(intact.all()))
-
 
 class CReader:
     """The C driver, with the struct of a master of its own."""
@@ -114,8 +96,6 @@ class CReader:
         self.library, self.chain, self.now_s = library, chain, 0.0
         self.memory = MasterMemory()
         self.spi_works = True
-        self.reads_at_once = False  # as the Python reader takes a row of reads of one kind: all when it begins
-        self._row: tuple[int, float] | None = None
         self.log: list[tuple[float, bytes]] = []
         self.bus = Bus(None, _TRANSFER(self._transfer), _WAIT(self._wait))
         self.slaves = Slaves()
@@ -128,20 +108,11 @@ class CReader:
         self.now_s += BYTE_S * tx_length
         sent = bytes(tx[:tx_length])
         self.log.append((self.now_s, sent))
-        answer = self.chain.execute(sent, self._taken_at_s(sent)) if sent else self.chain.wake(self.now_s) and b""
+        answer = self.chain.execute(sent, self.now_s) if sent else self.chain.wake(self.now_s) and b""
         self.now_s += BYTE_S * rx_length
         for at, byte in enumerate(answer[:rx_length].ljust(rx_length, b"\xff")):
             rx[at] = byte
         return self.spi_works
-
-    def _taken_at_s(self, sent: bytes) -> float:
-        command = decode_command(sent[:4])[0]
-        kind = next((kind for kind, commands in enumerate(_KINDS) if command in commands), None)
-        if kind is None or not self.reads_at_once:
-            self._row = None
-        elif self._row is None or self._row[0] != kind:
-            self._row = (kind, self.now_s)
-        return self.now_s if self._row is None else self._row[1]
 
     def _wait(self, _: object, time_us: int) -> None:
         self.now_s += time_us * 1e-6
@@ -181,29 +152,8 @@ def cells_of(masks: object) -> list[bool]:
     return [bool(mask >> cell & 1) for mask in masks for cell in range(12)]
 
 
-class Both:
-    """The two drivers, each with slaves of its own to which the same happens."""
-
-    def __init__(self, library: ctypes.CDLL, inputs: tuple[int, ...]) -> None:
-        self.chains = (DamagedChain(inputs), DamagedChain(inputs))
-        self.memory = MasterMemory()
-        self.python = SlaveReader(self.memory, self.chains[0])
-        self.c = CReader(library, self.chains[1])
-        self.c.reads_at_once = True
-        self.python.start(0.0)
-        self.n_active = self.c.start(0.0)
-
-    def compare(self) -> None:
-        """Everything that either knows is the same."""
-        python, c = self.python, self.c
-        failed = python.failed_self_test
-        self.memory.slave_status[:] = np.where(python.silent | failed, STATUS_FAULT, STATUS_ACTIVE)
-        assert c.memory.image == self.memory.image
-        assert list(c.slaves.is_silent) == python.silent.tolist()
-        assert (c.slaves.is_whole, c.slaves.has_returned) == (python.is_whole, python.has_returned)
-        assert (c.slaves.packets, c.slaves.packet_errors) == (python.packets, python.packet_errors)
-        assert cells_of(c.slaves.open_wires) == python.open_wire_cells.tolist()
-        assert c.temperatures_degc() == python.temperatures_degc().tolist()
-        answer = np.repeat(~(python.silent | failed), 12) & ~python.open_wire_cells
-        assert c.known() == (answer & (self.memory.slave_cvr.reshape(-1) != CHIP_MISSING)).tolist()
-        assert np.array_equal(self.chains[0].discharging, self.chains[1].discharging)
+def started(library: ctypes.CDLL, inputs: tuple[int, ...] = THESIS_SENSOR_INPUTS) -> CReader:
+    """Return a driver whose slaves are configured."""
+    reader = CReader(library, DamagedChain(inputs))
+    reader.start(0.0)
+    return reader

@@ -1,7 +1,7 @@
-"""What tests of every kind share: the real service as a process, on the simulated car or on the C reference.
+"""What tests of every kind share: the real service as a process, on the simulated car or on the host program.
 
-A module whose tests shall hold on either master says so: `MASTERS = ("simulated", "c")`. A module whose tests change
-nothing in the service says `READS_ONLY = True`, and shares one with all others that do.
+A module whose tests need the host program of `firmware_protocol/c/host` says `MASTER = "host"`. A module whose tests
+change nothing in the service says `READS_ONLY = True`, and shares one with all others that do.
 """
 
 import gc
@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import app  # noqa: F401  before numpy: it keeps each process to one thread
-from hatch_build import build_engine
+from hatch_build import build_libraries
 from tests.bytecode import write_bytecode
 from tests.c_programs import CMaster, build_program
 from tests.campaign import IS_FULL, examples, tell_figure
@@ -47,12 +47,12 @@ MEMORY_BYTES = 3_000_000_000  # free, for the files of a whole run
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Bring the estimator's C engine and the bytecode up to date with their sources."""
+    """Bring the libraries in C and the bytecode up to date with their sources."""
     gc.disable()  # until everything is collected: nothing of that is garbage
     if not IS_FULL:
         keep_files_in_memory()
     if not hasattr(config, "workerinput"):  # pytest-xdist's
-        build_engine(ROOT)
+        build_libraries(ROOT)
         write_bytecode(config)
 
 
@@ -127,22 +127,15 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         del item.config.stash[READ_SERVICE]
 
 
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run what needs a master once on each that its module names."""
-    masters = getattr(metafunc.module, "MASTERS", None)
-    if masters is not None and "master" in metafunc.fixturenames:
-        metafunc.parametrize("master", masters, indirect=True, scope="module")
-
-
 @pytest.fixture(scope="module")
 def master(request: pytest.FixtureRequest) -> str:
-    """What the services of this module read: `simulated`, or `c`."""
-    return getattr(request, "param", "simulated")
+    """What the services of this module read: the car that is `simulated`, or the `host` program."""
+    return getattr(request.module, "MASTER", "simulated")
 
 
 def c_master_for(master: str, folder: Path, request: pytest.FixtureRequest) -> CMaster | None:
     """The C master that goes with a service, None on the simulated one."""
-    return CMaster(request.getfixturevalue("c_master_program"), folder) if master == "c" else None
+    return CMaster(request.getfixturevalue("c_master_program"), folder) if master == "host" else None
 
 
 @contextmanager

@@ -41,11 +41,14 @@ from app.sources.recordings.profile import ImportProfile, ProfileStore
 from app.telemetry import Event
 from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.eeprom import newest
-from firmware_protocol.framing import encode_frame
-from firmware_protocol.messages import Result
+from firmware_protocol.framing import FrameDecoder, encode_frame
+from firmware_protocol.memory_map import CONFIG_SIZE
+from firmware_protocol.messages import Reply, Result, Store, Write, decode_message, encode_request
+from simulator.board import Board
 from simulator.eeprom import SIZE, Eeprom
 from simulator.errors import SimulatorError
-from simulator.storage import ConfigStore
+from simulator.master import VirtualMaster
+from simulator.vehicle import PASS_S
 from tests.fake_clock import FunctionClock
 
 WRITE, SYNC, OPEN, RENAME, TRUNCATE, UNLINK = 1, 2, 4, 8, 16, 32
@@ -148,14 +151,19 @@ def eeprom(folder: Path, said: list[str]) -> Iterator[Step]:
 
     def stored(image: bytes, now_s: float) -> None:
         before = newest(path.read_bytes().ljust(SIZE, b"\xff")) if path.exists() else None
-        store = ConfigStore(Eeprom(path), now_s)
-        must(store.config_at_start() == (before.image if before else None), "it starts with another configuration")
-        store.start(1, image, now_s)
-        answer = None
-        while answer is None:
-            now_s += 0.01
-            answer = store.run(now_s)
-        if answer[0].result != Result.DONE:
+        master, decoder = VirtualMaster(Board(Eeprom(path), np.random.default_rng(1)), now_s), FrameDecoder()
+        in_force = before.image if before else default_image()
+        must(bytes(master.image[:CONFIG_SIZE]) == in_force, "it starts with another configuration")
+        replies: list[Reply] = []
+        for sequence, request in enumerate((Write(0, image), Store())):
+            kind, body = encode_request(request)
+            master.receive(encode_frame(kind, sequence, 0, body), now_s)
+            while len(replies) <= sequence:
+                now_s += PASS_S
+                master.measure(now_s, PASS_S, 0.0)
+                while (raw := master.next_frame(now_s)) is not None:
+                    replies += [each for each in map(decode_message, decoder.feed(raw)) if isinstance(each, Reply)]
+        if replies[-1].result != Result.DONE:
             raise SimulatorError("the EEPROM failed")
 
     def sound(image: bytes) -> None:

@@ -11,10 +11,10 @@ from firmware_protocol.framing import FrameDecoder, encode_frame
 from firmware_protocol.memory_map import CONFIG
 from firmware_protocol.messages import Command, CommandId, Write, encode_request
 from simulator.accumulator import AccumulatorParameters
+from simulator.bms_state import RelayState
 from simulator.fault_kinds import FAULTS
 from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent
-from simulator.relays import RelayState
 from simulator.simulation import Simulation
 
 LOAD_A = 20.0
@@ -63,7 +63,7 @@ class Car:
     @property
     def config(self) -> bytes:
         """In force."""
-        return bytes(self.simulation.master.memory.image[:420])
+        return bytes(self.simulation.master.image[:420])
 
     def request(self, request) -> None:
         """Send one, without looking at the answer."""

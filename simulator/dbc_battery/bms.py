@@ -8,13 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from firmware_protocol.elcon import ChargerCommand
-from firmware_protocol.messages import NO_OFFSET, CommandId, EventCode
+from firmware_protocol.messages import CommandId, EventCode
+from simulator.bms_state import ChargingState, RelayState
 from simulator.cell_data import BoolArray, FloatArray
 from simulator.charger_unit import ChargerUnit
-from simulator.charging import ChargingState
 from simulator.dbc_battery.battery import DbcBattery, Readings
-from simulator.dbc_battery.sensor_board import SensorBoard
-from simulator.protection import (
+from simulator.dbc_battery.protection import (
     FAST_PERSISTENCE_S,
     SENSOR_PERSISTENCE_S,
     SLOW_PERSISTENCE_S,
@@ -22,8 +21,9 @@ from simulator.protection import (
     Protection,
     Violation,
 )
-from simulator.relays import Relays, RelayState, TellsRelays
-from simulator.soc_counter import SOC_SCALE, soc_from_rest
+from simulator.dbc_battery.relays import Relays
+from simulator.dbc_battery.sensor_board import SensorBoard
+from simulator.vehicle import SOC_SCALE
 
 READY_S = 0.5
 RESET_DELAY_S = 0.1
@@ -36,6 +36,12 @@ _FULL_V = 0.004
 _REST_A = 0.02  # C: a current below is none, and tells the charge from the voltage
 _FAN_FROM_DEGC, _FAN_FULL_DEGC = 30.0, 50.0
 _OHM_TIMES_AH = 0.0022 * 25.5  # of the simulated cell
+# what one reads off a data sheet: voltages at rest of a SOC of 0, 5, 10 % and so on
+_REST_V = (
+    *(2.660, 3.308, 3.406, 3.462, 3.504, 3.553, 3.600, 3.627, 3.652, 3.692, 3.742),
+    *(3.790, 3.841, 3.884, 3.926, 3.975, 4.025, 4.058, 4.086, 4.136, 4.194),
+)
+_REST_SOC = np.linspace(0, 1, len(_REST_V))
 
 
 class Charge:
@@ -84,7 +90,7 @@ class Charge:
         unit.receive(ChargerCommand(volts, asked_a, is_charging=self.is_active).to_bytes())
 
 
-class Bms(TellsRelays):
+class Bms:
     """One pass every step; `readings` says what it knows."""
 
     def __init__(self, battery: DbcBattery, board: SensorBoard, charger: ChargerUnit, now_s: float) -> None:
@@ -104,6 +110,21 @@ class Bms(TellsRelays):
         self.drive_requested = False
         self.is_shutdown_closed = True
         self.reset_due_s: float | None = None
+
+    @property
+    def relay_state(self) -> RelayState:
+        """Which side the relays connect the battery to."""
+        return self._relays.state
+
+    @property
+    def relays_since_s(self) -> float:
+        """When they came to that."""
+        return self._relays.since_s
+
+    @property
+    def has_precharge_failed(self) -> bool:
+        """The vehicle's link did not reach its voltage in time."""
+        return self._relays.has_precharge_failed
 
     @property
     def fan_duty(self) -> float:
@@ -195,7 +216,7 @@ class Bms(TellsRelays):
         if self._soc is not None:
             self._soc = min(max(self._soc - self._current_a * dt_s / (3600.0 * capacity_ah), 0.0), 1.0)
         elif abs(self._current_a) < _REST_A * capacity_ah and np.isfinite(volts).any():
-            self._soc = soc_from_rest(float(np.nanmean(volts)))
+            self._soc = float(np.interp(np.nanmean(volts), _REST_V, _REST_SOC))
 
     def _violations(self) -> Iterator[Violation]:
         limits, board = self._limits, self._board
@@ -210,11 +231,11 @@ class Bms(TellsRelays):
         )  # fmt: skip
         code = EventCode.TRIP_I_CHRG if self.charging.is_active else EventCode.TRIP_I_DISC
         if not -limits.charge_current_max_a <= self._current_a <= limits.discharge_current_max_a:
-            yield Violation(code, FAST_PERSISTENCE_S, NO_OFFSET, round(self._current_a), 0)
+            yield Violation(code, FAST_PERSISTENCE_S)
         if np.isnan(volts).any():
-            yield Violation(EventCode.TRIP_SENSOR_LOST, WIRE_PERSISTENCE_S, int(np.isnan(volts).argmax()), 0, 0)
+            yield Violation(EventCode.TRIP_SENSOR_LOST, WIRE_PERSISTENCE_S)
         elif np.isnan(degc).any():
-            yield Violation(EventCode.TRIP_SENSOR_LOST, SENSOR_PERSISTENCE_S, NO_OFFSET, 0, 0)
+            yield Violation(EventCode.TRIP_SENSOR_LOST, SENSOR_PERSISTENCE_S)
 
     def _balance(self) -> None:
         """Bleed what stands above the lowest cell, with some hysteresis, while asked or charging."""
@@ -235,6 +256,6 @@ def _outside(
     values: FloatArray, low: float, high: float, persistence_s: float, codes: tuple[EventCode, EventCode]
 ) -> Iterator[Violation]:
     if values.size and np.nanmin(values, initial=np.inf) < low:
-        yield Violation(codes[0], persistence_s, int(np.nanargmin(values)), 0, 0)
+        yield Violation(codes[0], persistence_s)
     if values.size and np.nanmax(values, initial=-np.inf) > high:
-        yield Violation(codes[1], persistence_s, int(np.nanargmax(values)), 0, 0)
+        yield Violation(codes[1], persistence_s)

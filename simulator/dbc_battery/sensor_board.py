@@ -3,9 +3,9 @@
 import numpy as np
 
 from simulator.accumulator import Accumulator
+from simulator.bms_state import Latch
 from simulator.cell_data import BoolArray, FloatArray
 from simulator.dbc_battery.battery import DbcBattery
-from simulator.protection import Latch
 from simulator.sensors import AMPERES_PER_COUNT, ZERO_COUNT, CellInputs, CurrentSensor, NoisePool
 
 _TEMPERATURE_NOISE_K = 0.05

@@ -2,16 +2,15 @@
 
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from simulator.accumulator import AccumulatorParameters
+from simulator.bms_state import RelayState
 from simulator.can_bus import CanFrame
 from simulator.cell_data import FloatArray
 from simulator.dbc_battery.battery import DbcBattery
 from simulator.dbc_battery.bms import Bms
 from simulator.dbc_battery.sensor_board import SensorBoard
 from simulator.loads import ConstantCurrent, ElectricalView, Pattern, Recorded
-from simulator.master import PASS_S
-from simulator.relays import RelayState
 from simulator.simulation import SLOW_PERIOD_S
-from simulator.vehicle import COMMANDED, Vehicle
+from simulator.vehicle import COMMANDED, PASS_S, Vehicle
 
 _MAX_WAITING = 4096  # frames of one BMS
 

@@ -16,7 +16,7 @@ from firmware_protocol.eeprom import plan_store
 from firmware_protocol.framing import CommandDecoder, Frame
 from firmware_protocol.messages import MessageType
 
-MASTERS = ("c",)
+MASTER = "host"
 
 
 class Cable:

@@ -2,8 +2,6 @@
 
 from playwright.sync_api import Page, expect
 
-MASTERS = ("simulated", "c")
-
 
 def confirm(page: Page, button: str) -> None:
     page.get_by_test_id(button).click()

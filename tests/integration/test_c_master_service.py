@@ -6,7 +6,7 @@ from firmware_protocol.config_image import default_image, image_hash, with_value
 from firmware_protocol.eeprom import plan_store
 
 OCTETS = {"Accept": "application/octet-stream"}
-MASTERS = ("c",)
+MASTER = "host"
 NEW = with_value(default_image(), "v_cell_chrg", 4.12)
 
 

@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-MASTERS = ("simulated", "c")
-
 
 @pytest.fixture
 def config(voltwall, make_service):

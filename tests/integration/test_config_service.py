@@ -8,7 +8,6 @@ from firmware_protocol.config_image import default_image, image_hash
 from tests.service_process import until
 
 OCTETS = {"Accept": "application/octet-stream"}
-MASTERS = ("simulated", "c")
 ENGINEER, VIEWER = "correct horse battery", "may only look at it"
 
 
@@ -158,11 +157,8 @@ def test_any_two_configurations_are_compared(ada):
     assert ada.get("/config/compare", params={"a": "what", "b": "stored"}).status_code == 422
 
 
-def test_while_the_car_drives_only_what_is_safe_is_written(make_service, master):
-    service = make_service(start=False)
-    if master == "c":
-        service.c_master.options = ("--driving",)
-    service.start()
+def test_while_the_car_drives_only_what_is_safe_is_written(make_service):
+    service = make_service()
     service.wait_for(lambda s: s["master"]["state"] == "drive" and s["master"]["map_matches"] and s["config_hash"])
     with service.client() as client:
         refused = put(client, {"t_cell_max": 50})

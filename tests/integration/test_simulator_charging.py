@@ -3,12 +3,15 @@
 import pytest
 
 from firmware_protocol.config_image import default_image, with_value
+from firmware_protocol.eeprom import plan_store
 from firmware_protocol.messages import CommandId
 from simulator.accumulator import AccumulatorParameters
-from simulator.charging import ChargingState
+from simulator.bms_state import ChargingState
+from simulator.eeprom import Eeprom
 from simulator.faults import FaultBoard
 from simulator.simulation import Simulation
 from tests.campaign import SIZE
+from tests.master_memory import Config
 
 LIMIT_S = 900.0
 long = pytest.mark.skipif(SIZE == "sample", reason="minutes of passes of 20 ms: in the campaign")
@@ -26,12 +29,14 @@ long = pytest.mark.skipif(SIZE == "sample", reason="minutes of passes of 20 ms: 
     ids=["sound", "loose joint", "loose joint, nearly full", "2 A", "to the trip"],
 )
 def test_a_charge_ends_and_no_cell_is_lifted_over_its_limit(start_soc, joint_milliohm, config):
-    simulation = Simulation(AccumulatorParameters(start_soc=start_soc, start_soc_spread=0.0005), seed=3)
-    image = default_image()
+    image, eeprom = default_image(), Eeprom()
     for name, value in config.items():
         image = with_value(image, name, value)
+    for page in plan_store(bytes(eeprom.content), image):
+        eeprom.write(page.offset, page.data)
+    parameters = AccumulatorParameters(start_soc=start_soc, start_soc_spread=0.0005)
+    simulation = Simulation(parameters, eeprom=eeprom, seed=3)
     simulation.run_until(1.0)
-    simulation.master.use_config(image)
     simulation.charger.is_plugged = True
     if joint_milliohm:
         FaultBoard(simulation).inject("loose-joint", 30, joint_milliohm)
@@ -42,6 +47,6 @@ def test_a_charge_ends_and_no_cell_is_lifted_over_its_limit(start_soc, joint_mil
         simulation.run_until(simulation.now_s + simulation.step_s)
         highest_v = max(highest_v, float(simulation.accumulator.terminal_voltage_v.max()))
     assert simulation.master.charging.state is ChargingState.DONE
-    assert simulation.master.protection.is_ok
-    limit_v = simulation.master.config.v_cell_chrg * 1e-4
+    assert simulation.master.is_ok
+    limit_v = Config.from_image(simulation.master.image).v_cell_chrg * 1e-4
     assert limit_v - 6e-3 < highest_v < limit_v + 2e-3

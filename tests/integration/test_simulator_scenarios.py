@@ -1,7 +1,4 @@
-"""Every scenario of the library is played, and what happens is what its file says: these events, and no other trip.
-
-On the virtual master and on the one in C: of the latter `make test` plays a few, the campaign all.
-"""
+"""Every scenario of the library is played, and what happens is what its file says: these events, and no other trip."""
 
 import functools
 import math
@@ -11,17 +8,15 @@ import pytest
 
 from firmware_protocol.eeprom import newest
 from firmware_protocol.framing import BadFrame, FrameDecoder
-from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS
 from firmware_protocol.messages import EventCode, EventMessage, MessageType, Result, decode_message
-from simulator.charging import ChargingState
+from simulator.bms_state import ChargingState
 from simulator.library import find_scenario, library
-from simulator.master import PASS_S
-from simulator.memory import FLAG
 from simulator.scenario import Scenario
 from simulator.scenario_player import ScenarioPlayer
-from simulator.simulation import Simulation
-from tests.c_virtual_master import CarWithCMaster
+from simulator.vehicle import PASS_S
 from tests.campaign import SIZE, of_size
+from tests.master_memory import FLAG, Config, MasterMemory
 
 LOOPING_S = 60.0
 LIMIT_S = 30_000.0
@@ -29,10 +24,6 @@ COARSE = of_size(2, 1, 1)  # passes of `make test` are twice as long where what 
 NEVER_COARSE = ("blocked-fan", "scrutineering")
 LONG = ("charging-cold", "charging-unbalanced")  # hours of charging
 in_the_campaign = pytest.mark.skipif(SIZE == "sample", reason="hours of charging: in the campaign")
-QUICK_ON_C = ("broken-converter", "failed-precharge", "sensor-unplugged", "worn-eeprom", "brown-out-mid-write")
-of_the_campaign = pytest.mark.skipif(SIZE == "sample", reason="the master in C: in the campaign")
-CARS = [pytest.param(Simulation, id="python"), pytest.param(CarWithCMaster, id="c", marks=of_the_campaign)]
-on_both_masters = pytest.mark.parametrize("car", CARS)
 FINER_STEP_S = {"blocked-fan": 0.5}  # of long scenarios
 
 
@@ -46,9 +37,8 @@ class Played:
         listen: bool = False,
         pass_s: float | None = None,
         until_s: float = LIMIT_S,
-        car: type[Simulation] = Simulation,
     ) -> None:
-        self.player = ScenarioPlayer(scenario, step_s=pass_s or step_s(scenario), car=car)
+        self.player = ScenarioPlayer(scenario, step_s=pass_s or step_s(scenario))
         self.simulation = self.player.simulation
         self.simulation.serial_out = self._take
         self._decoder = FrameDecoder()
@@ -95,28 +85,17 @@ def step_s(scenario: Scenario) -> float:
 
 
 @functools.lru_cache
-def played_once(name: str, car: type[Simulation] = Simulation) -> Played:
+def played_once(name: str) -> Played:
     """Return a scenario of the library that has been played to its end."""
-    return Played(find_scenario(name), car=car)
+    return Played(find_scenario(name))
 
 
-SCENARIOS = [
-    *(
-        pytest.param(each.name, Simulation, id=each.name, marks=in_the_campaign if each.name in LONG else ())
-        for each in library()[0]
-    ),
-    *(
-        pytest.param(
-            each.name, CarWithCMaster, id=f"{each.name}-c", marks=() if each.name in QUICK_ON_C else of_the_campaign
-        )
-        for each in library()[0]
-    ),
-]
+SCENARIOS = [pytest.param(each.name, marks=in_the_campaign if each.name in LONG else ()) for each in library()[0]]
 
 
-@pytest.mark.parametrize(("name", "car"), SCENARIOS)
-def test_what_the_file_expects_happens_and_no_other_trip(name, car):
-    played = played_once(name, car)
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_what_the_file_expects_happens_and_no_other_trip(name):
+    played = played_once(name)
     scenario = played.player.scenario
     slack_s = step_s(scenario)
     unexpected = [(at_s, event) for at_s, event in played.events if EventCode(event.code).name.startswith("TRIP_")]
@@ -133,14 +112,13 @@ def test_what_the_file_expects_happens_and_no_other_trip(name, car):
     assert unexpected == []
     assert list(played.player.notices) == []
     if any(phase.load == "charge" for phase in scenario.phases):
-        limit_v = played.simulation.master.config.v_cell_chrg * 1e-4
+        limit_v = Config.from_image(played.simulation.master.image).v_cell_chrg * 1e-4
         assert played.highest_v < limit_v + 2e-3
 
 
-@on_both_masters
 @pytest.mark.parametrize("name", ["charging", pytest.param("charging-cold", marks=in_the_campaign)])
-def test_charging_goes_through_its_states_once(name, car):
-    played = played_once(name, car)
+def test_charging_goes_through_its_states_once(name):
+    played = played_once(name)
     states = [ChargingState(event.value) for _, event in played.happened(EventCode.CHARGER_STATE)]
     assert states == [
         ChargingState.WAITING,
@@ -153,49 +131,45 @@ def test_charging_goes_through_its_states_once(name, car):
     assert accumulator.soc.min() > 0.9
 
 
-@on_both_masters
 @pytest.mark.parametrize(
     ("name", "start_soc", "until_s"),
     [("charging", 0.952, 300.0), pytest.param("charging-cold", 0.925, 240.0, marks=in_the_campaign)],
 )
-def test_at_the_master_s_own_pass_no_cell_is_overcharged(name, start_soc, until_s, car):
+def test_at_the_master_s_own_pass_no_cell_is_overcharged(name, start_soc, until_s):
     """The minutes in which the first cell reaches its limit, and those in which the current comes back."""
     scenario = find_scenario(name)
     full = replace(scenario, start=replace(scenario.start, soc=start_soc), expected=())
-    played = Played(full, pass_s=PASS_S, until_s=until_s, car=car)
+    played = Played(full, pass_s=PASS_S, until_s=until_s)
     states = [ChargingState(event.value) for _, event in played.happened(EventCode.CHARGER_STATE)]
     assert ChargingState.CONSTANT_VOLTAGE in states
-    limit_v = played.simulation.master.config.v_cell_chrg * 1e-4
+    limit_v = Config.from_image(played.simulation.master.image).v_cell_chrg * 1e-4
     assert limit_v - 2e-3 < played.highest_v < limit_v + 2e-3
 
 
-@on_both_masters
-def test_a_drifting_current_sensor_shows_in_the_count_and_not_in_the_cells(car):
-    played = played_once("drifting-sensor", car)
-    memory, accumulator = played.simulation.master.memory, played.simulation.accumulator
+def test_a_drifting_current_sensor_shows_in_the_count_and_not_in_the_cells():
+    played = played_once("drifting-sensor")
+    memory, accumulator = MasterMemory(played.simulation.master.image), played.simulation.accumulator
     counted_soc = FIELDS["soc"].unpack(memory.image)[0] * 1e-4
     missed_soc = 3.0 * 595.0 / 3600.0 / accumulator.capacity_ah.mean()
     assert counted_soc - accumulator.soc.mean() == pytest.approx(missed_soc, abs=0.6 * missed_soc)
-    assert played.simulation.master.protection.is_ok
+    assert played.simulation.master.is_ok
 
 
 @in_the_campaign
-@on_both_masters
-def test_unbalanced_cells_are_brought_together(car):
-    played = played_once("charging-unbalanced", car)
+def test_unbalanced_cells_are_brought_together():
+    played = played_once("charging-unbalanced")
     accumulator = played.simulation.accumulator
     at_start = ScenarioPlayer(played.player.scenario).simulation.accumulator.soc
     assert at_start.max() - at_start.min() > 0.015
     assert accumulator.soc.max() - accumulator.soc.min() < 0.75 * (at_start.max() - at_start.min())
 
 
-@on_both_masters
-def test_endurance_ends_where_a_real_one_would(car):
-    played = played_once("clean-endurance", car)
+def test_endurance_ends_where_a_real_one_would():
+    played = played_once("clean-endurance")
     accumulator = played.simulation.accumulator
     assert 0.18 < accumulator.soc.mean() < 0.40
     assert 1400 < played.simulation.now_s < 1900
-    assert played.simulation.master.memory.flags & 1
+    assert MasterMemory(played.simulation.master.image).flags & 1
 
 
 def test_loose_bolt_shows_under_load_and_not_at_rest():
@@ -214,22 +188,20 @@ def test_loose_bolt_shows_under_load_and_not_at_rest():
     assert min(sag_v) > 0.09  # 1 mohm at 100 A and more
 
 
-@on_both_masters
-def test_a_car_whose_precharge_failed_drives_only_after_it_was_mended_and_cleared(car):
-    player = ScenarioPlayer(find_scenario("failed-precharge"), car=car)
+def test_a_car_whose_precharge_failed_drives_only_after_it_was_mended_and_cleared():
+    player = ScenarioPlayer(find_scenario("failed-precharge"))
     simulation = player.simulation
     player.run(19.5)
     assert simulation.master.has_precharge_failed
     assert (simulation.current_a, simulation.link.voltage_v) == (0.0, 0.0)
-    assert simulation.master.memory.flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
+    assert MasterMemory(simulation.master.image).flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
     player.run(3.0)
     assert simulation.current_a == 20.0
     assert simulation.link.voltage_v > 300.0
 
 
-@on_both_masters
-def test_damaged_frames_of_a_noisy_cable_are_all_found(car):
-    played = Played(find_scenario("noisy-cable"), listen=True, car=car)
+def test_damaged_frames_of_a_noisy_cable_are_all_found():
+    played = Played(find_scenario("noisy-cable"), listen=True)
     steps = [(b - a) & 0xFF for a, b in zip(played.sequences, played.sequences[1:], strict=False)]
     lost = sum(step - 1 for step in steps if step)
     assert played.bad > 50
@@ -238,21 +210,19 @@ def test_damaged_frames_of_a_noisy_cable_are_all_found(car):
     assert played.happened(EventCode.BOOT)[0][1].value == 0
 
 
-@on_both_masters
-def test_brown_out_mid_write_leaves_old_or_new(car):
+def test_brown_out_mid_write_leaves_old_or_new():
     for seed in range(4):
         scenario = find_scenario("brown-out-mid-write")
-        player = ScenarioPlayer(scenario, seed=seed, car=car)
+        player = ScenarioPlayer(scenario, seed=seed)
         player.run(30.0)
         master = player.simulation.master
-        assert master.memory.config == scenario.config
+        assert bytes(master.image[:CONFIG_SIZE]) == scenario.config
         assert newest(bytes(player.simulation.board.eeprom.content)).counter in (1, 2)
 
 
-@on_both_masters
-def test_a_worn_eeprom_refuses_and_keeps_the_old(car):
+def test_a_worn_eeprom_refuses_and_keeps_the_old():
     replies = []
-    player = ScenarioPlayer(find_scenario("worn-eeprom"), car=car)
+    player = ScenarioPlayer(find_scenario("worn-eeprom"))
     decoder = FrameDecoder()
     player.simulation.serial_out = lambda data: replies.extend(
         decode_message(frame).result for frame in decoder.feed(data) if frame.type == MessageType.REPLY

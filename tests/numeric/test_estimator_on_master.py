@@ -27,7 +27,7 @@ def race(seconds: float) -> Iterator[tuple[float, bytes]]:
     player = ScenarioPlayer(find_scenario("clean-endurance"), seed=11, step_s=0.05)
     while player.simulation.now_s < seconds and not player.is_over:
         player.run(STEP_S)
-        yield player.simulation.now_s, bytes(player.simulation.master.memory.image)
+        yield player.simulation.now_s, bytes(player.simulation.master.image)
 
 
 class Chip:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hatch_build import INSIDE, TARGETS, compile_engine, engine_digest, imports_inside
+from hatch_build import INSIDE, LIBRARIES, TARGETS, Library, compile_library, imports_inside, sources_digest
 from tests.recorded.arrays import SessionMaker
 
 pytestmark = pytest.mark.timeout(900)  # it builds
@@ -173,17 +173,17 @@ HEADERS = {
 }  # how a library begins, where the processor is named, and its name
 
 
+@pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.stem)
 @pytest.mark.parametrize("name", TARGETS)
-def test_the_engine_is_built_for_other_platforms(name: str, tmp_path: Path) -> None:
+def test_the_libraries_are_built_for_other_platforms(name: str, library: Library, tmp_path: Path) -> None:
     pytest.importorskip("ziglang")
     target = TARGETS[name]
-    compile_engine(ROOT, tmp_path / target.library, target)
-    content = (tmp_path / target.library).read_bytes()
+    content = compile_library(ROOT, library, tmp_path, target)[0].read_bytes()
     magic, at, machine = HEADERS[name]
     at = int.from_bytes(content[0x3C:0x40], "little") if at is None else at
     assert content.startswith(magic)
     assert content[at : at + len(machine)] == machine
-    assert engine_digest(ROOT).encode() in content
+    assert sources_digest(ROOT, library).encode() in content
 
 
 def test_the_unpacked_wheel_tells_its_version(wheel: Path, site: Path, tmp_path: Path) -> None:

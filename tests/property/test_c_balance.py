@@ -1,23 +1,18 @@
-"""The C choice of the cells to bleed against the Python one."""
+"""The choice of the cells to bleed, in C."""
 
 import ctypes
 from ctypes import byref, c_uint8, c_uint16, c_uint32
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_protocol.config_image import default_image
-from simulator.charging import Balancer
-from simulator.memory import Config
 from tests.c_programs import slaves_library
 from tests.c_slaves import Balance, cells_of, load
 from tests.campaign import examples
 
 UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
-SLAVES = st.integers(0, 7)
 
 
 @pytest.fixture(scope="module")
@@ -25,19 +20,8 @@ def library() -> ctypes.CDLL:
     return load(slaves_library(*UNDEFINED))
 
 
-VOLTAGES = st.lists(
-    st.sampled_from((0, 1, 30_000, 36_000, 36_100, 65_535)) | st.integers(35_900, 36_300), min_size=96, max_size=96
-)
-CHOICES = st.lists(
-    st.one_of(
-        st.tuples(st.just("choose"), VOLTAGES),
-        st.tuples(st.just("hand"), SLAVES, st.integers(0, 0xFFF)),
-        st.tuples(st.just("watch"), VOLTAGES),
-        st.tuples(st.just("wait"), st.sampled_from((1, 300, 599, 601))),
-        st.tuples(st.just("stop")),
-    ),
-    max_size=12,
-)
+def masks(cells):
+    return [sum(1 << at for at in np.flatnonzero(row)) for row in np.reshape(cells, (8, 12))]
 
 
 def test_cells_chosen_by_hand_are_bled_until_their_time_is_over_or_they_are_low(library):
@@ -57,31 +41,16 @@ def test_cells_chosen_by_hand_are_bled_until_their_time_is_over_or_they_are_low(
 
 
 @settings(max_examples=examples(100), deadline=None)
-@given(choices=CHOICES, threshold=st.integers(0, 1000), begin_s=st.sampled_from((0, 4_294_900)))
-def test_the_same_cells_are_bled(library, choices, threshold, begin_s):
-    python, c = Balancer(), Balance()
-    library.vw_balance_init(byref(c))
-    config = replace(Config.from_image(default_image()), balance_threshold=threshold)
-    now_s = begin_s
-    for what, *values in choices:
-        now_ms = c_uint32(now_s * 1000 & 0xFFFFFFFF)
-        if what in ("choose", "watch"):
-            v = np.array(values[0], dtype=np.uint16)
-            raw = (c_uint16 * 96)(*values[0])
-        match what:
-            case "choose":
-                python.choose(config, v)
-                assert library.vw_balance_choose(byref(c), c_uint16(threshold), raw) == python.is_active
-            case "hand":
-                python.choose_by_hand(values[0], values[1], now_s)
-                library.vw_balance_by_hand(byref(c), c_uint8(values[0]), c_uint16(values[1]), now_ms)
-            case "watch":
-                python.watch_by_hand(config, v, now_s)
-                library.vw_balance_watch(byref(c), c_uint16(config.v_cell_min), raw, now_ms)
-            case "wait":
-                now_s += values[0]
-            case "stop":
-                python.stop()
-                library.vw_balance_stop(byref(c))
-        assert cells_of(c.cells) == python.cells.tolist()
-        assert (c.is_active, c.is_by_hand) == (python.is_active, python.is_by_hand)
+@given(
+    voltages=st.lists(st.sampled_from((0, 1, 30_000, 65_535)) | st.integers(35_900, 36_300), min_size=96, max_size=96),
+    bled=st.frozensets(st.integers(0, 95)),
+    threshold=st.integers(0, 1000),
+)
+def test_by_rule_a_cell_is_bled_that_is_far_above_the_lowest_until_it_is_near(library, voltages, bled, threshold):
+    v, before = np.array(voltages), np.isin(np.arange(96), [*bled])
+    c = Balance(cells=(c_uint16 * 8)(*masks(before)), is_active=bool(bled))
+    is_active = library.vw_balance_choose(byref(c), c_uint16(threshold), (c_uint16 * 96)(*voltages))
+    above = v - min(v[v > 0], default=0)
+    chosen = (v > 0) & ((above > threshold) | (before & (above > 0.8 * threshold)))
+    assert cells_of(c.cells) == chosen.tolist()
+    assert is_active == c.is_active == chosen.any()

@@ -1,4 +1,4 @@
-"""The C master's pass of measuring against the virtual master's, value by value, on slaves that the same befalls."""
+"""The C master's pass of measuring on slaves that anything befalls: what stands in the struct afterwards."""
 
 import ctypes
 from dataclasses import replace
@@ -11,16 +11,18 @@ from hypothesis import strategies as st
 from firmware_protocol.config_image import default_image
 from firmware_protocol.ltc6804 import AdcMode, adcv
 from firmware_protocol.memory_map import CONFIG, FIELDS, T_MISSING
-from simulator import sensors, slave_setup
-from simulator.memory import Config
-from tests.c_measuring import REFRESH_MS, BothMeasuring, CMeasuring
+from simulator import sensors
+from simulator.slave import THESIS_SENSOR_INPUTS as INPUTS
+from tests.c_master import NONE
+from tests.c_measuring import CMeasuring, Passes
 from tests.c_programs import C_FOLDER, slaves_library
 from tests.c_slaves import PACKETS, DamagedChain, load
 from tests.campaign import examples
+from tests.master_memory import Config
 from tests.property.test_c_slaves import CELLS, EVENTS, befall
 
 DEFAULT = Config.from_image(default_image())
-INPUTS = slave_setup.THESIS_SENSOR_INPUTS
+REFRESH_MS = 1000
 UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
 PASSES_MS = st.sampled_from((20, 20, 20, 20, 100, 250))
 REST = np.full(20, 2049.0)
@@ -66,20 +68,49 @@ STEPS = st.lists(
     seed=st.integers(0, 1 << 32),
     start_ms=st.sampled_from((0, 0xFFFFFF00)),
 )
-def test_both_measure_the_same(library, steps, config, inputs, seed, start_ms):
-    both, rng = BothMeasuring(library, inputs, config, start_ms), np.random.default_rng(seed)
-    for events, damaged, count, is_noisy, new_config, bled, pass_ms, passes in steps:
-        for chain in both.chains:
-            chain.damaged = damaged
-            for event in events:
-                befall_any(chain, *event)
+def test_the_struct_says_what_the_slaves_and_the_converter_gave(library, steps, config, inputs, seed, start_ms):
+    passes, rng = Passes(library, config, inputs, start_ms), np.random.default_rng(seed)
+    chain, memory = passes.chain, passes.memory
+    for events, damaged, count, is_noisy, new_config, bled, pass_ms, n_passes in steps:
+        chain.damaged = damaged
+        for event in events:
+            befall_any(chain, *event)
         if new_config is not None:
-            both.use(new_config)
+            passes.use(config := new_config)
         if bled is not None:
-            both.bleed(np.isin(np.arange(96), [*bled]))
-        for _ in range(passes):
+            passes.bleed(np.isin(np.arange(96), [*bled]))
+        for _ in range(n_passes):
             noise = rng.integers(-3, 4, pass_ms) if is_noisy else np.zeros(pass_ms)
-            both.run(pass_ms, np.clip(count + noise, 0, 4095).astype(np.float64))
+            counts = np.clip(count + noise, 0, 4095).astype(np.float64)
+            reading = passes.run(pass_ms, counts)
+            check_voltages(memory, reading, np.flatnonzero(passes.c.known()))
+            check_temperatures(memory)
+            assert value(passes, "n_slaves") + np.count_nonzero(~chain.is_powered) <= 8
+    lowest, highest = (amperes_raw(config, count) for count in (0, 4095))
+    assert all(min(lowest, highest) <= mean <= max(lowest, highest) for mean in passes.means)
+
+
+def amperes_raw(config, count):
+    return round((10 * count - config.i_offset) * config.i_gain / 5000)
+
+
+def check_voltages(memory, reading, known):
+    """Minimum, maximum, mean and sum are those of the cells that have a voltage; the others show none."""
+    v, of = memory.v.astype(int), lambda name: FIELDS[name].unpack(memory.image)[0]
+    assert not np.delete(v, known).any()
+    assert (of("v_min"), of("v_max")) == ((v[known].min(), v.max()) if len(known) else (0, 0))
+    assert of("v_avg") == (round(v.sum() / len(known)) if len(known) else 0)
+    assert of("v_tot") == min(round(v.sum() / 100), 0xFFFF)
+    if len(known):
+        assert (reading.v_min_id, reading.v_max_id) == (known[v[known].argmin()], v.argmax())
+
+
+def check_temperatures(memory):
+    """Minimum, maximum and mean are those of the cells that have a temperature."""
+    t, of = memory.t.astype(int), lambda name: FIELDS[name].unpack(memory.image)[0]
+    known = t[t != T_MISSING]
+    expected = (known.min(), known.max(), round(known.mean())) if len(known) else (T_MISSING,) * 3
+    assert (of("t_min"), of("t_max"), of("t_avg")) == expected
 
 
 def befall_any(chain, kind, where, how):
@@ -89,72 +120,67 @@ def befall_any(chain, kind, where, how):
         befall(chain, kind, where, how)
 
 
-# --- not only the same: what an operator has to see
+# --- what an operator has to see
 
 
 def test_a_minute_of_faults_that_come_and_go(library):
-    both = BothMeasuring(library, INPUTS, DEFAULT)
-    converters = [chain.converters for chain in both.chains]
+    passes = Passes(library, DEFAULT)
+    chain = passes.chain
 
     def after(n, count=2049.0):
         for _ in range(n):
-            reading = both.run(20, np.full(20, count))
+            reading = passes.run(20, np.full(20, count))
         return reading
 
     reading = after(60)
     assert (reading.v_min, reading.v_min_id, reading.v_max, reading.v_max_id) == (30_000, 0, 39_500, 95)
-    assert (reading.lost_cell, reading.lost_slave, reading.lost_temperature) == (None, None, None)
-    assert value(both, "v_avg") == 34_750
-    assert value(both, "v_tot") == 33_360
-    assert value(both, "n_slaves") == 8
-    for converter in converters:
-        converter.open_wires.add(40)
+    assert (reading.lost_cell, reading.lost_slave, reading.lost_temperature) == (NONE, NONE, NONE)
+    assert value(passes, "v_avg") == 34_750
+    assert value(passes, "v_tot") == 33_360
+    assert value(passes, "n_slaves") == 8
+    chain.converters.open_wires.add(40)
     reading = after(60)
     assert reading.lost_cell == 40
-    assert np.flatnonzero(both.c.memory.v == 0).tolist() == [40, 41]
-    assert value(both, "v_avg") == round((34_750 * 96 - 34_000 - 34_100) / 94)
-    for chain, converter in zip(both.chains, converters, strict=True):
-        converter.open_wires.clear()
-        chain.set_powered(0, False)
+    assert np.flatnonzero(passes.memory.v == 0).tolist() == [40, 41]
+    assert value(passes, "v_avg") == round((34_750 * 96 - 34_000 - 34_100) / 94)
+    chain.converters.open_wires.clear()
+    chain.set_powered(0, False)
     reading = after(60)
-    assert (reading.lost_slave, reading.lost_cell, reading.v_min_id) == (0, None, 12)
-    assert both.c.memory.t[:12].tolist() == [T_MISSING] * 12
-    assert value(both, "n_slaves") == 7
-    for chain in both.chains:
-        chain.set_powered(0, True)
-    assert after(60).lost_slave is None
-    for chain in both.chains:
-        for pack in range(8):
-            chain.set_powered(pack, False)
+    assert (reading.lost_slave, reading.lost_cell, reading.v_min_id) == (0, NONE, 12)
+    assert passes.memory.t[:12].tolist() == [T_MISSING] * 12
+    assert value(passes, "n_slaves") == 7
+    chain.set_powered(0, True)
+    assert after(60).lost_slave == NONE
+    for pack in range(8):
+        chain.set_powered(pack, False)
     reading = after(20)
     assert (reading.v_min, reading.v_max, reading.t_min, reading.t_max) == (0xFFFF, 0, 127, -128)
-    assert [value(both, name) for name in ("v_min", "v_avg", "v_tot", "t_min", "t_avg")] == [0, 0, 0, -128, -128]
+    assert [value(passes, name) for name in ("v_min", "v_avg", "v_tot", "t_min", "t_avg")] == [0, 0, 0, -128, -128]
 
 
-def value(both, name):
-    return FIELDS[name].unpack(both.c.memory.image)[0]
+def value(passes, name):
+    return FIELDS[name].unpack(passes.memory.image)[0]
 
 
 def test_a_cell_that_is_measured_again_begins_with_what_it_is(library):
-    both = BothMeasuring(library, INPUTS, replace(DEFAULT, v_alpha=1))
+    passes = Passes(library, replace(DEFAULT, v_alpha=1))
     for _ in range(5):
-        both.run(20, REST)
+        passes.run(20, REST)
     for is_on, volts in ((False, 3.0), (True, 3.9)):
-        for chain in both.chains:
-            chain.set_powered(2, is_on)
-            chain.converters.cell_v = np.full(96, volts)
+        passes.chain.set_powered(2, is_on)
+        passes.chain.converters.cell_v = np.full(96, volts)
         for _ in range(5):
-            both.run(20, REST)
-    assert both.c.memory.v[24:36].tolist() == [39_000] * 12
-    assert both.c.memory.v[36] < 33_700  # the others have hardly moved
+            passes.run(20, REST)
+    assert passes.memory.v[24:36].tolist() == [39_000] * 12
+    assert passes.memory.v[36] < 33_700  # the others have hardly moved
 
 
 def test_the_mean_of_the_current_and_its_average(library):
     """Ten means of two samples: 0 A, then one of 10 counts more, of which a fifth is seen."""
-    both = BothMeasuring(library, INPUTS, replace(DEFAULT, ts=2, fc_avg=10))
-    both.run(20, REST)
-    both.run(20, np.where(np.arange(20) < 18, 2049.0, 2059.0))
-    assert [value(both, name) for name in ("i_fs", "i_fc")] == [242, 48]  # 0.2424 A a count
+    passes = Passes(library, replace(DEFAULT, ts=2, fc_avg=10))
+    passes.run(20, REST)
+    passes.run(20, np.where(np.arange(20) < 18, 2049.0, 2059.0))
+    assert [value(passes, name) for name in ("i_fs", "i_fc")] == [242, 48]  # 0.2424 A a count
 
 
 @pytest.mark.parametrize(
@@ -162,8 +188,8 @@ def test_the_mean_of_the_current_and_its_average(library):
     [(0, True), (1, False), (3315, False), (3316, True), (3324, True), (3325, False), (4094, False), (4095, True)],
 )
 def test_a_converter_at_its_ends_or_an_open_input_is_no_current(library, count, is_lost):
-    both = BothMeasuring(library, INPUTS, DEFAULT)
-    assert both.run(20, np.full(20, float(count))).lost_current == is_lost
+    passes = Passes(library, DEFAULT)
+    assert passes.run(20, np.full(20, float(count))).lost_current == is_lost
 
 
 def test_the_open_input_is_that_of_the_simulated_sensor():
@@ -213,19 +239,18 @@ def test_what_the_estimator_writes_is_left_alone(library):
 
 def test_a_slave_that_is_lost_within_a_pass_keeps_the_voltages_that_it_gave(library):
     """Its voltages arrive, its temperatures and self-tests do not: the next pass is the first without it."""
-    both = BothMeasuring(library, INPUTS, DEFAULT)
-    chain = both.chains[1]
+    passes = Passes(library, DEFAULT)
+    chain = passes.chain
     for _ in range(2):
-        both.run(250, np.full(250, 2049.0))
-    for each in both.chains:
-        lose_after_the_voltages(each, 3)
-    reading = both.run(250, np.full(250, 2049.0))
-    assert (reading.lost_slave, reading.lost_cell) == (None, None)
-    assert both.c.memory.v[36:48].all()
+        passes.run(250, np.full(250, 2049.0))
+    lose_after_the_voltages(chain, 3)
+    reading = passes.run(250, np.full(250, 2049.0))
+    assert (reading.lost_slave, reading.lost_cell) == (NONE, NONE)
+    assert passes.memory.v[36:48].all()
     assert chain.damaged
-    reading = both.run(250, np.full(250, 2049.0))
+    reading = passes.run(250, np.full(250, 2049.0))
     assert reading.lost_slave == 3
-    assert not both.c.memory.v[36:48].any()
+    assert not passes.memory.v[36:48].any()
 
 
 def lose_after_the_voltages(chain, slave):

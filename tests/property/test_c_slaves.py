@@ -1,4 +1,4 @@
-"""The C driver of the slaves against the Python reader, value by value, on slaves that the same faults befall."""
+"""The C driver of the slaves on simulated slaves under faults: what it says is known, and what goes over the pair."""
 
 import ctypes
 import os
@@ -15,16 +15,15 @@ from hypothesis import strategies as st
 from firmware_protocol import ltc6804
 from firmware_protocol.ltc6804 import AdcMode, Command, Configuration, StatusB, adax, adcv, adstat, with_pec
 from firmware_protocol.memory_map import T_MISSING
-from simulator import slave_reader, slave_setup
+from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
 from simulator.conversion import ADOW
 from simulator.self_test import AXST, CVST, STATST, SelfTest
-from simulator.slave_reader import CHECK_STAGE_S, degc_from_sensor
+from simulator.slave import THESIS_SENSOR_INPUTS as INPUTS
 from tests.c_programs import slaves_library
-from tests.c_slaves import PACKETS, Both, CReader, DamagedChain, load
+from tests.c_slaves import PACKETS, CReader, DamagedChain, load, started
 from tests.campaign import examples
 
 HEADER = Path(__file__).parents[2] / "firmware_protocol" / "c" / "master" / "vw_slaves.h"
-INPUTS = slave_setup.THESIS_SENSOR_INPUTS
 PASS_S = 0.1  # long enough for temperatures and all stages of the check
 UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
 ADDRESS = ("-fsanitize=address",)
@@ -119,17 +118,15 @@ def macro(name: str) -> str:
     return line.removeprefix(f"#define {name} ").split("/*")[0].strip()
 
 
-def test_the_set_up_is_that_of_the_python_master():
+def test_the_set_up_is_what_the_thesis_prints():
+    """B.8: its registers and its four waits; addresses and the order of temperatures as on its boards."""
     numbers = {name: int(macro(f"VW_SLAVES_{name}").rstrip("u")) for name in (
-        "FIRST_ADDRESS", "WAKE_US", "CELLS_US", "SENSORS_US", "SWITCH_US", "IDLE_US", "CHECK_STAGE_US"
+        "FIRST_ADDRESS", "WAKE_US", "CELLS_US", "SENSORS_US", "SWITCH_US"
     )}  # fmt: skip
-    setup = slave_setup
-    seconds = (setup.WAKE_WAIT_S, setup.CELLS_WAIT_S, setup.SENSORS_WAIT_S, setup.SWITCH_WAIT_S, setup.QUIET_S)
-    expected = [setup.FIRST_ADDRESS, *(round(1e6 * value) for value in (*seconds, CHECK_STAGE_S))]
-    assert list(numbers.values()) == expected
+    assert list(numbers.values()) == [1, 500, 4500, 1400, 100]
     lists = [macro(f"VW_SLAVES_{name}").strip("{ }").split(",") for name in ("CONFIG", "SENSOR_INPUTS")]
     config, inputs = ([int(item.strip().rstrip("u"), 0) for item in items] for items in lists)
-    assert (bytes(config), tuple(inputs)) == (setup.DEFAULT_CFGR, setup.THESIS_SENSOR_INPUTS)
+    assert (bytes(config), tuple(inputs)) == (bytes.fromhex("059846a40010"), INPUTS)
 
 
 def test_what_goes_over_the_bus_is_what_the_thesis_sends(library):
@@ -156,11 +153,11 @@ def test_what_goes_over_the_bus_is_what_the_thesis_sends(library):
 
 
 def test_the_first_reading_has_no_voltage_because_the_reference_is_not_up(library):
-    both = Both(library, INPUTS)
+    c = started(library)
     for now_s, is_known in ((0.0, False), (0.02, True)):
-        both.c.begin(now_s)
-        both.c.read_voltages()
-        assert both.c.known() == [is_known] * 96
+        c.begin(now_s)
+        c.read_voltages()
+        assert c.known() == [is_known] * 96
 
 
 def test_the_start_names_the_slaves_that_do_not_hold_the_configuration(library):
@@ -176,30 +173,46 @@ def test_the_start_names_the_slaves_that_do_not_hold_the_configuration(library):
 
 
 def test_an_spi_that_fails_gives_no_value_and_every_slave_is_silent(library):
-    both = Both(library, INPUTS)
-    both.c.begin(0.1)
-    both.c.read_voltages()
-    assert all(both.c.known())
-    both.c.spi_works = False
-    both.c.begin(0.12)
-    assert both.c.read_voltages() == 8
-    assert not any(both.c.known())
-    assert set(both.c.temperatures_degc()) == {T_MISSING}
-    assert both.c.memory.slave_status.tolist() == [255] * 8
+    c = started(library)
+    c.begin(0.1)
+    c.read_voltages()
+    assert all(c.known())
+    c.spi_works = False
+    c.begin(0.12)
+    assert c.read_voltages() == 8
+    assert not any(c.known())
+    assert set(c.temperatures_degc()) == {T_MISSING}
+    assert c.memory.slave_status.tolist() == [255] * 8
 
 
 def test_every_count_of_a_sensor_is_the_same_temperature(library):
     found = np.array([library.vw_slaves_degc_of(c_uint16(count)) for count in range(0x10000)])
-    exact = degc_from_sensor(np.arange(0x10000) * 1e-4)
-    assert np.array_equal(found == T_MISSING, np.isnan(exact))
-    inside = found != T_MISSING
+    volts = np.arange(0x10000) * 1e-4
+    degc = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V) - 1, -1, -1)
+    exact = np.interp(volts, POINTS_V[::-1], degc)
+    inside = (volts >= POINTS_V[-1] - MARGIN_V - 1e-9) & (volts <= POINTS_V[0] + MARGIN_V + 1e-9)
+    assert np.array_equal(found != T_MISSING, inside)
     assert np.abs(found - exact)[inside].max() <= 0.5 + 1e-9
-    assert np.array_equal(found, slave_reader._DEGC_BY_COUNT)
+
+
+@pytest.mark.parametrize(
+    ("volts", "degc"),
+    [
+        (1.955, 17.5),  # copies of the table that lost the 1.92 V point are 5 K wrong on one side of 20 degC
+        (1.89, 22.5),
+        (2.225, -4.58),  # the cold side has its sign
+        (2.122, 4.0),
+        (2.4449, -40.0),  # rounding at the ends is no fault
+        (1.2951, 120.0),
+    ],
+)
+def test_a_sensor_voltage_is_read_along_the_published_curve(library, volts, degc):
+    assert abs(library.vw_slaves_degc_of(c_uint16(round(volts * 1e4))) - degc) <= 0.5 + 1e-9
 
 
 def test_what_is_no_cell_has_no_value(library):
-    both = Both(library, INPUTS)
-    slaves = byref(both.c.slaves)
+    c = started(library)
+    slaves = byref(c.slaves)
     assert library.vw_slaves_known(slaves, c_uint8(8)) == 0
     assert library.vw_slaves_degc(slaves, c_uint8(8), c_uint8(0)) == T_MISSING
     assert library.vw_slaves_degc(slaves, c_uint8(0), c_uint8(12)) == T_MISSING
@@ -251,36 +264,47 @@ def befall(chain: DamagedChain, kind: str, where: int, how: float) -> None:
 
 
 def play(library: ctypes.CDLL, passes: list, inputs: tuple[int, ...]) -> None:
-    both = Both(library, inputs)
-    both.compare()
+    """Read under faults; what is said to be known is what the chip has measured, and nothing of a lost slave is."""
+    c = started(library, inputs)
+    chain = c.chain
     for number, (events, damaged, temperatures, stages, bled) in enumerate(passes, 1):
-        now_s = PASS_S * number
-        for chain in both.chains:
-            for event in events:
-                befall(chain, *event)
-            chain.damaged = damaged
-        for reader in (both.python, both.c):
-            reader.begin(now_s)
-            reader.read_voltages()
-            if temperatures:
-                reader.read_temperatures()
-            for _ in range(stages):
-                reader.self_check()
-            if bled is not None:
-                reader.configure(np.isin(np.arange(96), [*bled]))
-        both.compare()
+        for event in events:
+            befall(chain, *event)
+        chain.damaged = damaged
+        c.begin(PASS_S * number)
+        c.read_voltages()
+        measured = chain.converters.cvr.copy()
+        if temperatures:
+            c.read_temperatures()
+        for _ in range(stages):
+            c.self_check()
+        if bled is not None:
+            c.configure(np.isin(np.arange(96), [*bled]))
+            unread = {slave for kind, slave, _ in damaged if kind == 2} | set(np.flatnonzero(~chain.is_powered))
+            of_slaves = c.memory.slave_cfgr[:, 4:], chain.cfgr[:, 4:]
+            held, there = ([group.tobytes() for group in groups & [0xFF, 0x0F]] for groups in of_slaves)
+            assert [held[k] for k in range(8) if k not in unread] == [there[k] for k in range(8) if k not in unread]
+        known = np.reshape(c.known(), (8, 12))
+        arrived = np.ones((8, 12), dtype=bool)
+        for kind, slave, at in damaged:
+            if kind == 0:
+                arrived[slave, 3 * at : 3 * at + 3] = False
+        assert np.array_equal(c.memory.slave_cvr[known & arrived], measured[known & arrived])
+        assert not known[~chain.is_powered].any()
+        assert list(np.array(c.slaves.is_silent) | chain.is_powered) == [True] * 8
+        missing = np.reshape(c.temperatures_degc(), (8, 12)) == T_MISSING
+        assert missing[np.array(c.slaves.is_silent)].all()
 
 
 @settings(max_examples=examples(100), deadline=None)
 @given(passes=PASSES, inputs=st.sampled_from((INPUTS, tuple(range(12)))) | st.permutations(range(12)).map(tuple))
-def test_both_drivers_know_the_same_after_every_pass(library, passes, inputs):
+def test_what_is_known_is_what_the_chips_have_measured(library, passes, inputs):
     play(library, passes, inputs)
 
 
 def test_what_each_fault_does_to_the_values(library):
-    """Not only the same as the other driver: what an operator has to see."""
-    both = Both(library, INPUTS)
-    chain, c = both.chains[1], both.c
+    c = started(library)
+    chain = c.chain
     chain.set_powered(5, False)
     chain.converters.open_wires.add(2)
     chain.converters.stick(1, 0x80)
@@ -304,8 +328,8 @@ def test_what_each_fault_does_to_the_values(library):
 
 @pytest.mark.parametrize(("wire", "cells"), [(2, [2, 3]), (11, [11]), (95, [95]), (47, [47]), (40, [40, 41])])
 def test_an_open_wire_takes_the_voltages_on_both_sides_until_it_is_back(library, wire, cells):
-    both = Both(library, INPUTS)
-    c, wires = both.c, both.chains[1].converters.open_wires
+    c = started(library)
+    wires = c.chain.converters.open_wires
     for number, is_open in ((1, True), (2, False)):
         wires.add(wire) if is_open else wires.clear()
         for stage in range(4):
@@ -317,8 +341,8 @@ def test_an_open_wire_takes_the_voltages_on_both_sides_until_it_is_back(library,
 
 def test_a_conversion_that_never_begins_is_asked_for_three_times(library):
     """The chips convert nothing, as with all commands damaged; the driver goes on with what it has."""
-    both = Both(library, INPUTS)
-    c, chain = both.c, both.chains[1]
+    c = started(library)
+    chain = c.chain
     chain.damaged = frozenset({(0, 0, 0)})
     c.begin(0.1)
     c.read_voltages()
@@ -353,14 +377,14 @@ def test_on_a_noisy_pair_commands_are_repeated(library):
 
 
 def test_the_noise_is_forgotten_after_a_quiet_minute(library):
-    both = Both(library, INPUTS)
-    both.chains[1].damaged = frozenset({(0, 2, 1)})
-    both.c.begin(0.1)
-    both.c.read_voltages()
-    both.chains[1].damaged = frozenset()
+    c = started(library)
+    c.chain.damaged = frozenset({(0, 2, 1)})
+    c.begin(0.1)
+    c.read_voltages()
+    c.chain.damaged = frozenset()
     for k in range(1, 3001):
-        both.c.library.vw_slaves_begin(byref(both.c.slaves), c_uint32(20))
-        assert (both.c.slaves.noisy_ms_left == 0) == (k == 3000)
+        c.library.vw_slaves_begin(byref(c.slaves), c_uint32(20))
+        assert (c.slaves.noisy_ms_left == 0) == (k == 3000)
 
 
 def exercise(path: str) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simulator.bms_state import RelayState
 from simulator.can_bus import CanBus, CanFrame
 from simulator.link_circuit import LinkCircuit
-from simulator.relays import RelayState
 from tests.campaign import examples
 
 RATE = 500_000

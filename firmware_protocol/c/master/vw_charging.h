@@ -2,8 +2,7 @@
  *
  * The charger holds a voltage of the whole string, the master knows the cells: in constant voltage it trims the current
  * once a second so that the highest cell, not the string, stands at `v_cell_chrg`. What is asked goes into `charger` of the
- * struct, which the CAN tables carry. In double precision, so that it equals the virtual master to the last count; on a
- * Cortex-M4 that is software, once a second.
+ * struct, which the CAN tables carry. In double precision; on a Cortex-M4 that is software, once a second.
  */
 #ifndef VW_CHARGING_H
 #define VW_CHARGING_H

@@ -14,16 +14,15 @@ from simulator.accumulator import AccumulatorParameters
 from simulator.eeprom import Eeprom
 from simulator.simulation import Simulation
 from simulator.slave import SlaveChain
+from tests.master_memory import MasterMemory
 
 
 class Host:
     """Keeps what the master sends and when, and asks."""
 
-    def __init__(
-        self, eeprom: Eeprom | None = None, seed: int = 1, soc: float = 0.7, car: type[Simulation] = Simulation
-    ) -> None:
+    def __init__(self, eeprom: Eeprom | None = None, seed: int = 1, soc: float = 0.7) -> None:
         parameters = AccumulatorParameters(start_soc=soc, start_soc_spread=0.002)
-        self.simulation = car(parameters, eeprom=eeprom, seed=seed)
+        self.simulation = Simulation(parameters, eeprom=eeprom, seed=seed)
         self.simulation.serial_out = self._take
         self._decoder = FrameDecoder()
         self._sequence = 0
@@ -33,6 +32,11 @@ class Host:
         self.events: list[EventMessage] = []
         self.replies: list[Reply] = []
         self.image = bytearray(MASTER_SIZE)
+
+    @property
+    def memory(self) -> MasterMemory:
+        """The master's struct itself, not what the stream showed of it."""
+        return MasterMemory(self.simulation.master.image)
 
     def _take(self, data: bytes) -> None:
         self.arrivals.append((self.simulation.now_s, len(data)))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from simulator.eeprom import ERASED, PAGE_WRITE_S, SIZE, Eeprom, PageJob
+from simulator.eeprom import ERASED, PAGE_WRITE_S, SIZE, Eeprom
 from simulator.errors import PortError
 
 
@@ -32,23 +32,23 @@ def test_a_worn_page_keeps_what_it_held():
     assert eeprom.read(64, 1) == bytes([ERASED])
 
 
-def test_pages_take_five_milliseconds_each():
+def test_a_page_takes_five_milliseconds():
     eeprom = Eeprom()
-    job = PageJob(eeprom, [(0, b"a"), (64, b"b")], now_s=1.0)
-    assert not job.run(1.0 + 0.9 * PAGE_WRITE_S)
+    eeprom.begin_write(0, b"a", now_s=1.0)
+    assert eeprom.is_busy(1.0 + 0.9 * PAGE_WRITE_S)
     assert eeprom.read(0, 1) == bytes([ERASED])
-    assert not job.run(1.0 + 1.1 * PAGE_WRITE_S)
-    assert (eeprom.read(0, 1), eeprom.read(64, 1)) == (b"a", bytes([ERASED]))
-    assert job.run(1.0 + 2.1 * PAGE_WRITE_S)
+    assert not eeprom.is_busy(1.0 + PAGE_WRITE_S)
+    assert eeprom.read(0, 1) == b"a"
 
 
-def test_a_power_cut_tears_the_page_under_way_and_leaves_the_next():
+def test_a_power_cut_tears_the_page_under_way():
     outcomes = set()
     for seed in range(60):
         eeprom = Eeprom()
-        PageJob(eeprom, [(0, b"ab"), (64, b"c")], now_s=0.0).interrupt(np.random.default_rng(seed))
+        eeprom.begin_write(0, b"ab", now_s=0.0)
+        eeprom.lose_power(np.random.default_rng(seed))
+        assert not eeprom.is_busy(0.0)
         outcomes.add(eeprom.read(0, 2)[:1] == b"a")
-        assert eeprom.read(64, 1) == bytes([ERASED])
     assert outcomes == {True, False}
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from firmware_protocol.framing import LINE_BYTES_PER_S
-from simulator.line import Outbox, UartLine
+from simulator.line import UartLine
 
 
 def test_frames_one_after_the_other_take_the_line_rate():
@@ -42,12 +42,3 @@ def test_drop_outs_cut_frames_short():
     lengths = {len(line.disturb(bytes(50))) for _ in range(40)}
     assert len(lengths) > 10
     assert max(lengths) <= 50
-
-
-def test_outbox_loses_the_oldest_when_full():
-    outbox = Outbox(capacity=2)
-    for number in range(3):
-        outbox.put(number, b"")
-    assert outbox.pop() == (1, b"")
-    assert outbox.pop() == (2, b"")
-    assert not outbox

@@ -3,12 +3,13 @@ import math
 import pytest
 
 from firmware_protocol.messages import CommandId
+from simulator.bms_state import RelayState
 from simulator.faults import FaultBoard
 from simulator.link_circuit import LinkCircuit
 from simulator.loads import ConstantCurrent
-from simulator.relays import PRECHARGE_LIMIT_S, RelayState
 
 SOURCE_V = 400.0
+PRECHARGE_LIMIT_S = 3.0  # of the firmware
 
 
 def charged(circuit: LinkCircuit, for_s: float, step_s: float = 0.02) -> float:

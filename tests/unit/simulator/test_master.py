@@ -1,5 +1,4 @@
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from firmware_protocol.can_tables import rx_messages, with_rx_messages
 from firmware_protocol.framing import LINE_BYTES_PER_S
 from firmware_protocol.memory_map import FIELDS, T_MISSING
 from firmware_protocol.messages import (
-    BALANCE_BY_HAND_S,
     Command,
     CommandId,
     EventCode,
@@ -16,19 +14,10 @@ from firmware_protocol.messages import (
     Result,
     Write,
 )
-from simulator.charging import Balancer, ChargingState
+from simulator.bms_state import ChargingState, RelayState
 from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent, Rest
-from simulator.memory import FLAG
-from simulator.relays import RelayState
-from simulator.simulation import Simulation
-from tests.c_virtual_master import CarWithCMaster
-
-
-@pytest.fixture(params=[Simulation, CarWithCMaster], ids=["python", "c"])
-def make_host(request, make_host):
-    """The virtual master, and the one in C on the same board."""
-    return partial(make_host, car=request.param)
+from tests.master_memory import FLAG
 
 
 def start_driving(host, amps: float = 50.0) -> None:
@@ -68,7 +57,7 @@ def test_fast_frames_leave_every_period_and_slow_ones_fill_the_struct(host):
     host.run(3.0)
     fast = [frame.uptime_ms for frame in host.frames if frame.type == MessageType.DATA and len(frame.body) > 300]
     assert set(np.diff(fast)) <= {99, 100, 101}
-    image = host.simulation.master.memory.image
+    image = host.memory.image
     steady = slice(0, 420), slice(440, 526), slice(2396, 2982)  # configuration, slave 0 to its cfgr, capacities
     assert all(host.image[part] == image[part] for part in steady)
     assert min(FIELDS["slave[7].cvr"].unpack(host.image)) > 30_000
@@ -103,7 +92,7 @@ def test_voltage_filter_weights_the_new_sample_by_alpha(host):
     host.ask(Write(0, host.config(v_alpha=0.1)))
     inputs = host.simulation.board.cell_inputs
     host.run(1.0)
-    memory = host.simulation.master.memory
+    memory = host.memory
     before = int(memory.v[10])
     inputs.stuck_v[10] = 3.0
     inputs.faults_changed()
@@ -114,7 +103,7 @@ def test_voltage_filter_weights_the_new_sample_by_alpha(host):
 
 
 def test_soc_starts_from_the_voltage_and_counts_the_current(host):
-    memory = host.simulation.master.memory
+    memory = host.memory
     soc = FIELDS["soc"]
     assert soc.unpack(memory.image)[0] == pytest.approx(7000, abs=150)
     host.ask(Command(CommandId.SET_SOC, 6000))
@@ -153,7 +142,7 @@ def test_a_trip_outlives_the_master_s_restart(host, cause):
     host.run(4.0)
     assert host.simulation.board.boots == 2
     assert host.simulation.master.relay_state is RelayState.OPEN
-    assert not host.simulation.master.memory.flags & FLAG["fit"]
+    assert not host.memory.flags & FLAG["fit"]
     assert host.simulation.current_a == 0.0
     assert host.ask(Command(CommandId.CLEAR_FAULTS)).result == Result.DONE
     host.run(2.0)
@@ -176,7 +165,7 @@ def test_a_current_that_passes_where_an_open_input_stands_does_not_trip(host):
     for amperes in (306.0, 308.0, 310.0, 312.0):
         host.simulation.set_load(ConstantCurrent(amperes))
         host.run(0.3)
-    assert host.simulation.master.protection.is_ok
+    assert host.simulation.master.is_ok
 
 
 def test_cells_of_a_lost_slave_are_missing_and_not_zero_volts_for_the_minimum(host):
@@ -214,10 +203,10 @@ def test_charging_stops_when_the_charger_is_pulled(host):
     host.run(1.0)
     host.ask(Command(CommandId.CHARGE_START))
     host.run(10.0)
-    assert host.simulation.master.memory.flags & FLAG["charging"]
+    assert host.memory.flags & FLAG["charging"]
     host.simulation.charger.is_plugged = False
     host.run(7.0)
-    assert not host.simulation.master.memory.flags & (FLAG["charging"] | FLAG["charger"])
+    assert not host.memory.flags & (FLAG["charging"] | FLAG["charger"])
     assert host.simulation.master.relay_state is RelayState.OPEN
 
 
@@ -229,19 +218,19 @@ def test_charging_begins_with_a_charger_on_can_and_ends_with_its_silence_where_c
     charge_by_can(host)
     host.simulation.charger.is_plugged = True
     host.run(10.0)
-    assert host.simulation.master.memory.charger("state") == ChargingState.CONSTANT_CURRENT
+    assert host.memory.charger("state") == ChargingState.CONSTANT_CURRENT
     assert host.simulation.master.relay_state is RelayState.CHARGER
     host.ask(Command(CommandId.CHARGE_STOP))
     host.run(2.0)
-    assert host.simulation.master.memory.charger("state") == ChargingState.OFF  # the charger is still heard
+    assert host.memory.charger("state") == ChargingState.OFF  # the charger is still heard
     host.simulation.charger.is_plugged = False
     host.run(7.0)
     host.simulation.charger.is_plugged = True
     host.run(3.0)
-    assert host.simulation.master.memory.flags & FLAG["charging"]
+    assert host.memory.flags & FLAG["charging"]
     host.simulation.charger.is_plugged = False
     host.run(7.0)
-    assert host.simulation.master.memory.charger("state") == ChargingState.OFF  # no fault
+    assert host.memory.charger("state") == ChargingState.OFF  # no fault
     assert host.simulation.master.relay_state is RelayState.OPEN
 
 
@@ -252,7 +241,7 @@ def test_a_charger_that_is_heard_while_the_car_drives_begins_nothing(host):
     host.run(3.0)
     host.simulation.set_load(Rest())
     host.run(3.0)
-    assert not host.simulation.master.memory.flags & FLAG["charging"]
+    assert not host.memory.flags & FLAG["charging"]
 
 
 def test_balancing_by_command_bleeds_high_cells_and_ends_by_itself(make_host):
@@ -265,11 +254,11 @@ def test_balancing_by_command_bleeds_high_cells_and_ends_by_itself(make_host):
     voltages = host.simulation.accumulator.terminal_voltage_v
     assert bled.any()
     assert voltages[bled].min() > voltages.min() + 1e-3
-    assert host.simulation.master.memory.flags & FLAG["balancing"]
+    assert host.memory.flags & FLAG["balancing"]
     host.ask(Write(0, host.config(balance_threshold=0.2)))
     host.run(2.0)
     assert not host.simulation.board.chain.discharging.any()
-    assert not host.simulation.master.memory.flags & FLAG["balancing"]
+    assert not host.memory.flags & FLAG["balancing"]
 
 
 def test_cells_are_bled_by_hand_pack_by_pack(host):
@@ -278,27 +267,13 @@ def test_cells_are_bled_by_hand_pack_by_pack(host):
     assert host.ask(Command(CommandId.BALANCE_CELLS, 5 << 12 | 1 << 1 | 1 << 11)).result == Result.DONE
     host.run(2.0)
     assert list(np.flatnonzero(host.simulation.board.chain.discharging)) == chosen
-    assert host.simulation.master.memory.flags & FLAG["balancing"]
+    assert host.memory.flags & FLAG["balancing"]
     host.ask(Command(CommandId.BALANCE_CELLS, 5 << 12))
     host.run(2.0)
     assert list(np.flatnonzero(host.simulation.board.chain.discharging)) == [3]
     host.ask(Command(CommandId.BALANCE_STOP))
     host.run(2.0)
     assert not host.simulation.board.chain.discharging.any()
-
-
-def test_bleeding_by_hand_ends_by_itself_and_spares_an_empty_cell(host):
-    config, volts = host.simulation.master.config, np.full(96, 37000, dtype=np.uint16)
-    balancer = Balancer()
-    balancer.choose_by_hand(0, 0b11, now_s=0.0)
-    volts[1] = config.v_cell_min
-    balancer.watch_by_hand(config, volts, now_s=1.0)
-    assert list(np.flatnonzero(balancer.cells)) == [0]
-    balancer.watch_by_hand(config, volts, now_s=BALANCE_BY_HAND_S - 1.0)
-    assert balancer.is_active
-    balancer.watch_by_hand(config, volts, now_s=BALANCE_BY_HAND_S)
-    assert not balancer.is_active
-    assert not balancer.cells.any()
 
 
 def test_the_count_starts_again_from_the_voltage_at_rest(host):
@@ -316,10 +291,10 @@ def test_neither_is_done_while_the_car_drives(host):
 def test_fan_override_holds_until_given_back(host):
     host.ask(Command(CommandId.FAN_OVERRIDE, 200))
     host.run(0.1)
-    assert host.simulation.master.memory.charger("fan_duty") == 200
+    assert host.memory.charger("fan_duty") == 200
     host.ask(Command(CommandId.FAN_OVERRIDE, -1))
     host.run(0.1)
-    assert host.simulation.master.memory.charger("fan_duty") < 100
+    assert host.memory.charger("fan_duty") < 100
 
 
 def test_a_reset_restores_the_count_from_the_journal(host):
@@ -327,7 +302,7 @@ def test_a_reset_restores_the_count_from_the_journal(host):
     host.run(25.0)
     host.simulation.reset(cause=2)
     host.run(2.0)
-    assert FIELDS["soc"].unpack(host.simulation.master.memory.image)[0] == pytest.approx(4321, abs=20)
+    assert FIELDS["soc"].unpack(host.memory.image)[0] == pytest.approx(4321, abs=20)
 
 
 def test_a_seed_repeats_a_run_to_the_last_byte(make_host):
@@ -348,13 +323,13 @@ def test_an_open_shutdown_circuit_opens_the_relays_without_a_trip_and_precharge_
     host.run(0.05)
     master = host.simulation.master
     assert (master.relay_state, host.simulation.current_a) == (RelayState.OPEN, 0.0)
-    assert master.memory.flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
+    assert host.memory.flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
     host.run(1.0)  # the link is discharged meanwhile
     host.simulation.is_shutdown_open = False
     host.run(0.5)
     assert master.relay_state is RelayState.PRECHARGE
     host.run(1.0)
-    assert master.memory.flags & FLAG["load"]
+    assert host.memory.flags & FLAG["load"]
 
 
 def test_an_average_longer_than_a_pass_takes_the_samples_of_the_passes_before(host):
@@ -367,4 +342,4 @@ def test_an_average_longer_than_a_pass_takes_the_samples_of_the_passes_before(ho
 
 
 def i_fc_a(host) -> float:
-    return FIELDS["i_fc"].unpack(host.simulation.master.memory.image)[0] * 0.01
+    return FIELDS["i_fc"].unpack(host.memory.image)[0] * 0.01

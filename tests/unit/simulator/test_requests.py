@@ -19,8 +19,8 @@ from firmware_protocol.messages import (
     Store,
     Write,
 )
+from simulator.bms_state import RelayState
 from simulator.loads import ConstantCurrent
-from simulator.relays import RelayState
 
 
 def config_of(host) -> bytes:
@@ -36,7 +36,7 @@ def test_ident_names_this_map(host):
 
 def test_read_gives_the_bytes_of_the_struct(host):
     assert config_of(host) == default_image()
-    assert host.ask(Read(MASTER_SIZE - 2, 2)).data == bytes(host.simulation.master.memory.image[-2:])
+    assert host.ask(Read(MASTER_SIZE - 2, 2)).data == bytes(host.simulation.master.image[-2:])
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_written_configuration_is_in_force_and_told(host):
     wanted = host.config(v_cell_max=4.15, ts=50)
     assert host.ask(Write(0, wanted)).result == Result.DONE
     assert config_of(host) == wanted
-    assert host.simulation.master.config.ts == 50
+    assert CONFIG["ts"].unpack(host.simulation.master.image)[0] == 50
     assert host.events[-1].code == EventCode.CONFIG_WRITTEN
 
 
@@ -103,11 +103,11 @@ def test_a_partial_write_is_judged_by_the_whole_it_would_make(host):
     ],
 )
 def test_malformed_requests_are_refused_by_name(host, message_type, body, result):
-    before = bytes(host.simulation.master.memory.image[:CONFIG_SIZE])
+    before = bytes(host.simulation.master.image[:CONFIG_SIZE])
     host.simulation.receive(encode_frame(message_type, 77, 0, body))
     host.run(0.1)
     assert (host.replies[-1].request_sequence, host.replies[-1].result) == (77, result)
-    assert bytes(host.simulation.master.memory.image[:CONFIG_SIZE]) == before
+    assert bytes(host.simulation.master.image[:CONFIG_SIZE]) == before
 
 
 def test_stored_configuration_survives_a_reset_and_can_be_loaded_back(host):

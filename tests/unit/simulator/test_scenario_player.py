@@ -10,6 +10,7 @@ from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.messages import EventCode, EventMessage, MessageType, decode_message
 from simulator.scenario_file import load_scenario
 from simulator.scenario_player import ScenarioPlayer
+from tests.master_memory import MasterMemory
 
 HEAD = 'title = "t"\ndescription = "d"\nseed = 3\n'
 
@@ -59,10 +60,10 @@ def test_every_cell_has_its_own_temperature_however_its_sensor_is_wired(play, in
     fault = '[[fault]]\nat_s = 0.5\nname = "temperature-unplugged"\npack = 2\ncell = 5\n'
     played = play(slaves + phase("rest", for_s=9) + fault)
     played.player.run(2)
-    master = played.player.simulation.master
-    assert np.flatnonzero(master.memory.t == -128).tolist() == [16]
+    memory = MasterMemory(played.player.simulation.master.image)
+    assert np.flatnonzero(memory.t == -128).tolist() == [16]
     at = (0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11)[4] if inputs is None else inputs[4] - 1
-    assert np.flatnonzero(master.memory.slave_temp[1] == 0).tolist() == [at + 12 * (at % 2)]
+    assert np.flatnonzero(memory.slave_temp[1] == 0).tolist() == [at + 12 * (at % 2)]
 
 
 def test_each_round_has_its_faults_and_actions(play):

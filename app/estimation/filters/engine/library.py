@@ -6,8 +6,6 @@ The layouts repeat those of `vw_filter.h` and `vw_cell_model.h`; a test compares
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import sys
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -17,6 +15,8 @@ import numpy as np
 
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.tuning import Tuning
+from firmware_protocol.c_library import SUFFIX, open_library
+from firmware_protocol.errors import LibraryError
 
 FOLDER: Final = Path(__file__).resolve().parent
 LANES: Final = 32
@@ -24,8 +24,7 @@ RC_MAX: Final = 5  # branches: RC pairs and the lasting error
 STATES_MAX: Final = 1 + RC_MAX
 STARTS: Final = 4
 
-_suffix = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
-LIBRARY: Final = FOLDER / f"vw_filter.{_suffix}"  # for every processor of its kind
+LIBRARY: Final = FOLDER / f"vw_filter{SUFFIX}"  # for every processor of its kind
 FASTER: Final = ("avx512", "avx2")  # variants that newer ones run, with the same results; last what most have
 
 CELL_ROWS: Final = {
@@ -158,27 +157,12 @@ def load() -> ctypes.PyDLL:
 
 
 def _open(path: Path) -> ctypes.PyDLL:
-    if not path.is_file():
-        raise EstimatorError(
-            f"the estimator's library {path.name} is missing: install voltwall again, or in a "
-            "checkout run python hatch_build.py engine"
-        )
     try:
-        library = ctypes.PyDLL(str(path))  # a call is short; another thread may wait for it
-    except OSError as error:
-        raise EstimatorError(f"{path.name} cannot be loaded: {error}") from error
-    library.vw_library_sources.restype = ctypes.c_char_p
-    built_from = library.vw_library_sources().decode()
-    if built_from != sources_digest():
-        raise EstimatorError(f"{path.name} was built from other sources than these: run python hatch_build.py engine")
+        library = open_library(path, sorted(FOLDER.glob("v*.[ch]")))
+    except LibraryError as error:
+        raise EstimatorError(str(error)) from error
     sizes = library.vw_library_size_of_filter(), library.vw_library_size_of_cells()
     if sizes != (ctypes.sizeof(FilterStruct), CELLS.itemsize):
         raise EstimatorError(f"{path.name} has another memory layout: {sizes}")
     library.vw_library_step.restype = None
     return library
-
-
-def sources_digest() -> str:
-    """Return the SHA-256 of the C sources; `hatch_build.py` computes the same."""
-    sources = sorted(FOLDER.glob("vw_*.[ch]"))
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()

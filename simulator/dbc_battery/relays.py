@@ -1,18 +1,9 @@
-"""The accumulator's relays: open, pre-charging, closed onto the vehicle or onto the charger."""
+"""An ordinary BMS's relays: closed only while it is ok, the vehicle pre-charged first."""
 
-import enum
+from simulator.bms_state import RelayState
 
 PRECHARGED = 0.95  # of the accumulator's voltage, before the second relay closes (FS rules EV 5.7.1)
 PRECHARGE_LIMIT_S = 3.0  # ten time constants: what is not charged by then never will be
-
-
-class RelayState(enum.Enum):
-    """Which side the relays connect the accumulator to."""
-
-    OPEN = "open"
-    PRECHARGE = "precharge"
-    VEHICLE = "vehicle"
-    CHARGER = "charger"
 
 
 class Relays:
@@ -55,24 +46,3 @@ class Relays:
         if state is not self.state:
             self.state = state
             self.since_s = now_s
-
-
-class TellsRelays:
-    """What a master and a BMS tell of their relays."""
-
-    _relays: Relays
-
-    @property
-    def relay_state(self) -> RelayState:
-        """Which side the relays connect the accumulator to."""
-        return self._relays.state
-
-    @property
-    def relays_since_s(self) -> float:
-        """When they came to that."""
-        return self._relays.since_s
-
-    @property
-    def has_precharge_failed(self) -> bool:
-        """The vehicle's link did not reach its voltage in time."""
-        return self._relays.has_precharge_failed

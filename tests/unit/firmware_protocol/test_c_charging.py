@@ -3,22 +3,22 @@ import pytest
 
 from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.elcon import ChargerFlags
-from simulator.charging import SETTLE_S, Balancer, Charging, ChargingState
-from simulator.memory import Config, MasterMemory
+from simulator.bms_state import ChargingState
 from tests.c_master import CBalancer, CCharging
+from tests.master_memory import Config, MasterMemory
 
+SETTLE_S = 30.0  # of rest before balancing is judged
 CONFIG = Config.from_image(default_image())
 
 
 class Bench:
     """The state machine with a struct around it and nothing else."""
 
-    def __init__(self, sides: tuple[type, type], config: Config = CONFIG) -> None:
-        charging, balancer = sides
+    def __init__(self, config: Config = CONFIG) -> None:
         self.config = config
         self.memory = MasterMemory()
         self.memory.v[:] = 40_000
-        self.charging = charging(self.memory, balancer())
+        self.charging = CCharging(self.memory, CBalancer())
         self.now_s = 0.0
         self.alive = True
 
@@ -33,15 +33,9 @@ class Bench:
         return self.memory.charger("i_set"), self.memory.charger("control")
 
 
-@pytest.fixture(params=[(Charging, Balancer), (CCharging, CBalancer)], ids=["python", "c"])
-def sides(request) -> tuple[type, type]:
-    """The charging of the virtual master, and the one in C."""
-    return request.param
-
-
 @pytest.fixture
-def bench(sides) -> Bench:
-    return Bench(sides)
+def bench() -> Bench:
+    return Bench()
 
 
 def test_waits_for_a_charger_that_shows_itself(bench):
@@ -85,11 +79,13 @@ def test_balancing_bleeds_the_high_cells_until_they_are_near_the_lowest(bench):
     assert not bench.charging.balancer.cells.any()
 
 
-def test_missing_cells_are_neither_bled_nor_taken_for_the_lowest():
-    balancer = Balancer()
-    v = np.full(96, 40_000, dtype=np.uint16)
-    v[3] = 0
-    assert not balancer.choose(CONFIG, v)
+def test_missing_cells_are_neither_bled_nor_taken_for_the_lowest(bench):
+    bench.charging.start(0.0)
+    bench.run(1)
+    bench.memory.v[3] = 0
+    bench.run(0.1, v_max=41_500)
+    assert bench.run(SETTLE_S + 1) is ChargingState.CONSTANT_VOLTAGE
+    assert not bench.charging.balancer.cells.any()
 
 
 def charge_simple_cells(bench: Bench, milliohm: float, start: float) -> tuple[float, int]:
@@ -129,16 +125,16 @@ def test_no_cell_is_lifted_over_its_limit_and_the_current_does_not_chatter(bench
 
 
 @pytest.mark.parametrize("i_chrg_max", [0.5, 1, 2, 3, 5, 6, 12])
-def test_charging_ends_at_any_current(sides, i_chrg_max):
-    bench = Bench(sides, Config.from_image(with_value(default_image(), "i_chrg_max", i_chrg_max)))
+def test_charging_ends_at_any_current(i_chrg_max):
+    bench = Bench(Config.from_image(with_value(default_image(), "i_chrg_max", i_chrg_max)))
     highest, _ = charge_simple_cells(bench, 3, 41_300.0)
     assert bench.charging.state is ChargingState.DONE
     assert 41_400 < highest < 41_510
 
 
-def test_cells_stay_below_the_trip_where_the_end_of_charge_is_set_to_it(sides):
+def test_cells_stay_below_the_trip_where_the_end_of_charge_is_set_to_it():
     config = Config.from_image(with_value(default_image(), "v_cell_chrg", 4.2))
-    bench = Bench(sides, config)
+    bench = Bench(config)
     highest, _ = charge_simple_cells(bench, 3, 41_800.0)
     assert bench.charging.state is ChargingState.DONE
     assert highest < config.v_cell_max - 10

@@ -4,18 +4,12 @@ import pytest
 
 from firmware_protocol.config_image import default_image
 from firmware_protocol.messages import NO_OFFSET, EventCode
-from simulator.memory import Config
-from simulator.protection import (
-    CHARGE_TOLERANCE,
-    FAST_PERSISTENCE_S,
-    SENSOR_PERSISTENCE_S,
-    SLOW_PERSISTENCE_S,
-    WIRE_PERSISTENCE_S,
-    Latch,
-    Reading,
-)
-from tests.c_master import CProtection, PythonProtection
+from simulator.bms_state import Latch
+from tests.c_master import CProtection, Reading
+from tests.master_memory import Config
 
+CHARGE_TOLERANCE = 100  # as in vw_protection.h
+FAST_PERSISTENCE_S, SLOW_PERSISTENCE_S, WIRE_PERSISTENCE_S, SENSOR_PERSISTENCE_S = 0.3, 0.4, 0.5, 1.0
 CURRENT_PERSISTENCE_S = 0.18  # by the default `ts`
 CONFIG = Config.from_image(default_image())
 GOOD = Reading(
@@ -24,14 +18,8 @@ GOOD = Reading(
 )  # fmt: skip
 
 
-@pytest.fixture(params=[PythonProtection, CProtection], ids=["python", "c"])
-def make(request) -> type[PythonProtection] | type[CProtection]:
-    """The protection of the virtual master, and the one in C."""
-    return request.param
-
-
-def trip_time_s(make, reading: Reading, step_s: float = 0.02) -> tuple[float, int, int]:
-    protection = make(Latch())
+def trip_time_s(reading: Reading, step_s: float = 0.02) -> tuple[float, int, int]:
+    protection = CProtection(Latch())
     for tick in range(200):
         events = protection.judge(CONFIG, reading, tick * step_s)
         if events:
@@ -61,8 +49,8 @@ def trip_time_s(make, reading: Reading, step_s: float = 0.02) -> tuple[float, in
         ({"lost_current": True}, EventCode.TRIP_SENSOR_LOST, NO_OFFSET, FAST_PERSISTENCE_S),
     ],
 )
-def test_each_limit_trips_after_its_persistence(make, changes, code, cell, after_s):
-    assert trip_time_s(make, replace(GOOD, **changes)) == (pytest.approx(after_s), code, cell)
+def test_each_limit_trips_after_its_persistence(changes, code, cell, after_s):
+    assert trip_time_s(replace(GOOD, **changes)) == (pytest.approx(after_s), code, cell)
 
 
 @pytest.mark.parametrize(
@@ -77,8 +65,8 @@ def test_each_limit_trips_after_its_persistence(make, changes, code, cell, after
         {"i_fc": -1_200, "is_charging": True},
     ],
 )
-def test_a_value_at_its_limit_is_allowed(make, changes):
-    protection = make(Latch())
+def test_a_value_at_its_limit_is_allowed(changes):
+    protection = CProtection(Latch())
     at_limit = replace(GOOD, **changes)
     assert [protection.judge(CONFIG, at_limit, now_s) for now_s in (0.0, 5.0)] == [[], []]
     assert protection.clear()
@@ -97,16 +85,16 @@ def test_a_value_at_its_limit_is_allowed(make, changes):
         (1, 1000, 0.0),
     ],
 )
-def test_what_the_mean_of_the_current_takes_is_left_out_of_its_persistence(make, ts, fc_avg, after_s):
+def test_what_the_mean_of_the_current_takes_is_left_out_of_its_persistence(ts, fc_avg, after_s):
     config = replace(CONFIG, ts=ts, fc_avg=fc_avg)
     high = replace(GOOD, i_fc=20_001)
-    protection = make(Latch())
+    protection = CProtection(Latch())
     trips = [bool(protection.judge(config, high, tick * 0.02)) for tick in range(20)]
     assert trips.index(True) * 0.02 == pytest.approx(after_s)
 
 
-def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew(make):
-    protection = make(Latch())
+def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew():
+    protection = CProtection(Latch())
     bad = replace(GOOD, v_min=20_000)
     for start_s in (0.0, 1.0):
         assert protection.judge(CONFIG, bad, start_s) == []
@@ -115,8 +103,8 @@ def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew(ma
     assert protection.is_ok
 
 
-def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts(make):
-    protection = make(Latch())
+def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts():
+    protection = CProtection(Latch())
     bad = replace(GOOD, t_max=60)
     protection.judge(CONFIG, bad, 0.0)
     assert len(protection.judge(CONFIG, bad, 1.0)) == 1
@@ -128,21 +116,21 @@ def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts(make):
     assert protection.is_ok
 
 
-def test_two_faults_at_once_are_both_told(make):
-    protection = make(Latch())
+def test_two_faults_at_once_are_both_told():
+    protection = CProtection(Latch())
     bad = replace(GOOD, v_min=20_000, i_fc=30_000)
     protection.judge(CONFIG, bad, 0.0)
     codes = {event.code for event in protection.judge(CONFIG, bad, 0.5)}
     assert codes == {EventCode.TRIP_V_MIN, EventCode.TRIP_I_DISC}
 
 
-def test_a_restart_does_not_close_the_latch(make):
+def test_a_restart_does_not_close_the_latch():
     latch = Latch()
-    before = make(latch)
+    before = CProtection(latch)
     bad = replace(GOOD, t_max=60)
     before.judge(CONFIG, bad, 0.0)
     before.judge(CONFIG, bad, 1.0)
-    after = make(latch)
+    after = CProtection(latch)
     after.judge(CONFIG, GOOD, 2.0)
     assert not after.is_ok
     assert after.clear()

@@ -3,22 +3,15 @@ from dataclasses import replace
 import pytest
 
 from firmware_protocol.config_image import default_image
-from simulator.memory import Config
-from simulator.soc_counter import OCV_SOC, OCV_V, SocCounter, soc_from_rest
 from tests.c_master import CSocCounter
+from tests.master_memory import Config
 
 CONFIG = Config.from_image(default_image())
 
 
-@pytest.fixture(params=[SocCounter, CSocCounter], ids=["python", "c"])
-def counter(request) -> SocCounter | CSocCounter:
-    """The counter of the virtual master, and the one in C."""
-    return request.param()
-
-
-def test_soc_from_voltage_is_monotone_and_hits_its_table():
-    assert [soc_from_rest(volts) for volts in OCV_V] == pytest.approx(OCV_SOC)
-    assert (OCV_V[1:] > OCV_V[:-1]).all()
+@pytest.fixture
+def counter() -> CSocCounter:
+    return CSocCounter()
 
 
 def test_counter_starts_only_at_rest(counter):

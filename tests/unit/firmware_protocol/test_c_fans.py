@@ -1,17 +1,15 @@
 import pytest
 
 from firmware_protocol.config_image import default_image
-from simulator.fans import Fans
-from simulator.memory import Config
 from tests.c_master import CFans
+from tests.master_memory import Config
 
 CONFIG = Config.from_image(default_image())
 
 
-@pytest.fixture(params=[Fans, CFans], ids=["python", "c"])
-def fans(request) -> Fans | CFans:
-    """The fans of the virtual master, and those in C."""
-    return request.param()
+@pytest.fixture
+def fans() -> CFans:
+    return CFans()
 
 
 @pytest.mark.parametrize(("degc", "duty"), [(-20, 32), (20, 32), (21, 38), (35, 128), (49, 218), (50, 224), (90, 224)])

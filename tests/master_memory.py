@@ -1,7 +1,4 @@
-"""The master's struct as the firmware holds it: 2984 bytes, and typed windows onto them.
-
-Every value of the virtual master lives here, at the place that the memory map gives it, and nowhere else on the wire.
-"""
+"""The master's struct as tests look at it: typed windows onto its 2984 bytes."""
 
 import struct
 from dataclasses import dataclass, fields
@@ -29,24 +26,8 @@ from firmware_protocol.memory_map import (
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 _FLAGS = struct.Struct("<I")
-_MASKS = struct.Struct("<3B")
-_CURRENTS = struct.Struct("<3i")
-_VOLTAGE_SUMMARY = struct.Struct("<3H2BH")
-_TEMPERATURE_SUMMARY = struct.Struct("<3b2B")
-_CAPACITY_SUMMARY = struct.Struct("<5H")
-_CAPACITY_OFFSET = FIELDS["c_min"].offset
-_U16 = struct.Struct("<H")
-_U32 = struct.Struct("<I")
 _CHARGER = {field.name: (CHARGER_OFFSET + field.offset, struct.Struct(f"<{field.fmt}")) for field in CHARGER_FIELDS}
 _SLAVE = {field.name: field for field in SLAVE_FIELDS}
-_MASK_OFFSET = FIELDS["status.can_tx_msg_en"].offset
-_CHARGER_STATUS_OFFSET = FIELDS["status.charger_status"].offset
-_CURRENT_OFFSET = FIELDS["i_fs"].offset
-_VOLTAGE_SUMMARY_OFFSET = FIELDS["v_min"].offset
-_TEMPERATURE_SUMMARY_OFFSET = FIELDS["t_min"].offset
-_DOD_OFFSET = FIELDS["dod"].offset
-_SOC_OFFSET = FIELDS["soc"].offset
-_N_SLAVES_OFFSET = FIELDS["n_slaves"].offset
 FLAG = {name: 1 << bit for bit, name in enumerate(STATUS_FLAGS)}
 
 
@@ -88,10 +69,10 @@ class Config:
 
 
 class MasterMemory:
-    """The struct; the arrays are views of it, so writing them is writing the struct."""
+    """The struct of a master, or one that is empty; the arrays are views, so writing them is writing the struct."""
 
-    def __init__(self) -> None:
-        self.image = bytearray(MASTER_SIZE)
+    def __init__(self, image: bytearray | memoryview | None = None) -> None:
+        self.image = bytearray(MASTER_SIZE) if image is None else image
         self.v: NDArray[np.uint16] = self._array("v", np.uint16)
         self.ocv: NDArray[np.uint16] = self._array("ocv", np.uint16)
         self.t: NDArray[np.int8] = self._array("t", np.int8)
@@ -106,7 +87,8 @@ class MasterMemory:
         self.slave_str: NDArray[np.uint16] = self._slaves("str", np.uint16)
         self.slave_com: NDArray[np.uint16] = self._slaves("com", np.uint16)
         self.slave_temp: NDArray[np.uint16] = self._slaves("temp", np.uint16)
-        self.t[:] = T_MISSING
+        if image is None:
+            self.t[:] = T_MISSING
 
     def _array(self, name: str, dtype: type[Scalar]) -> NDArray[Scalar]:
         field = FIELDS[name]
@@ -136,18 +118,6 @@ class MasterMemory:
         """The status bits."""
         return int(_FLAGS.unpack_from(self.image, STATUS_OFFSET)[0])
 
-    @flags.setter
-    def flags(self, flags: int) -> None:
-        _FLAGS.pack_into(self.image, STATUS_OFFSET, flags)
-
-    def set_can_masks(self, tx_enabled: int, rx_enabled: int, rx_active: int) -> None:
-        """Write which messages are sent, listened for and alive."""
-        _MASKS.pack_into(self.image, _MASK_OFFSET, tx_enabled, rx_enabled, rx_active)
-
-    def set_charger_status(self, status: int) -> None:
-        """Write the charger's last flags."""
-        self.image[_CHARGER_STATUS_OFFSET] = status
-
     def charger(self, name: str) -> int:
         """Return one field of the charger struct."""
         offset, code = _CHARGER[name]
@@ -157,28 +127,3 @@ class MasterMemory:
         """Write one field of the charger struct."""
         offset, code = _CHARGER[name]
         code.pack_into(self.image, offset, value)
-
-    def set_currents(self, i_fs: int, i_fc: int, i_fc_hp: int) -> None:
-        """Write the three currents [10 mA]."""
-        _CURRENTS.pack_into(self.image, _CURRENT_OFFSET, i_fs, i_fc, i_fc_hp)
-
-    def set_voltage_summary(self, v_min: int, v_max: int, v_avg: int, min_id: int, max_id: int, v_tot: int) -> None:
-        """Write lowest, highest and mean cell voltage [100 uV], their cells, and the sum [10 mV]."""
-        _VOLTAGE_SUMMARY.pack_into(self.image, _VOLTAGE_SUMMARY_OFFSET, v_min, v_max, v_avg, min_id, max_id, v_tot)
-
-    def set_temperature_summary(self, t_min: int, t_max: int, t_avg: int, min_id: int, max_id: int) -> None:
-        """Write coldest, hottest and mean cell [degC] and their cells."""
-        _TEMPERATURE_SUMMARY.pack_into(self.image, _TEMPERATURE_SUMMARY_OFFSET, t_min, t_max, t_avg, min_id, max_id)
-
-    def set_charge(self, dod: int, soc: int) -> None:
-        """Write the charge drawn [uAh] and the state of charge [0.01 %]."""
-        _U32.pack_into(self.image, _DOD_OFFSET, dod)
-        _U16.pack_into(self.image, _SOC_OFFSET, soc)
-
-    def set_capacity_summary(self, capacity: int) -> None:
-        """Write one capacity [10 mAh] as lowest, highest and mean, of cell 0."""
-        _CAPACITY_SUMMARY.pack_into(self.image, _CAPACITY_OFFSET, capacity, capacity, capacity, 0, 0)
-
-    def set_slave_count(self, n_slaves: int) -> None:
-        """Write how many slaves answered."""
-        self.image[_N_SLAVES_OFFSET] = n_slaves
