@@ -19,6 +19,7 @@ from simulator.slave import THESIS_SENSOR_INPUTS
 from simulator.vehicle import COMMANDED, PASS_S, Vehicle
 
 SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
+_ROUNDING_S = 1e-6  # times are sums of steps
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
 
 
@@ -118,7 +119,7 @@ class Simulation(Vehicle):
         master = self.master
         self._advance_accumulator(dt_s)
         self.board.sense_voltages(self.accumulator)
-        if now_s >= self._slow_due_s:
+        if now_s >= self._slow_due_s - _ROUNDING_S:
             self._slow_due_s = now_s + SLOW_PERIOD_S
             self.board.sense_temperatures(self.accumulator)
             self._wants_drive = self.load.state(self.load_time_s).is_high_voltage_on
