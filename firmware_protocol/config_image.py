@@ -229,15 +229,6 @@ def difference(before: Image, after: Image) -> list[Change]:
     ]
 
 
-def is_live_change(before: Image, after: Image) -> bool:
-    """True where two images differ in nothing but fields that may change at work, or not at all.
-
-    Raises:
-        DecodeError: one is not CONFIG_SIZE bytes long.
-    """
-    return all(CONFIG[change.field].is_live for change in difference(before, after))
-
-
 _OUT_OF_RANGE = "the master takes nothing else"
 _WHY_OUT_OF_RANGE = {"ts": "the buffer of the current's samples takes no more"}
 

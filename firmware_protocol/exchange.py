@@ -7,7 +7,7 @@ repeated one by its type, sequence and body and answers it without doing it twic
 from dataclasses import dataclass
 
 from firmware_protocol.errors import ProtocolError
-from firmware_protocol.framing import Frame, encode_frame
+from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import MessageType, Reply, Request, encode_request
 
 TIMEOUT_S = 0.6  # a 512-byte frame ahead of the reply takes 50 ms, the reply itself as long
@@ -15,7 +15,6 @@ STORE_TIMEOUT_S = 3.0  # page writes of 5 ms and their verification
 TRIES = 3
 REPEAT_WINDOW_S = 10.0  # longer than all tries of the slowest request; then the same bytes are a new request
 _SLOW_REQUESTS = (MessageType.STORE, MessageType.LOAD)
-_CHANGING_REQUESTS = (MessageType.WRITE, MessageType.STORE, MessageType.LOAD, MessageType.COMMAND)
 
 
 class ExchangeBusyError(ProtocolError):
@@ -97,26 +96,3 @@ class Exchange:
     def _end(self) -> None:
         self._request = None
         self._sequence = (self._sequence + 1) & 0xFF
-
-
-class RepeatFilter:
-    """The master's side: answers a repeated request with the reply it gave, and does it once only.
-
-    READ and IDENT change nothing and are always done anew.
-    """
-
-    def __init__(self) -> None:
-        self._last: tuple[int, int, bytes] | None = None
-        self._reply: Reply | None = None
-        self._until_s = 0.0
-
-    def known_reply(self, frame: Frame, now_s: float) -> Reply | None:
-        """Return the reply given to this very request a short time ago, None for a new one."""
-        is_repeated = self._last == (frame.type, frame.sequence, frame.body) and now_s < self._until_s
-        return self._reply if is_repeated else None
-
-    def remember(self, frame: Frame, reply: Reply, now_s: float) -> None:
-        """Store the reply to a request."""
-        if frame.type in _CHANGING_REQUESTS:
-            self._last, self._reply = (frame.type, frame.sequence, frame.body), reply
-            self._until_s = now_s + REPEAT_WINDOW_S

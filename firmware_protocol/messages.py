@@ -76,7 +76,6 @@ class CommandId(enum.IntEnum):
 
 
 MAX_FAN_OVERRIDE_S = 3600
-BALANCE_BY_HAND_S = 600  # cells chosen by hand are bled no longer than this without being chosen again
 
 # Lowest and highest argument of each command that has one; the others take any.
 COMMAND_ARGUMENTS: dict[CommandId, tuple[int, int]] = {

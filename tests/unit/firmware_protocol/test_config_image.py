@@ -349,16 +349,6 @@ def test_errors_come_in_order_of_their_offset():
                                                                    "can_brp"]  # fmt: skip
 
 
-def test_only_fields_that_may_change_at_work_make_a_live_change():
-    live = config_image.with_value(config_image.with_value(DEFAULT, "telemetry_period", 50), "fan_ramp_max", 1.0)
-    assert config_image.is_live_change(DEFAULT, live)
-    assert config_image.is_live_change(DEFAULT, DEFAULT)
-    for name, value in (("v_cell_max", 4.15), ("ts", 99)):  # `ts` is the pace of the protection
-        assert not config_image.is_live_change(DEFAULT, config_image.with_value(live, name, value))
-    with pytest.raises(DecodeError):
-        config_image.is_live_change(DEFAULT, DEFAULT[1:])
-
-
 @pytest.mark.parametrize("size", [0, 419, 421])
 def test_image_of_the_wrong_size_is_refused(size):
     for function in (config_image.check, config_image.image_hash, config_image.canonical):

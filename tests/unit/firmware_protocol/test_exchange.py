@@ -7,10 +7,9 @@ from firmware_protocol.exchange import (
     Exchange,
     ExchangeBusyError,
     GaveUp,
-    RepeatFilter,
 )
-from firmware_protocol.framing import Frame, decode_chunk
-from firmware_protocol.messages import Command, CommandId, IdentRequest, MessageType, Read, Reply, Result, Store, Write
+from firmware_protocol.framing import decode_chunk
+from firmware_protocol.messages import IdentRequest, MessageType, Read, Reply, Result, Store, Write
 
 
 def frame_of(raw):
@@ -121,48 +120,3 @@ def test_a_store_is_given_more_time():
     exchange.start(Store(), 0.0)
     assert exchange.poll(TIMEOUT_S) is None
     assert exchange.deadline_s == STORE_TIMEOUT_S
-
-
-def test_master_does_a_repeated_command_once():
-    repeats = RepeatFilter()
-    frame = frame_of(Exchange().start(Command(CommandId.CAN_SEND, 1), 0.0))
-    assert repeats.known_reply(frame, 0.0) is None
-    reply = Reply(frame.type, frame.sequence, Result.DONE)
-    repeats.remember(frame, reply, 0.0)
-    assert repeats.known_reply(frame, 1.0) == reply
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        Frame(MessageType.COMMAND, 4, 0, b"abcde"),
-        Frame(MessageType.COMMAND, 3, 0, b"abcdf"),
-        Frame(MessageType.WRITE, 3, 0, b"abcde"),
-    ],
-)
-def test_master_does_a_different_request(other):
-    repeats = RepeatFilter()
-    first = Frame(MessageType.COMMAND, 3, 0, b"abcde")
-    repeats.remember(first, Reply(first.type, first.sequence, Result.DONE), 0.0)
-    assert repeats.known_reply(other, 0.1) is None
-
-
-def test_the_same_bytes_long_afterwards_are_a_new_request():
-    repeats = RepeatFilter()
-    frame = Frame(MessageType.STORE, 3, 0, b"")
-    repeats.remember(frame, Reply(frame.type, frame.sequence, Result.DONE), 0.0)
-    assert repeats.known_reply(frame, 3 * STORE_TIMEOUT_S) is not None
-    assert repeats.known_reply(frame, 10.0) is None
-
-
-def test_an_empty_request_is_new_to_a_master_that_has_just_started():
-    frame = Frame(0, 0, 0, b"")
-    assert RepeatFilter().known_reply(frame, 0.0) is None
-    assert RepeatFilter().known_reply(frame, -1.0) is None
-
-
-def test_a_repeated_read_is_read_again():
-    repeats = RepeatFilter()
-    frame = Frame(MessageType.READ, 3, 0, b"\0\0\1\0")
-    repeats.remember(frame, Reply(frame.type, frame.sequence, Result.DONE, data=b"x"), 0.0)
-    assert repeats.known_reply(frame, 0.1) is None
