@@ -154,6 +154,7 @@ def test_a_clean_environment_has_the_c_engine(wheel: Path, tmp_path: Path) -> No
     subprocess.run([*install, str(wheel)], check=True)
     code = (
         "from voltwall.app.estimation.filters.engine import library; library.load(); "
+        "from voltwall.simulator import firmware; firmware.load(); "
         "from voltwall.app.estimation.cell_model.cell_file import load_cell; "
         "from voltwall.app.estimation.filters.estimators import make_estimator; "
         "print(library.LIBRARY); print(type(make_estimator('fused', load_cell(), 2).engine).__name__)"
