@@ -146,11 +146,6 @@ class VirtualMaster:
         """The OK signal."""
         return not self._io.is_open
 
-    @property
-    def is_streaming(self) -> bool:
-        """The host has asked for telemetry."""
-        return bool(self._io.is_streaming)
-
     # --- one pass
 
     def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:

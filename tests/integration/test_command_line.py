@@ -72,7 +72,7 @@ def on_path(tmp_path: Path) -> dict[str, str]:
 
 LINES = {  # what a person has typed, and what Tab offers
     "voltwall se": {"serve", "sessions", "season"},
-    "voltwall season m": {"match"},
+    "voltwall season b": {"build"},
     "voltwall serve --mqtt-": {"--mqtt-ca"},
     "voltwall export x --format m": {"mcap", "mf4", "motec"},
 }

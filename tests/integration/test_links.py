@@ -55,7 +55,7 @@ def test_a_port_that_does_not_exist_is_said_in_words(make_service, tmp_path):
             == 503
         )
         assert client.post("/commands/charge-start").status_code == 503
-        assert client.get("/sessions").json() == {"sessions": [], "next_cursor": None}
+        assert client.get("/sessions").json() == {"sessions": [], "unreadable": [], "next_cursor": None}
 
 
 @pytest.fixture
