@@ -17,7 +17,7 @@ export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help run test pictures campaign check lint types imports generated-check c-check frontend-check bench mutation generated lock audit clean frontend browser wheels site
+.PHONY: help run test pictures campaign check lint types imports generated-check c-check frontend-check bench mutation generated lock audit clean frontend browser wheels site engine
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -51,7 +51,7 @@ types: $(VENV)/.dev-installed
 imports: $(VENV)/.dev-installed
 	$(VENV)/bin/lint-imports
 
-generated-check: $(VENV)/.dev-installed
+generated-check: $(VENV)/.dev-installed engine
 	$(PY) .ci/generated.py --check
 
 c-check: $(VENV)/.dev-installed
@@ -68,7 +68,7 @@ bench: $(VENV)/.dev-installed frontend ## measure and print the figures, with th
 mutation: $(VENV)/.dev-installed ## change the protocol's code bit by bit: do the tests notice? (about an hour)
 	@nice $(PY) .ci/mutation.py $(ARGS)
 
-generated: $(VENV)/.dev-installed ## write the generated files anew: C header, command line reference, ...
+generated: $(VENV)/.dev-installed engine ## write the generated files anew: C header, command line reference, ...
 	$(PY) .ci/generated.py
 
 lock: | $(PY) ## resolve pyproject.toml anew into requirements/*.lock
@@ -87,6 +87,9 @@ clean: ## remove everything that was fetched or built
 
 frontend: | $(VENV)/.build-installed
 	@$(PY) hatch_build.py
+
+engine: | $(VENV)/.dev-installed
+	@$(PY) hatch_build.py engine
 
 wheels: | $(VENV)/.build-installed ## one wheel for each platform, into dist/
 	@$(PY) hatch_build.py wheels dist
