@@ -1,7 +1,4 @@
-"""The questions that come along: SQL in files of their own, `questions/NAME.sql`, for every engine the same.
-
-A file begins with a line that says what it answers, then one a parameter: `-- $name = default: meaning`.
-"""
+"""The questions that come along: SQL of `questions.sql`, which says its form in its first line."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from app.errors import ConfigError
 from app.season.store.store import Answer, Limits, SeasonStore, Value
 from app.words import Message
 
-FOLDER: Final = Path(__file__).with_name("questions")
+FILE: Final = Path(__file__).with_suffix(".sql")
 _PARAMETER: Final = re.compile(r"-- \$(\w+) = (.*?): (.*)")
 
 
@@ -52,7 +49,8 @@ class Question:
 
 def questions() -> list[Question]:
     """Return all of them, by name."""
-    return [_read(path) for path in sorted(FOLDER.glob("*.sql"))]
+    _, *texts = FILE.read_text(encoding="utf-8").split("\n\n")
+    return [_read(text.splitlines()) for text in texts]
 
 
 def find_question(name: str) -> Question | None:
@@ -78,12 +76,12 @@ def ask(store: SeasonStore, name: str, limits: Limits = Limits(), **given: str) 
     return store.query(question.sql, question.values(given), limits)
 
 
-def _read(path: Path) -> Question:
-    text = path.read_text(encoding="utf-8")
-    lines = text.splitlines()
+def _read(lines: list[str]) -> Question:
+    name, meaning = lines[0].removeprefix("-- ").split(": ", 1)
     parameters = [Parameter(*found.groups()) for line in lines if (found := _PARAMETER.match(line))]
-    sql = "\n".join(line for line in lines if not line.startswith("--")) + "\n"
-    return Question(path.stem, lines[0].removeprefix("-- "), sql, tuple(parameters))
+    return Question(
+        name, meaning, "\n".join(line for line in lines if not line.startswith("--")) + "\n", tuple(parameters)
+    )
 
 
 def _value(parameter: Parameter, text: str) -> Value:
