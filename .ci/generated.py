@@ -24,6 +24,7 @@ from typescript import api_types, fixture_schema, memory_map_types  # noqa: E402
 
 from app.estimation.cell_model.cell_file import load_cell  # noqa: E402
 from app.estimation.filters.c_tables import c_tables  # noqa: E402
+from firmware_protocol.c_header import header_text  # noqa: E402
 
 
 def cell_of_team() -> str:
@@ -37,7 +38,8 @@ GENERATED: dict[str, Callable[[], str]] = {
     "docs/reference/season-lake.md": season_lake_reference,
     "docs/reference/settings.md": settings_reference,
     "docs/reference/dependencies.md": dependency_reference,
-    "firmware_protocol/c/estimator/vw_cell_of_team.h": cell_of_team,
+    "firmware_protocol/c/estimator/generated/vw_cell_of_team.h": cell_of_team,
+    "firmware_protocol/c/generated/voltwall_protocol.h": header_text,
     "frontend/fixtures/schema.json": fixture_schema,
     "frontend/src/generated/api.ts": api_types,
     "frontend/src/generated/memory_map.ts": memory_map_types,

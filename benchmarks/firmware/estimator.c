@@ -1,7 +1,7 @@
 /* Counts instructions of the estimator on an emulated Cortex-M4F: N_CELLS cells, a race's current. */
 #include "bare_metal.h"
 #include "vw_filter.h"
-#include "vw_cell_of_team.h"
+#include "generated/vw_cell_of_team.h"
 
 #ifndef N_CELLS
 #define N_CELLS 96

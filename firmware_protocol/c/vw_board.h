@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "voltwall_protocol.h"
+#include "generated/voltwall_protocol.h"
 
 /* One function for each named command, by its name in SPEC.md section 6; NULL refuses it as unknown. The argument has
  * been checked against its range. Return VW_RESULT_DONE, or VW_RESULT_NOT_NOW where the car's state forbids it.

@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "voltwall_protocol.h"
+#include "generated/voltwall_protocol.h"
 
 #define VW_MAX_FRAME (VW_MAX_ENCODED + 2u) /* on the line, both delimiters included */
 

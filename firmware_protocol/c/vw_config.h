@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "voltwall_protocol.h"
+#include "generated/voltwall_protocol.h"
 
 /* Offset of the first element that must be refused with OUT_OF_RANGE, VW_NO_OFFSET where the image is good. */
 uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE]);

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "voltwall_protocol.h"
+#include "generated/voltwall_protocol.h"
 
 #define VW_STREAM_MAX_SPANS 4u
 

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "vw_cell_of_team.h"
+#include "generated/vw_cell_of_team.h"
 
 #define PER_V ((vw_real)1e-4)     /* a voltage of the struct is in 100 uV */
 #define PER_A ((vw_real)1e-2)     /* a current in 10 mA */

@@ -7,7 +7,7 @@
  * returns true call it again, after whatever else cannot wait.
  *
  * Compile it with the engine, `app/estimation/filters/engine/vw_*.c`, and with -DVW_SINGLE -DVW_LANES=1 -DVW_RC_MAX=3
- * (one more than your cell has RC pairs). The cell is `vw_cell_of_team.h`; write your own from a cell file with
+ * (one more than your cell has RC pairs). The cell is `generated/vw_cell_of_team.h`; write your own from a cell file with
  * `voltwall firmware --cell`. Missing voltages and temperatures are those of the struct.
  */
 #ifndef VW_ESTIMATOR_H
@@ -15,7 +15,7 @@
 
 #include <stdbool.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 #include "vw_filter.h"
 
 #define VW_START_CELLS 12 /* computed in a run while the filter starts: a slave's */

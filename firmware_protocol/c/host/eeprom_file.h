@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 
 typedef struct {
     int file; /* -1: in memory only */

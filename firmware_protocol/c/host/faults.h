@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 
 typedef struct {
     int v_cell, t_cell, slave; /* which is at fault, -1 none */

@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 
 #define VW_BALANCE_BY_HAND_MS 600000u
 

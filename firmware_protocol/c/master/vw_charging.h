@@ -9,7 +9,7 @@
 
 #include <stdbool.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 #include "vw_balance.h"
 
 typedef struct {

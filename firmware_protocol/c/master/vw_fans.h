@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 
 #define VW_FANS_AUTOMATIC (-1)
 

@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 #include "vw_ltc6804.h"
 
 #define VW_SLAVES_FIRST_ADDRESS 1u

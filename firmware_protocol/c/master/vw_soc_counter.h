@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-#include "../voltwall_protocol.h"
+#include "../generated/voltwall_protocol.h"
 
 #define VW_REST_CURRENT 200 /* 2 A [10 mA]: below, the voltage is taken for that at rest */
 
