@@ -7,7 +7,7 @@ enums, and the configuration's ranges and defaults as an X-macro.
 import enum
 from collections.abc import Iterable, Iterator
 
-from firmware_protocol import eeprom, exchange, framing, messages, older_maps, schedule
+from firmware_protocol import eeprom, framing, messages, older_maps, schedule
 from firmware_protocol import memory_map as mm
 
 _C_TYPES = {"b": "int8_t", "B": "uint8_t", "h": "int16_t", "H": "uint16_t", "i": "int32_t", "I": "uint32_t"}
@@ -95,7 +95,7 @@ def _constants() -> Iterator[str]:
         ("BAUD_RATE", framing.BAUD_RATE),
         ("BITS_PER_BYTE", framing.BITS_PER_BYTE),
         ("LINE_SILENCE_MS", round(framing.LINE_SILENCE_S * 1000)),
-        ("REPEAT_WINDOW_MS", round(exchange.REPEAT_WINDOW_S * 1000)),
+        ("REPEAT_WINDOW_MS", round(messages.REPEAT_WINDOW_S * 1000)),
     )
     for name, value in values:
         yield f"#define VW_{name} {value}{'u' if isinstance(value, int) and value >= 0 else ''}"

@@ -15,6 +15,9 @@ from firmware_protocol.memory_map import CELLS_PER_PACK, CONFIG_SIZE, MAP_HASH, 
 
 PROTOCOL_VERSION = 1
 EEPROM_READ_BASE = 0x8000
+TIMEOUT_S = 0.6  # for a reply: a 512-byte frame ahead of it takes 50 ms, the reply itself as long
+STORE_TIMEOUT_S = 3.0  # for that to STORE and LOAD: page writes of 5 ms and their verification
+REPEAT_WINDOW_S = 10.0  # longer than all tries of the slowest request; then the same bytes are a new request
 _WINDOW = struct.Struct("<HH")
 _REPLY = struct.Struct("<BBBH")
 _EVENT = struct.Struct("<BBHii")

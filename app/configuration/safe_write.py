@@ -24,12 +24,11 @@ from app.configuration.rules import Context, review_change
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
 from app.sources.master.client import MasterClient
-from app.telemetry import Identity
 from app.words import Message, Quantity
 from firmware_protocol.config_image import Change, difference, image_hash
 from firmware_protocol.eeprom import EEPROM_SIZE, SLOT_OFFSETS, SLOT_SIZE, StoredConfig, newest
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS, STATUS_FLAGS
-from firmware_protocol.messages import EEPROM_READ_BASE
+from firmware_protocol.messages import EEPROM_READ_BASE, Load, Store, Write
 
 MAX_SHOWN = 64
 SENSOR_FIELDS = {"i_offset", "i_gain"}
@@ -83,13 +82,11 @@ class ConfigurationWriter:
     def __init__(
         self,
         master: MasterClient,
-        identity: Callable[[], Identity | None],
         context: Callable[[], Context],
         log: WriteLog,
         clock: Clock,
     ) -> None:
         self._master = master
-        self._identity = identity
         self._context = context
         self._log = log
         self._clock = clock
@@ -191,7 +188,7 @@ class ConfigurationWriter:
             # Say so first, write, read back byte for byte, and record the outcome
             self._log.begun(attempt)
             try:
-                self._master.write(0, wanted)
+                self._master.request(Write(0, wanted))
             except LINE_BROKE as error:
                 raise self._unverified(error, before, wanted) from error
             self._require_in_force(before, wanted)
@@ -213,7 +210,7 @@ class ConfigurationWriter:
             self._require_same_map()
             in_force = attempt.after = self.read()
             self._log.begun(attempt)
-            self._master.store()
+            self._master.request(Store())
             stored = self.read_stored()
             if stored is None or stored.image != in_force:
                 raise Unverified("other", Message("eeprom-differs"))
@@ -240,7 +237,7 @@ class ConfigurationWriter:
             attempt.before, attempt.after = before, stored.image
             self._log.begun(attempt)
             try:
-                self._master.load()
+                self._master.request(Load())
             except LINE_BROKE as error:
                 raise self._unverified(error, before, stored.image) from error
             self._require_in_force(before, stored.image)
@@ -316,7 +313,7 @@ class ConfigurationWriter:
         return None
 
     def _require_same_map(self) -> None:
-        identity = self._identity()
+        identity = self._master.identity
         if identity is None:
             raise NotNow(Message("map-not-known"))
         if not identity.is_compatible:

@@ -6,7 +6,6 @@ ReplayPlayer recorded items through a fresh Pipeline gives the same snapshots ag
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -27,8 +26,8 @@ from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
 from app.live.prediction_conditions import as_of
 from app.sources.items import Item
-from app.sources.source import NOTHING_RECEIVED, MeasurementSource, Received
-from app.telemetry import Estimator, Event, FloatArray, Identity, ProtectionLimits, Snapshot, Source, TripCause
+from app.sources.source import NOTHING_RECEIVED, MeasurementSource
+from app.telemetry import Estimator, Event, FloatArray, ProtectionLimits, Snapshot, Source, TripCause
 from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
 
@@ -46,7 +45,6 @@ class Output:
     estimates: Estimates | None = None  # where this item made the estimator step
     uptime_ms: int = 0
     t_mono_ns: int = 0  # of them
-    received: Received = NOTHING_RECEIVED  # by the source, with the master's reply
 
     @property
     def is_nothing(self) -> bool:
@@ -109,7 +107,7 @@ class Pipeline:
         if received is NOTHING_RECEIVED:
             return _NOTHING
         if received.measurement is None:
-            return Output(events=received.events, received=received)
+            return Output(events=received.events)
         return self._take(received.measurement, publishes=publishes)
 
     def tick(self, t_mono_ns: int, t_wall_ns: int) -> Output:
@@ -130,15 +128,6 @@ class Pipeline:
     def source(self) -> Source:
         """Where the items come from."""
         return self._source.name
-
-    def believe_only(self, is_asked: Callable[[Any], bool]) -> None:
-        """Believe what a reply says of the master only where `is_asked` says that somebody asked for it."""
-        self._source.believe_only(is_asked)
-
-    @property
-    def identity(self) -> Identity | None:
-        """Who the master last said it is."""
-        return self._source.identity
 
     @property
     def estimates(self) -> Estimates | None:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 from app.clock import Clock
 from app.errors import LinkLost
-from app.live.pipeline import Output
 from app.sources.items import Item
 from app.sources.links.can import CanLink
 from app.sources.links.can_sender import CanSender
@@ -29,7 +28,6 @@ class Links:
         *,
         may_transmit: bool,
         can_fd: bool = False,
-        unread_since_ns: Callable[[], int | None] = lambda: None,
     ) -> None:
         """Prepare the links.
 
@@ -40,12 +38,13 @@ class Links:
             clock: of the links and of the requests to the master.
             may_transmit: this is no car's bus.
             can_fd: frames of CAN FD are awaited.
-            unread_since_ns: when the oldest delivered item that nobody has worked on arrived, see `MasterClient`.
         """
         self.serial = SerialLink(serial_url, sink, clock) if serial_url else None
         self.can = CanLink(can_url, sink, clock, fd=can_fd) if can_url else None
         self.can_sender = CanSender(self.send_can, clock)
-        self.master = MasterClient(self._send_serial, clock, unread_since_ns=unread_since_ns)
+        self.master = MasterClient(self.serial.write if self.serial else _refuse, clock)
+        if self.serial is not None:
+            self.serial.on_frame = self.master.on_frame
         self._clock = clock
         self._lock = threading.Lock()
         self._is_closed = False
@@ -70,11 +69,6 @@ class Links:
             if link is not None:
                 link.stop()
 
-    def on_output(self, output: Output, t_mono_ns: int) -> None:
-        """Give the master's reply to the request that waits for it."""
-        if output.received.reply is not None:
-            self.master.on_reply(output.received.reply)
-
     def stuck(self) -> list[Message]:
         """Return the links whose thread hangs in its driver or has ended; a silent or unplugged one is none."""
         named = (("rs232", self.serial), ("can", self.can))
@@ -84,7 +78,7 @@ class Links:
         return [link_stuck(name, silent_s) for name, silent_s in silent if silent_s > STUCK_S]
 
     @property
-    def transmit_hindrance(self) -> Message | None:
+    def transmit_block_reason(self) -> Message | None:
         """Why users may not send CAN frames; None where they may."""
         if self.can is None:
             return Message("no-can")
@@ -98,15 +92,9 @@ class Links:
         Raises:
             LinkLost: no RS232 port is configured, or it is not open.
         """
-        self._serial().stream(on=on)
-
-    def _serial(self) -> SerialLink:
         if self.serial is None:
             raise LinkLost(Message("no-rs232"))
-        return self.serial
-
-    def _send_serial(self, data: bytes) -> None:
-        self._serial().write(data)
+        self.serial.stream(on=on)
 
     def send_can(self, can_id: int, data: bytes) -> None:
         """Send a frame; bit 31 of the id marks a 29-bit one.
@@ -117,3 +105,7 @@ class Links:
         if self.can is None:
             raise LinkLost(Message("no-can"))
         self.can.send(can_id, data)
+
+
+def _refuse(data: bytes) -> None:
+    raise LinkLost(Message("no-rs232"))

@@ -17,7 +17,7 @@ from app.service.failures import Failures
 from app.service.inbox import Inbox
 from app.sessions.replay import ReplayPlayer
 from app.sources.items import Item
-from app.telemetry import Identity, Snapshot
+from app.telemetry import Snapshot
 from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)
@@ -114,11 +114,6 @@ class PipelineThread:
     def source(self) -> str:
         """Where the items come from."""
         return self._pipeline.source
-
-    @property
-    def identity(self) -> Identity | None:
-        """Who the master last said it is."""
-        return self._pipeline.identity
 
     @property
     def can_rx_active(self) -> int | None:

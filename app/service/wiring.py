@@ -262,14 +262,12 @@ def make_service(
         clock,
         can_fd=battery.uses_fd,
         may_transmit=source == "simulator" or settings.bench,
-        unread_since_ns=lambda: inbox.oldest_ns,
     )
-    pipeline.believe_only(links.master.awaits)
     trace = CanTrace()
     rules = Rules(pipelines.cell, trace)
     config_history = ConfigHistory(data)
     write_log = WriteLog(config_history, events.note, clock)
-    configuration = ConfigurationWriter(links.master, lambda: pipeline.identity, rules.context, write_log, clock)
+    configuration = ConfigurationWriter(links.master, rules.context, write_log, clock)
     in_force = ConfigurationInForce(configuration, clock)
     profiles = Profiles(data / "profiles", clock)
     workers = Workers()
@@ -303,7 +301,6 @@ def make_service(
             in_force.on_output,
             publish_output,
             keep_black_box,
-            links.on_output,
         ),
         after_publishing=(learned_state.on_output,),
     )

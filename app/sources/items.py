@@ -16,6 +16,7 @@ class SerialItem:
     t_wall_ns: int
     frame: Frame | BadFrame
     waited_max_ns: int | None = None  # before that, in this computer: at most so long; None = not known
+    is_asked: bool = True  # False: a reply that no request waited for; a recorded one counts as asked
 
 
 @dataclass(frozen=True, slots=True)

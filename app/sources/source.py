@@ -1,14 +1,12 @@
 """What a source of measurements is: items of a link in, measurements and events out."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from app.battery.battery import Battery
 from app.sources.items import Item
-from app.telemetry import Event, Identity, Source
+from app.telemetry import Event, Source
 from app.telemetry.measurement import Measurement
-from firmware_protocol.messages import Reply
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +15,6 @@ class Received:
 
     measurement: Measurement | None = None
     events: tuple[Event, ...] = ()
-    reply: Reply | None = None
 
 
 NOTHING_RECEIVED = Received()
@@ -33,13 +30,6 @@ class MeasurementSource(Protocol):
     @property
     def battery(self) -> Battery:
         """Whose measurements they are."""
-
-    @property
-    def identity(self) -> Identity | None:
-        """What the master said of itself."""
-
-    def believe_only(self, is_asked: Callable[[Reply], bool]) -> None:
-        """Believe what a reply says of the master only where somebody asked for it; without this, always."""
 
     @property
     def due_ns(self) -> int | None:

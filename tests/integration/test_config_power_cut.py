@@ -18,7 +18,7 @@ from firmware_protocol.config_image import default_image, image_hash, with_value
 from firmware_protocol.eeprom import newest, plan_store
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import CONFIG_SIZE
-from firmware_protocol.messages import Reply, decode_message
+from firmware_protocol.messages import MessageType
 from simulator.board import Board
 from simulator.eeprom import PAGE_SIZE, Eeprom
 from simulator.master import VirtualMaster
@@ -72,9 +72,8 @@ class Car:
         self.cut_at: int | None = None
         self.resets = False  # the master loses power at the cut; else only the line is gone for a moment
         self.client = MasterClient(self.send, Clock())
-        self.configuration = ConfigurationWriter(
-            self.client, lambda: SAME_MAP, lambda: Context(CELL), FakeWriteLog(), FakeClock()
-        )
+        self.client.identity = SAME_MAP
+        self.configuration = ConfigurationWriter(self.client, lambda: Context(CELL), FakeWriteLog(), FakeClock())
 
     def boot(self) -> None:
         self.now_s += 1.0
@@ -107,11 +106,9 @@ class Car:
         answered = False
         while (raw := self.master.next_frame(self.now_s)) is not None:
             for item in self.decoder.feed(raw):
-                message = decode_message(item) if isinstance(item, Frame) else None
-                if isinstance(message, Reply):
+                if isinstance(item, Frame) and item.type == MessageType.REPLY:
                     self.pass_frame()
-                    self.client.on_reply(message)
-                    answered = True
+                    answered = self.client.on_frame(item)
         return answered
 
     @property

@@ -118,7 +118,7 @@ def export(
 
 
 def _require_may_transmit(links: LinksPart) -> None:
-    if (hindrance := links.transmit_hindrance) is not None:
+    if (hindrance := links.transmit_block_reason) is not None:
         raise Problem(409, "not-on-this-bus", hindrance)
 
 
@@ -132,7 +132,7 @@ def _ids_of_master(live: LivePart, in_force: InForcePart) -> set[int]:
 
 
 def _status(links: LinksPart) -> dict[str, Any]:
-    status, hindrance = links.can_sender.status, links.transmit_hindrance
+    status, hindrance = links.can_sender.status, links.transmit_block_reason
     return (
         {
             "allowed": hindrance is None,

@@ -149,12 +149,9 @@ def _balance(commands: CommandsPart, cells: list[int], who: str) -> None:
 
 
 @router.post("/identify")
-def identify(events: EventsPart, links: LinksPart, live: LivePart, user: UserDep) -> Identity:
+def identify(events: EventsPart, links: LinksPart, user: UserDep) -> Identity:
     """Ask the master who it is, now."""
-    links.master.identify()
-    identity = live.identity
-    if identity is None:
-        raise Problem(504, "no-reply", Message("no-identity"))
+    identity = links.master.identify()
     events.note("info", "command", Message("identified", firmware=identity.firmware, boots=identity.boots), user.name)
     return identity
 

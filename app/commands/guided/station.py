@@ -14,10 +14,9 @@ from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
 from app.telemetry.link_messages import link_lost
-from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BAUD_RATE, Frame
 from firmware_protocol.memory_map import CONFIG_SIZE
-from firmware_protocol.messages import EventMessage, MessageType, Reply
+from firmware_protocol.messages import EventMessage
 
 
 class Station:
@@ -28,6 +27,7 @@ class Station:
         self.recorder = Recorder(folder, clock, version=version, keeps_empty=False)
         self._link = SerialLink(url, self._take, clock)
         self.client = MasterClient(self._link.write, clock)
+        self._link.on_frame = self.client.on_frame
         self._news = threading.Condition()
         self._newest: Look | None = None
         self._lost: LinkChange | None = None
@@ -96,11 +96,6 @@ class Station:
         self.recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, frame.raw, isinstance(frame, Frame))
         if not isinstance(frame, Frame):
             return
-        if frame.type == MessageType.REPLY:
-            try:
-                self.client.on_reply(Reply.from_body(frame.body))
-            except DecodeError:
-                return
         for look in looks([(item.t_mono_ns, frame.raw)], BAUD_RATE):
             with self._news:
                 if look.values is not None:

@@ -12,7 +12,7 @@ from app.commands.guided.station import Station
 from app.errors import AppError, MasterRefused, MasterSilent
 from app.words import Message
 from firmware_protocol.memory_map import CONFIG
-from firmware_protocol.messages import Command, CommandId
+from firmware_protocol.messages import Command, CommandId, Write
 
 READY_S: Final = 20.0  # for a master to speak, and to be healthy again
 OPENS_S: Final = 6.0  # within which a fault has to open the circuit
@@ -86,7 +86,7 @@ def _quick_telemetry(station: Station, image: bytes, say: Callable[[str], None])
         yield
         return
     try:
-        station.client.write(period.offset, TEST_INTERVAL_MS.to_bytes(period.size, "little"))
+        station.client.request(Write(period.offset, TEST_INTERVAL_MS.to_bytes(period.size, "little")))
     except (MasterRefused, MasterSilent) as error:
         say(f"telemetry stays at {own_ms} ms, the bands get wider: {error}")
         yield
@@ -94,4 +94,4 @@ def _quick_telemetry(station: Station, image: bytes, say: Callable[[str], None])
     try:
         yield
     finally:
-        station.client.write(period.offset, own_ms.to_bytes(period.size, "little"))
+        station.client.request(Write(period.offset, own_ms.to_bytes(period.size, "little")))

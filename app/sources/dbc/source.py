@@ -1,6 +1,6 @@
 """A battery that speaks by a DBC as a source: CAN frames in, measurements of any number of cells out."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -17,12 +17,11 @@ from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.can import bit_rate_of
 from app.sources.links.monitor import LinkMonitor
 from app.sources.source import NOTHING_RECEIVED, Received
-from app.telemetry import Ages, Charger, Event, FloatArray, Identity, Links, Master, ProtectionLimits, Source
+from app.telemetry import Ages, Charger, Event, FloatArray, Links, Master, ProtectionLimits, Source
 from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import STALE_S, Measurement, Reported
 from app.telemetry.snapshot import MasterState, Number
 from app.words import Message
-from firmware_protocol.messages import Reply
 
 _NO_EXTREME = (None, None)
 FADE = 0.95  # of a gap, from one value to the next
@@ -64,8 +63,6 @@ class _Rhythm:
 class DbcSource:
     """Decodes in batches of one period. Called from one thread; time comes with the items."""
 
-    identity: Identity | None = None
-
     def __init__(
         self,
         battery: Battery,
@@ -88,9 +85,6 @@ class DbcSource:
         self._two_senders = TwoSenders(battery.n_cells)
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
         self._can.bit_rate = source.bit_rate or bit_rate_of(url)
-
-    def believe_only(self, is_asked: Callable[[Reply], bool]) -> None:
-        """A battery with a DBC answers nothing."""
 
     def feed(self, item: Item) -> Received:
         """Take one item from a link; a measurement follows the last frame of each period."""

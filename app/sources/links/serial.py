@@ -17,7 +17,7 @@ from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.backoff import Backoff
 from app.sources.links.serial_url import check_url, open_port
 from app.words import Message, Text
-from firmware_protocol.framing import START_STREAM, STOP_STREAM, FrameDecoder
+from firmware_protocol.framing import START_STREAM, STOP_STREAM, BadFrame, Frame, FrameDecoder
 
 SILENCE_S = 1.0
 _POLL_S = 0.1
@@ -25,12 +25,13 @@ _BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in tim
 
 
 class SerialLink:
-    """Delivers frames to `sink`, from its own thread."""
+    """Gives each frame to `on_frame` and then to `sink`, from its own thread."""
 
     def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock, backoff: Backoff | None = None) -> None:
         check_url(url, by_operator=True)  # of a request it was checked before
         self.url = url
         self.streams = True  # false: the crew asked for silence, `x` is not repeated
+        self.on_frame: Callable[[Frame | BadFrame], bool] = lambda frame: True  # False: a reply nobody asked for
         self._sink = sink
         self._clock = clock
         self._backoff = backoff or Backoff()
@@ -112,8 +113,9 @@ class SerialLink:
                 wall_ns = self._clock.wall_ns()
                 in_time = len(data) < _BACKLOG_BYTES
                 waited_max_ns = now_ns - empty_ns if in_time and empty_ns is not None else None
-                for frame in decoder.feed(data):
-                    self._sink(SerialItem(now_ns, wall_ns, frame, waited_max_ns))
+                frames = [(frame, self.on_frame(frame)) for frame in decoder.feed(data)]
+                for frame, is_asked in frames:  # replies have left already: the sink may wait
+                    self._sink(SerialItem(now_ns, wall_ns, frame, waited_max_ns, is_asked))
                 empty_ns = looked_ns if in_time else None
                 silent_since = now_ns / 1e9
                 continue

@@ -3,7 +3,6 @@
 Everything that knows the master's protocol stands in this folder; a measurement is what leaves it. No I/O.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from app.battery.battery import Battery
@@ -11,6 +10,7 @@ from app.sources.items import CanFault, CanItem, Item, LinkChange, SerialItem
 from app.sources.links.monitor import LinkMonitor, rs232_monitor
 from app.sources.loaded_battery import team_battery
 from app.sources.master.agreement import Agreement
+from app.sources.master.client import identity_of
 from app.sources.master.decode import PARTS, Decoder
 from app.sources.master.events import boot_cause, describe
 from app.sources.master.shadow import ShadowImage
@@ -26,14 +26,14 @@ from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_SIZE
-from firmware_protocol.messages import Data, EventCode, EventMessage, Ident, MessageType, Reply, Result, decode_message
+from firmware_protocol.messages import Data, EventCode, EventMessage, Ident, MessageType, Reply, decode_message
 from firmware_protocol.older_maps import fields_of, present_image
 
 VOLTAGE_OFFSET = PARTS["voltage"][0]
 CAN_SNAPSHOT_NS = 50_000_000
 CAN_ERRORS_NS = 5_000_000_000  # between two events of error frames on the CAN bus
 CAN_ERRORS_LEAST = 5  # in that time
-ODD_NS = 60 * 10**9  # between two events of one kind of what is wrong on the line
+EVENT_INTERVAL_NS = 60 * 10**9  # at least, between two events of one kind of what is wrong on the line
 UPTIME_WRAP_MS = 1 << 32
 RESTART_TOLD_NS = 60 * 10**9  # so long a restart is news
 MAX_STEP_S = 3600.0
@@ -54,9 +54,8 @@ class MasterSource:
         self.battery: Battery = team_battery().battery
         self.identity: Identity | None = None
         self._recorded_map: str | None = None  # of a recording, until it holds what the master says
-        self._is_asked: Callable[[Reply], bool] = lambda _: True
         self._malformed = 0  # frames with an impossible body
-        self._odd_told_ns: dict[str, int] = {}
+        self._last_event_ns: dict[str, int] = {}
         self._shadow = ShadowImage()
         self._rs232, self._can = rs232_monitor(rs232_url), LinkMonitor(can_url)
         self._agreement = Agreement()
@@ -125,15 +124,15 @@ class MasterSource:
         if isinstance(item.frame, BadFrame):
             self._rs232.on_frame(item.t_mono_ns, item.frame)
             return NOTHING_RECEIVED
-        message: Data | EventMessage | Reply | None = None
+        identity: Identity | None = None
         try:
             message = decode_message(item.frame)
-            ident = _ident_of(message)
+            if isinstance(message, Reply) and message.request_type == MessageType.IDENT and not message.result:
+                identity = identity_of(Ident.from_bytes(message.data))
         except DecodeError:
             self._rs232.on_malformed(item.t_mono_ns, item.frame)
             self._malformed += 1
-            events = self._told_of(item, "malformed", Message("frames-malformed", n=self._malformed))
-            return Received(events=events, reply=message if isinstance(message, Reply) else None)
+            return self._rate_limited_event(item, "malformed", Message("frames-malformed", n=self._malformed))
         uptime_ms = item.frame.uptime_ms
         measured_ns = self._uptime_clock.measured_ns(uptime_ms, item.t_mono_ns, item.waited_max_ns)
         self._rs232.on_frame(item.t_mono_ns, item.frame, measured_ns)
@@ -148,24 +147,21 @@ class MasterSource:
             if trip is not None or message.code == EventCode.FAULTS_CLEARED:
                 self._last_trip = trip
             return Received(events=(event,))
-        if ident is None or ident == self.identity:
-            return Received(reply=message)
-        if not self._is_asked(message):
-            return Received(events=self._told_of(item, "unasked", Message("ident-unasked", map_hash=ident.map_hash)))
-        self.identity = ident
-        return Received(reply=message)
+        if identity is None or identity == self.identity:
+            return NOTHING_RECEIVED
+        if not item.is_asked:
+            unasked = Message("ident-unasked", map_hash=identity.map_hash)
+            return self._rate_limited_event(item, "unasked", unasked)
+        self.identity = identity
+        return NOTHING_RECEIVED
 
-    def believe_only(self, is_asked: Callable[[Reply], bool]) -> None:
-        """Believe what a reply says of the master only where somebody asked for it; without this, always."""
-        self._is_asked = is_asked
-
-    def _told_of(self, item: SerialItem, kind: str, message: Message) -> tuple[Event, ...]:
-        """What is wrong on the line, as an event; of one kind at most one every ODD_NS."""
-        last_ns = self._odd_told_ns.get(kind)
-        if last_ns is not None and item.t_mono_ns - last_ns < ODD_NS:
-            return ()
-        self._odd_told_ns[kind] = item.t_mono_ns
-        return (Event(item.t_wall_ns, "watch", message.code, message),)
+    def _rate_limited_event(self, item: SerialItem, kind: str, message: Message) -> Received:
+        """What is wrong on the line, as an event; of one kind at most one every EVENT_INTERVAL_NS."""
+        last_ns = self._last_event_ns.get(kind)
+        if last_ns is not None and item.t_mono_ns - last_ns < EVENT_INTERVAL_NS:
+            return NOTHING_RECEIVED
+        self._last_event_ns[kind] = item.t_mono_ns
+        return Received(events=(Event(item.t_wall_ns, "watch", message.code, message),))
 
     def _on_data(self, item: SerialItem, data: Data, uptime_ms: int, measured_ns: int) -> Received:
         self._shadow.write(data.windows, measured_ns)
@@ -298,16 +294,3 @@ class MasterSource:
         """Both links; a CAN controller sorts bad frames out by itself and does not tell how many."""
         can = self._can.status(t_mono_ns)
         return Links(self._rs232.status(t_mono_ns), replace(can, crc_errors=None, resyncs=None))
-
-
-def _ident_of(message: Data | EventMessage | Reply) -> Identity | None:
-    """Who the master says it is; None in any other message, and where it refuses to say.
-
-    Raises:
-        DecodeError: the reply to IDENT holds something else.
-    """
-    if not isinstance(message, Reply) or message.request_type != MessageType.IDENT or message.result != Result.DONE:
-        return None
-    ident = Ident.from_bytes(message.data)
-    firmware = ".".join(map(str, ident.firmware))
-    return Identity(firmware, ident.protocol, ident.map_hash.hex(), ident.is_compatible, ident.boots)

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from firmware_protocol import eeprom, exchange, framing, messages, schedule, spec_tables
+from firmware_protocol import eeprom, framing, messages, schedule, spec_tables
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import CONFIG_FIELDS, STATUS_FLAGS
 from firmware_protocol.messages import CommandId, EventCode, MessageType, Result
@@ -87,8 +87,8 @@ def test_numbers_in_the_text():
     assert f"0x{framing.crc16(b'123456789'):04X}" in SECTIONS["3"]
     assert f"chunk of at most {framing.MAX_ENCODED} bytes" in SECTIONS["4"]
     assert f"length u16 (1..{messages.MAX_READ})" in SECTIONS["6"]
-    assert f"within {exchange.TIMEOUT_S} s (STORE and LOAD {exchange.STORE_TIMEOUT_S:.0f} s)" in SECTIONS["6"]
-    assert f"again within {exchange.REPEAT_WINDOW_S:.0f} s" in SECTIONS["6"]
+    assert f"within {messages.TIMEOUT_S} s (STORE and LOAD {messages.STORE_TIMEOUT_S:.0f} s)" in SECTIONS["6"]
+    assert f"again within {messages.REPEAT_WINDOW_S:.0f} s" in SECTIONS["6"]
     assert f"{schedule.frame_bytes(358)} bytes at most on the line" in SECTIONS["8"]
     assert f"If {schedule.FAST_PER_SLOW} fast frames" in SECTIONS["8"]
     assert f"0x{eeprom.crc32(b'123456789'):08X}" in SECTIONS["9"]

@@ -2,8 +2,7 @@
 
 import pytest
 
-from firmware_protocol.exchange import REPEAT_WINDOW_S
-from firmware_protocol.messages import Command, CommandId, EventCode, Store
+from firmware_protocol.messages import REPEAT_WINDOW_S, Command, CommandId, EventCode, Store
 
 
 def count(host, code: EventCode) -> int:

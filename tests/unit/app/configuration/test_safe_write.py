@@ -25,6 +25,7 @@ from firmware_protocol.messages import (
     EEPROM_READ_BASE,
     IdentRequest,
     Load,
+    MessageType,
     Read,
     Reply,
     Result,
@@ -61,7 +62,8 @@ class MemoryMaster:
             if isinstance(frame, Frame):
                 reply = self.answer(frame)
                 if reply is not None:
-                    threading.Thread(target=self.client.on_reply, args=(reply,)).start()
+                    item = Frame(MessageType.REPLY, 0, 0, reply.to_body())
+                    threading.Thread(target=self.client.on_frame, args=(item,)).start()
 
     def answer(self, frame: Frame) -> Reply | None:
         request = decode_request(frame)
@@ -112,9 +114,8 @@ class Edited:
 
 
 def configuration(master, identity=SAME_MAP, log=None):
-    return ConfigurationWriter(
-        master.client, lambda: identity, lambda: Context(CELL), log or FakeWriteLog(), FakeClock()
-    )
+    master.client.identity = identity
+    return ConfigurationWriter(master.client, lambda: Context(CELL), log or FakeWriteLog(), FakeClock())
 
 
 def write(config, edit, expected="*", *, dry_run=False, reason=""):

@@ -1,15 +1,11 @@
-"""Links that are not configured refuse; a reply reaches the request that waits for it."""
+"""Links that are not configured refuse; which are stuck."""
 
 import pytest
 
 from app.clock import Clock
 from app.errors import LinkLost
-from app.live.pipeline import Output
 from app.service.links import STUCK_S, Links
-from app.sources.source import Received
 from app.words import Message
-from firmware_protocol.framing import decode_chunk
-from firmware_protocol.messages import MessageType, Reply, Result
 from tests.fake_clock import FakeClock
 
 
@@ -30,30 +26,16 @@ def test_without_a_can_bus_nothing_is_sent():
 
 
 @pytest.mark.parametrize(
-    ("can_url", "may_transmit", "hindrance"),
+    ("can_url", "may_transmit", "reason"),
     [
         (None, True, Message("no-can")),
         ("virtual:test", False, Message("bench-only")),
         ("virtual:test", True, None),
     ],
 )
-def test_frames_are_only_sent_where_no_car_is(can_url, may_transmit, hindrance):
-    found = links(None, can_url, may_transmit=may_transmit).transmit_hindrance
-    assert found == hindrance
-
-
-def test_a_reply_reaches_the_request_that_waits(monkeypatch):
-    made, asked = links("loop://"), []
-
-    def answer(data: bytes) -> None:
-        frame = decode_chunk(data[1:-1])
-        asked.append(frame.type)
-        made.on_output(Output(), 0)
-        made.on_output(Output(received=Received(reply=Reply(frame.type, frame.sequence, Result.DONE))), 0)
-
-    monkeypatch.setattr(made.serial, "write", answer)
-    made.master.identify()
-    assert asked == [MessageType.IDENT]
+def test_frames_are_only_sent_where_no_car_is(can_url, may_transmit, reason):
+    found = links(None, can_url, may_transmit=may_transmit).transmit_block_reason
+    assert found == reason
 
 
 def test_closed_links_are_not_opened():

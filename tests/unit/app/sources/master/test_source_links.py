@@ -93,7 +93,7 @@ def test_the_pieces_of_two_configurations_are_never_one(source, master):
 def test_a_bad_frame_is_counted_and_changes_nothing(source, master, reason):
     before = source.feed(master.frame()).measurement
     received = source.feed(SerialItem(master.t_ns + 1, 1, BadFrame(reason, b"\x01\x02")))
-    assert (received.measurement, received.events, received.reply) == (None, (), None)
+    assert (received.measurement, received.events) == (None, ())
     after = source.measure(master.t_ns + 1, 1)
     assert after.current_a == before.current_a
     assert after.links.rs232.crc_errors + after.links.rs232.resyncs == 1
@@ -104,13 +104,6 @@ def test_a_frame_whose_body_means_nothing_changes_nothing(source, master, body):
     source.feed(master.frame())
     assert source.feed(master.item(MessageType.DATA, body)).measurement is None
     assert source.measure(master.t_ns, 1).current_a == pytest.approx(10.0)
-
-
-@pytest.mark.parametrize("data", [b"", b"\x01\x00"])
-def test_an_introduction_that_is_cut_is_none(source, master, data):
-    received = source.feed(master.item(MessageType.REPLY, Reply(MessageType.IDENT, 1, 0, data=data).to_body()))
-    assert received.reply is not None, "the one who asked has to know"
-    assert source.identity is None
 
 
 @pytest.mark.parametrize(("map_hash", "matches"), [(None, True), (bytes(8), False)])

@@ -1,0 +1,62 @@
+"""A configuration write in a real service, over a pseudo-terminal, to the simulated car: whom it passes and awaits."""
+
+import os
+import threading
+
+import orjson
+import pytest
+from starlette.requests import Request
+
+from app.api.configuration import routes
+from app.api.web.authentication import User
+from app.clock import Clock
+from app.service.settings import Settings
+from app.service.wiring import make_service
+from firmware_protocol.config_image import unit_value
+from tests.service_process import until
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+
+
+@pytest.fixture
+def service(simulator, tmp_path):
+    port = tmp_path / "port"
+    simulator("--serial", f"pty:{port}", "--scenario", "in-the-pit")
+    settings = Settings(data=tmp_path / "data", record=False)
+    made = make_service(settings, Clock(), source="serial", serial_url=str(port), can_url=None)
+    made.start()
+    until(lambda: made.links.master.identity is not None and made.in_force.image() is not None)
+    yield made
+    made.stop()
+
+
+def put(service, values):
+    answer = routes.write(
+        body=orjson.dumps({"values": values, "reason": "a test"}),
+        configuration=service.configuration,
+        config_sources=service.config_sources,
+        user=User("ada", "engineer"),
+        request=Request({"type": "http", "headers": []}),
+        if_match="*",
+    )
+    return orjson.loads(answer.body)
+
+
+def test_a_write_finishes_while_the_pipeline_stands_still(service):
+    stalled, released = threading.Event(), threading.Event()
+
+    def stall(item):
+        stalled.set()
+        released.wait(60)
+
+    service.live._on_item = (stall,)
+    try:
+        assert stalled.wait(30)
+        answer = put(service, {"telemetry_period": 110})
+        assert (answer["written"], answer["verified"]) == (True, True)
+        assert unit_value(service.in_force.image(), "telemetry_period") == 110
+        assert service.configuration.store("ada").counter == 1
+        assert service.links.master.identify().is_compatible
+        assert not released.is_set(), "all of it while one item stood in the pipeline"
+    finally:
+        released.set()
