@@ -5,11 +5,10 @@
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from app.configuration.history import ConfigHistory
 from app.configuration.profile_store import Profiles
-from app.configuration.safe_write import ConfigurationWriter, Edit
+from app.configuration.safe_write import ConfigurationWriter
 from app.errors import AppError, ConfigError
 from app.sessions.catalogue import Catalogue
 from app.words import Message
@@ -95,16 +94,3 @@ def _number(name: str, text: str) -> int:
     if not text.isascii() or not text.isdigit() or len(text) > 9:
         raise ConfigError("source", name[:80], NAMES)
     return int(text)
-
-
-@dataclass(frozen=True, slots=True)
-class SourceEdit:
-    """An edit of a named source, which is looked up when the write has begun."""
-
-    edit: Edit
-    source: str
-    sources: ConfigSources
-
-    def applied_to(self, image: bytes) -> bytes:
-        """Return the source's image after the edit; `image`, just read from the master, is the source `in-force`."""
-        return self.edit.applied_to(image if self.source == "in-force" else self.sources.image(self.source))

@@ -37,7 +37,7 @@ class ReasonRequired(AppError):
         super().__init__(Message("reason-needed", findings=tuple(found.message for found in findings)))
 
 
-class Occupied(NotNow):
+class Busy(NotNow):
     """The accumulator is at work, and the draft changes more than what may change meanwhile."""
 
     def __init__(self, doing: Message, fields: list[str]) -> None:

@@ -4,18 +4,18 @@ Blocking; one write at a time.
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 from app.clock import Clock
 from app.configuration.finding import Finding
 from app.configuration.history import Action
 from app.configuration.refusals import (
     FIELDS_WRITABLE_AT_WORK,
+    Busy,
     HashMismatch,
-    Occupied,
     ReasonRequired,
     Rejected,
     Unverified,
@@ -25,7 +25,8 @@ from app.configuration.write_log import Attempt, WriteLog
 from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
 from app.sources.master.client import MasterClient
 from app.words import Message, Quantity
-from firmware_protocol.config_image import Change, difference, image_hash
+from firmware_protocol.can_tables import RxMessage, TxMessage, with_rx_messages, with_tx_messages
+from firmware_protocol.config_image import Change, difference, image_hash, with_raw, with_value
 from firmware_protocol.eeprom import EEPROM_SIZE, SLOT_OFFSETS, SLOT_SIZE, StoredConfig, newest
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS, STATUS_FLAGS
 from firmware_protocol.messages import EEPROM_READ_BASE, Load, Store, Write
@@ -44,36 +45,37 @@ class Written:
     image: bytes
     changes: list[Change]
     findings: list[Finding]
-    hindrance: Message | None  # why it would be refused now
+    block_reason: Message | None  # why it would be refused now
     written: bool
-
-
-class Edit(Protocol):
-    """Makes the image that is wanted out of the one in force."""
-
-    def applied_to(self, image: bytes) -> bytes:
-        """Return the image that is wanted; an error where a value does not fit."""
-
-
-@dataclass(frozen=True, slots=True)
-class WholeImage:
-    """An edit that replaces everything."""
-
-    image: bytes
-
-    def applied_to(self, image: bytes) -> bytes:
-        """Return the new image, whatever is in force."""
-        return self.image
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
     """What somebody wants in force, why it is right in spite of warnings, and where it is from."""
 
-    edit: Edit
+    base: bytes | None = None  # the image that it starts from; None: the one that the write finds in force
+    values: Mapping[str, Any] = field(default_factory=dict)  # fields to change, in units
+    raw: Mapping[str, Any] = field(default_factory=dict)  # and in counts
+    can_sent: Sequence[TxMessage] = ()  # messages to replace, by their index
+    can_received: Sequence[RxMessage] = ()
     reason: str = ""
     source: str = "draft"
     action: Action = "write"
+
+    def applied_to(self, in_force: bytes) -> bytes:
+        """Return the image that is wanted.
+
+        Raises:
+            EncodeError: there is no such field, or a value does not fit it.
+        """
+        image = in_force if self.base is None else self.base
+        for name, value in self.values.items():
+            image = with_value(image, name, value)
+        for name, count in self.raw.items():
+            image = with_raw(image, name, count)
+        if self.can_sent:
+            image = with_tx_messages(image, self.can_sent)
+        return with_rx_messages(image, self.can_received) if self.can_received else image
 
 
 class ConfigurationWriter:
@@ -157,7 +159,7 @@ class ConfigurationWriter:
             dry_run: only read, compare and check.
 
         Raises:
-            HashMismatch, Rejected, ReasonRequired, Occupied: nothing was written.
+            EncodeError, HashMismatch, Rejected, ReasonRequired, Busy: nothing was written.
             NotNow: another write is running, or the master's memory map is another one.
             RecordingFailed: the history does not take it; nothing was written.
             MasterRefused: the master refused; nothing was written.
@@ -165,10 +167,10 @@ class ConfigurationWriter:
             LinkError: the master cannot be asked; nothing was written.
         """
         attempt = Attempt(who, draft.action, draft.source, draft.reason)
-        with self._failure_logged(attempt, is_logged=not dry_run), self._one_at_a_time():
+        with self._editing(attempt, is_logged=not dry_run):
             # Read what is in force, and compare: is it what the draft was made from?
             before = attempt.before = self.read()
-            wanted = attempt.after = draft.edit.applied_to(before)
+            wanted = attempt.after = draft.applied_to(before)
             if expected not in ("*", image_hash(before)):
                 raise HashMismatch(expected, self._shown.get(expected), before, wanted)
 
@@ -179,7 +181,7 @@ class ConfigurationWriter:
                 raise Rejected(errors)
             changes = difference(before, wanted)
             if dry_run or not changes:
-                return Written(before, wanted, changes, findings, self._hindrance(changes), written=False)
+                return Written(before, wanted, changes, findings, self._block_reason(changes), written=False)
             self._require_same_map()
             if not draft.reason.strip() and (asked := [found for found in findings if found.needs_reason]):
                 raise ReasonRequired(asked)
@@ -206,7 +208,7 @@ class ConfigurationWriter:
         attempt = Attempt(who, "store", "in force")
         if (stored_before := self.stored) is not None:
             attempt.before = stored_before.image
-        with self._failure_logged(attempt), self._one_at_a_time():
+        with self._editing(attempt):
             self._require_same_map()
             in_force = attempt.after = self.read()
             self._log.begun(attempt)
@@ -227,7 +229,7 @@ class ConfigurationWriter:
             MasterRefused, LinkError: see MasterClient.request; nothing was changed.
         """
         attempt = Attempt(who, "load", "EEPROM")
-        with self._failure_logged(attempt), self._one_at_a_time():
+        with self._editing(attempt):
             self._require_same_map()
             before, stored = self.read(), self.read_stored()
             if stored is None:
@@ -245,22 +247,20 @@ class ConfigurationWriter:
             return stored.image
 
     @contextmanager
-    def _failure_logged(self, attempt: Attempt, *, is_logged: bool = True) -> Iterator[None]:
+    def _editing(self, attempt: Attempt, *, is_logged: bool = True) -> Iterator[None]:
+        """One at a time; what fails is in the log."""
+        has_lock = self._one_editor.acquire(blocking=False)
         try:
+            if not has_lock:
+                raise NotNow(Message("another-is-running"))  # noqa: TRY301  it is logged as every other failure
             yield
         except (LinkError, NotNow) as error:
             if is_logged:
                 self._log.failed(attempt, error, _result(error))
             raise
-
-    @contextmanager
-    def _one_at_a_time(self) -> Iterator[None]:
-        if not self._one_editor.acquire(blocking=False):
-            raise NotNow(Message("another-is-running"))
-        try:
-            yield
         finally:
-            self._one_editor.release()
+            if has_lock:
+                self._one_editor.release()
 
     def _unverified(self, error: Exception, before: bytes, wanted: bytes) -> Unverified:
         return Unverified(self._outcome(before, wanted), Message("read-again", error=message_of(error)))
@@ -284,9 +284,9 @@ class ConfigurationWriter:
     def _require_rest(self, changes: list[Change]) -> None:
         fields = sorted({change.field for change in changes} - set(FIELDS_WRITABLE_AT_WORK))
         if fields and (doing := self._doing(sensor_only=set(fields) <= SENSOR_FIELDS)) is not None:
-            raise Occupied(doing, fields)
+            raise Busy(doing, fields)
 
-    def _hindrance(self, changes: list[Change]) -> Message | None:
+    def _block_reason(self, changes: list[Change]) -> Message | None:
         """Why the changes would be refused now."""
         try:
             self._require_same_map()

@@ -9,7 +9,7 @@ import pytest
 from app.clock import Clock
 from app.configuration.refusals import Unverified
 from app.configuration.rules import Context
-from app.configuration.safe_write import ConfigurationWriter, Draft, WholeImage
+from app.configuration.safe_write import ConfigurationWriter, Draft
 from app.errors import LinkError, LinkLost, MasterRefused
 from app.estimation.cell_model.cell_file import load_cell
 from app.sources.master.client import MasterClient
@@ -121,7 +121,7 @@ class Car:
 
 
 def write(car: Car) -> None:
-    car.configuration.write(Draft(WholeImage(NEW)), "*", "anna", dry_run=False)
+    car.configuration.write(Draft(NEW), "*", "anna", dry_run=False)
 
 
 def frames_of(action) -> int:

@@ -2,12 +2,12 @@
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
-from app.api.configuration.routes import require_match, write_draft
+from app.api.configuration.routes import ExpectedHash, write_response
 from app.api.encoding.can import measured_messages, message_names, tables_json, traced_json
 from app.api.schemas.can import ImportedTablesOut
 from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
@@ -32,10 +32,8 @@ from firmware_protocol.can_tables import (
     bit_rate,
     named_element,
     offsets_of,
-    with_rx_messages,
-    with_tx_messages,
 )
-from firmware_protocol.config_image import default_image, image_hash, with_raw
+from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.dbc import MASTER_NODE, to_dbc
 from firmware_protocol.dbc_import import from_dbc, into_tables
 from firmware_protocol.errors import DecodeError
@@ -126,14 +124,6 @@ class TablesIn(Body):
     bit_rate: int | None = None
     reason: str = Field("", max_length=500)
 
-    def applied_to(self, image: bytes) -> bytes:
-        """Return the image with these messages."""
-        image = with_tx_messages(image, [m.message() for m in self.tx])
-        image = with_rx_messages(image, [m.message() for m in self.rx])
-        if self.bit_rate is not None:
-            image = with_raw(image, "can_brp", _prescaler(self.bit_rate))
-        return image
-
 
 def _prescaler(wanted: int) -> int:
     for can_brp in range(3, 256):
@@ -158,12 +148,19 @@ def write(
     tables: TablesIn,
     configuration: ConfigurationPart,
     user: UserDep,
-    if_match: Annotated[str | None, Header()] = None,
+    expected: ExpectedHash,
     dry_run: bool = False,
 ) -> Response:
     """Write messages into the configuration in force and read it back."""
-    draft = Draft(tables, tables.reason, "CAN tables")
-    return write_draft(configuration, draft, require_match(if_match), user, dry_run=dry_run)
+    draft = Draft(
+        raw={} if tables.bit_rate is None else {"can_brp": _prescaler(tables.bit_rate)},
+        can_sent=[message.message() for message in tables.tx],
+        can_received=[message.message() for message in tables.rx],
+        reason=tables.reason,
+        source="CAN tables",
+    )
+    written = configuration.write(draft, expected, user.name, dry_run=dry_run)
+    return write_response(configuration, written, dry_run=dry_run)
 
 
 @router.get("/dbc", response_class=PlainTextResponse, dependencies=[NEEDS_MASTER])

@@ -2,10 +2,10 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Path, Query, Response
+from fastapi import APIRouter, Path, Query, Response
 from pydantic import Field
 
-from app.api.configuration.routes import MOST_FIELDS, require_match, write_draft
+from app.api.configuration.routes import MOST_FIELDS, ExpectedHash, write_response
 from app.api.encoding.configuration import change_json, config_json, finding_json
 from app.api.schemas.config import (
     CheckedProfileOut,
@@ -31,7 +31,7 @@ from app.configuration.config_sources import NAMES
 from app.configuration.history import CONFIG_ACTIONS, Record
 from app.configuration.profile import Profile, profile_of, profile_text
 from app.configuration.profile_store import NoProfile
-from app.configuration.safe_write import Draft, WholeImage
+from app.configuration.safe_write import Draft
 from app.errors import ConfigError
 from app.words import Message, render
 from firmware_protocol.config_image import difference, image_hash
@@ -185,12 +185,11 @@ def roll_back(
     config_history: ConfigHistoryPart,
     configuration: ConfigurationPart,
     user: UserDep,
+    expected: ExpectedHash,
     body: RollbackIn | None = None,
-    if_match: Annotated[str | None, Header()] = None,
     dry_run: bool = False,
 ) -> Response:
     """Put back in force what was in force before a write; checked, verified and recorded as any other write."""
-    expected = require_match(if_match)
     record = config_history.record(number)
     if record is None:
         raise not_found("record", number)
@@ -198,5 +197,6 @@ def roll_back(
         raise Problem(409, "not-genuine", Message("wrong-signature", record=number))
     image = config_sources.image(f"record:{number}:before")
     reason = (body.reason if body else "") or f"rolled back record {number}"
-    draft = Draft(WholeImage(image), reason, f"record {number}", "rollback")
-    return write_draft(configuration, draft, expected, user, dry_run=dry_run)
+    draft = Draft(image, reason=reason, source=f"record {number}", action="rollback")
+    written = configuration.write(draft, expected, user.name, dry_run=dry_run)
+    return write_response(configuration, written, dry_run=dry_run)

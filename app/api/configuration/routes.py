@@ -1,23 +1,22 @@
 """The configuration in force and in the EEPROM: read, compare, write, store."""
 
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from pydantic import Field, ValidationError
 
 from app.api.encoding.configuration import change_json, config_json, finding_json, schema_json
 from app.api.encoding.words import message_json
 from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
-from app.api.web.authentication import User
 from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, RulesPart, UserDep
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body, RawBody
-from app.configuration.config_sources import ConfigSources, SourceEdit
+from app.configuration.config_sources import ConfigSources
 from app.configuration.profile import is_profile, profile_of
-from app.configuration.safe_write import ConfigurationWriter, Draft, WholeImage
+from app.configuration.safe_write import ConfigurationWriter, Draft, Written
 from app.words import Message
-from firmware_protocol.config_image import image_hash, with_raw, with_value
+from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 from firmware_protocol.older_maps import FIRST_MAP, is_first_image, present_image
 
@@ -37,14 +36,6 @@ class ConfigEdit(Body):
     source: str | None = Field(None, max_length=120)
     reason: str = Field("", max_length=500, description="why it is right in spite of warnings")
 
-    def applied_to(self, image: bytes) -> bytes:
-        """Return the image with these fields; EncodeError or Problem where a value does not fit."""
-        for name, value in self.values.items():
-            image = _apply(with_value, image, name, value)
-        for name, value in self.raw.items():
-            image = _apply(with_raw, image, name, value)
-        return image
-
 
 _PUT_BODY = {
     "requestBody": {
@@ -57,26 +48,19 @@ _PUT_BODY = {
 }
 
 
-def _apply(put: Any, image: bytes, name: str, value: Any) -> bytes:
-    if name not in CONFIG:
-        raise invalid(name, value, Message("no-config-field"))
-    try:
-        return cast(bytes, put(image, name, value))
-    except (TypeError, ValueError, OverflowError) as error:
-        raise invalid(name, value, Message("number-of-shape")) from error
-
-
 def quoted(text: str) -> str:
     """An ETag."""
     return f'"{text}"'
 
 
-def require_match(if_match: str | None) -> str:
-    """Return the hash that the client's draft started from."""
+async def _expected_hash(if_match: Annotated[str | None, Header()] = None) -> str:
     if if_match is None:
         raise Problem(428, "if-match-required", Message("if-match-needed"))
     tag = if_match.strip()
     return "" if tag.startswith("W/") else tag.strip('"')  # a weak one never matches: RFC 9110, 13.1.1
+
+
+ExpectedHash = Annotated[str, Depends(_expected_hash)]  # of the image that the client's draft started from
 
 
 @router.get("/schema", response_model=SchemaOut)
@@ -124,7 +108,7 @@ def write(
     configuration: ConfigurationPart,
     config_sources: ConfigSourcesPart,
     user: UserDep,
-    if_match: Annotated[str | None, Header()] = None,
+    expected: ExpectedHash,
     dry_run: bool = False,
     reason: Annotated[str, Query(max_length=500)] = "",
 ) -> Response:
@@ -132,38 +116,41 @@ def write(
 
     `dry_run` only checks and compares. Errors block; a warning that is new needs a `reason`.
     """
-    expected = require_match(if_match)
-    is_image = OCTETS in request.headers.get("content-type", "")
-    draft = _image_draft(body, reason) if is_image else _json_draft(body, reason, config_sources)
-    return write_draft(configuration, draft, expected, user, dry_run=dry_run)
-
-
-def _image_draft(body: bytes, reason: str) -> Draft:
-    if len(body) != CONFIG_SIZE:
-        raise invalid("body", Message("bytes", count=len(body)), Message("exactly-bytes", count=CONFIG_SIZE))
-    source = f"image, converted from map {FIRST_MAP}" if is_first_image(body) else "image"
-    return Draft(WholeImage(present_image(body)), reason, source)
-
-
-def _json_draft(body: bytes, reason: str, config_sources: ConfigSources) -> Draft:
-    """A profile's file, or fields to change in what is in force or in a named source."""
-    if is_profile(document := _loads(body)):
-        profile = profile_of(document)
-        return Draft(WholeImage(profile.image), reason, f"file {profile.origin}")
-    edit = _parse(body)
-    for twice in edit.values.keys() & edit.raw.keys():
-        raise invalid(twice, edit.raw[twice], Message("values-or-raw"))
-    reason = edit.reason or reason
-    if edit.source is None:
-        return Draft(edit, reason)
-    return Draft(SourceEdit(edit, edit.source, config_sources), reason, edit.source)
-
-
-def write_draft(
-    configuration: ConfigurationWriter, draft: Draft, expected: str, user: User, *, dry_run: bool
-) -> Response:
-    """Write, and answer with the difference and what the rules say."""
+    draft = _draft(body, OCTETS in request.headers.get("content-type", ""), reason, config_sources)
     written = configuration.write(draft, expected, user.name, dry_run=dry_run)
+    return write_response(configuration, written, dry_run=dry_run)
+
+
+def _draft(body: bytes, is_image: bool, reason: str, config_sources: ConfigSources) -> Draft:
+    """An image, a profile's file, or fields to change in what is in force or in a named source."""
+    if is_image:
+        if len(body) != CONFIG_SIZE:
+            raise invalid("body", Message("bytes", count=len(body)), Message("exactly-bytes", count=CONFIG_SIZE))
+        source = f"image, converted from map {FIRST_MAP}" if is_first_image(body) else "image"
+        return Draft(present_image(body), reason=reason, source=source)
+    try:
+        document = orjson.loads(body)
+    except orjson.JSONDecodeError as error:
+        raise invalid("body", body[:80].decode(errors="replace"), f"JSON: {error}") from error
+    if is_profile(document):
+        profile = profile_of(document)
+        return Draft(profile.image, reason=reason, source=f"file {profile.origin}")
+    try:
+        edit = ConfigEdit.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise invalid(".".join(map(str, first["loc"])) or "body", str(first.get("input"))[:80], first["msg"]) from error
+    for name, value in (*edit.raw.items(), *edit.values.items()):
+        if name not in CONFIG:
+            raise invalid(name, value, Message("no-config-field"))
+        if name in edit.values and name in edit.raw:
+            raise invalid(name, value, Message("values-or-raw"))
+    base = None if edit.source in (None, "in-force") else config_sources.image(edit.source)
+    return Draft(base, edit.values, edit.raw, reason=edit.reason or reason, source=edit.source or "draft")
+
+
+def write_response(configuration: ConfigurationWriter, written: Written, *, dry_run: bool) -> Response:
+    """Answer with the difference and what the rules say."""
     shown = written.before if dry_run else written.image  # what is in force now
     body = {
         "difference": [change_json(change) for change in written.changes],
@@ -172,7 +159,7 @@ def write_draft(
         "verified": not dry_run,  # without a difference it was read and found equal
         "hash": image_hash(written.image),
         "warnings": [finding_json(found) for found in written.findings],
-        **message_json("hindrance", written.hindrance),
+        **message_json("hindrance", written.block_reason),
     }
     etag = quoted(configuration.show(shown))
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
@@ -189,18 +176,3 @@ def store(configuration: ConfigurationPart, user: UserDep) -> dict[str, Any]:
 def load(configuration: ConfigurationPart, user: UserDep) -> dict[str, Any]:
     """Put the stored configuration in force."""
     return {"hash": image_hash(configuration.load(user.name))}
-
-
-def _loads(body: bytes) -> object:
-    try:
-        return orjson.loads(body)
-    except orjson.JSONDecodeError as error:
-        raise invalid("body", body[:80].decode(errors="replace"), f"JSON: {error}") from error
-
-
-def _parse(body: bytes) -> ConfigEdit:
-    try:
-        return ConfigEdit.model_validate_json(body)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise invalid(".".join(map(str, first["loc"])) or "body", str(first.get("input"))[:80], first["msg"]) from error

@@ -18,7 +18,7 @@ from app.api.encoding.configuration import change_json, finding_json
 from app.api.encoding.words import message_json
 from app.configuration.config_sources import NoSource
 from app.configuration.profile_store import NoProfile
-from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
+from app.configuration.refusals import Busy, HashMismatch, ReasonRequired, Rejected, Unverified
 from app.errors import (
     AppError,
     ConfigError,
@@ -146,7 +146,7 @@ def _of_app_error(error: AppError) -> Problem:
         case ReasonRequired():
             warnings = [*map(finding_json, error.findings)]
             return Problem(422, "reason-required", error.message, errors=warnings)
-        case Occupied():
+        case Busy():
             return Problem(409, "at-work", error.message, doing=error.doing, fields=error.fields)
         case Unverified():
             return Problem(504, "not-verified", error.message, in_force=error.outcome)

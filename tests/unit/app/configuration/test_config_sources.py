@@ -1,37 +1,10 @@
-"""An edit of a named source starts from what is there when the write has begun."""
+"""Where a configuration of the first memory map comes from."""
 
 from types import SimpleNamespace
 
-from app.configuration.config_sources import ConfigSources, SourceEdit
+from app.configuration.config_sources import ConfigSources
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CONFIG
-
-
-def raised(image: bytes) -> bytes:
-    changed = bytearray(image)
-    CONFIG["telemetry_period"].pack_into(changed, (500,))
-    return bytes(changed)
-
-
-def sources(streamed: bytes) -> ConfigSources:
-    return ConfigSources(None, lambda: streamed, None, None, None)
-
-
-def test_in_force_is_the_image_just_read_not_the_one_last_streamed() -> None:
-    read = bytearray(default_image())
-    CONFIG["v_cell_max"].pack_into(read, (41500,))
-    assert bytes(read) != default_image()
-    wanted = SourceEdit(SimpleNamespace(applied_to=raised), "in-force", sources(default_image())).applied_to(
-        bytes(read)
-    )
-    assert wanted == raised(bytes(read))
-
-
-def test_another_source_replaces_what_is_in_force() -> None:
-    read = raised(default_image())
-    assert read != default_image()
-    wanted = SourceEdit(SimpleNamespace(applied_to=bytes), "default", sources(read)).applied_to(read)
-    assert wanted == default_image()
 
 
 def test_a_record_of_the_first_map_is_converted() -> None:

@@ -1,14 +1,13 @@
 """The safe write against a master in memory whose line is cut, or lies, at chosen requests."""
 
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import replace
 
 import pytest
 
 from app.clock import Clock
-from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
+from app.configuration.refusals import Busy, HashMismatch, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context
 from app.configuration.safe_write import ConfigurationWriter, Draft
 from app.errors import LinkError, LinkLost, MasterRefused, NotNow
@@ -17,7 +16,8 @@ from app.sessions.errors import RecordingFailed
 from app.sources.master.client import MasterClient
 from app.telemetry import Identity
 from app.words import render
-from firmware_protocol.config_image import default_image, image_hash, with_raw
+from firmware_protocol.can_tables import rx_messages, tx_messages
+from firmware_protocol.config_image import default_image, difference, image_hash, with_raw
 from firmware_protocol.eeprom import EEPROM_SIZE, newest, plan_store
 from firmware_protocol.framing import CommandDecoder, Frame
 from firmware_protocol.memory_map import FIELDS
@@ -103,72 +103,67 @@ def master():
 CELL = load_cell()
 
 
-@dataclass(frozen=True)
-class Edited:
-    """An edit by a function."""
-
-    edit: Callable[[bytes], bytes]
-
-    def applied_to(self, image: bytes) -> bytes:
-        return self.edit(image)
-
-
 def configuration(master, identity=SAME_MAP, log=None):
     master.client.identity = identity
     return ConfigurationWriter(master.client, lambda: Context(CELL), log or FakeWriteLog(), FakeClock())
 
 
-def write(config, edit, expected="*", *, dry_run=False, reason=""):
-    return config.write(Draft(Edited(edit), reason), expected, "anna", dry_run=dry_run)
+HOTTER = {"t_cell_max": 55}
+HOT_IMAGE = with_raw(default_image(), "t_cell_max", 55)
 
 
-def hotter(image):
-    return with_raw(image, "t_cell_max", 55)
+def write(config, raw, expected="*", *, dry_run=False, reason=""):
+    return config.write(Draft(raw=raw, reason=reason), expected, "anna", dry_run=dry_run)
 
 
 def test_a_write_is_read_back_and_its_difference_told(master):
-    written = write(configuration(master), hotter, image_hash(default_image()), dry_run=False)
+    written = write(configuration(master), HOTTER, image_hash(default_image()))
     assert written.written
     assert [(c.field, c.before, c.after) for c in written.changes] == [("t_cell_max", 45, 55)]
-    assert bytes(master.image[:420]) == hotter(default_image())
+    assert bytes(master.image[:420]) == HOT_IMAGE
 
 
 def test_a_dry_run_and_an_empty_change_write_nothing(master):
     config = configuration(master)
-    assert not write(config, hotter, "*", dry_run=True).written
-    assert not write(config, lambda image: image, "*", dry_run=False).written
+    assert not write(config, HOTTER, dry_run=True).written
+    assert not write(config, {}).written
     assert not any(isinstance(request, Write) for request in master.requests)
 
 
 def test_another_configuration_in_force_refuses_the_write(master):
     with pytest.raises(HashMismatch) as caught:
-        write(configuration(master), hotter, "0" * 16, dry_run=False)
+        write(configuration(master), HOTTER, "0" * 16)
     assert caught.value.in_force == default_image()
     assert bytes(master.image[:420]) == default_image()
 
 
-def test_values_outside_their_range_never_leave(master):
-    def broken(image):
-        return image[:9] + b"\x7f" + image[10:]
+def test_a_draft_starts_from_its_base_or_from_what_is_in_force(master):
+    in_force = with_raw(default_image(), "fan_ramp_stop", 40)
+    draft = Draft(values={"t_cell_max": 50}, raw={"can_brp": 15})
+    assert draft.applied_to(in_force) == with_raw(with_raw(in_force, "can_brp", 15), "t_cell_max", 50)
+    assert Draft(default_image()).applied_to(in_force) == default_image()
+    sent, received = tx_messages(in_force)[1], rx_messages(in_force)[0]
+    can = Draft(can_sent=[replace(sent, period_ms=70)], can_received=[replace(received, timeout_ms=900)])
+    wanted = can.applied_to(in_force)
+    assert [change.field for change in difference(in_force, wanted)] == ["can_tx_msg_timing", "can_rx_msg_timeout"]
+    assert configuration(master).write(Draft(HOT_IMAGE), "*", "anna", dry_run=False).image == HOT_IMAGE
 
+
+def test_values_outside_their_range_never_leave(master):
     with pytest.raises(Rejected) as caught:
-        write(configuration(master), broken, "*", dry_run=False)
+        write(configuration(master), {"t_cell_max": 127})
     assert caught.value.findings[0].error.field == "t_cell_max"
     assert not any(isinstance(request, Write) for request in master.requests)
 
 
 def test_a_warning_needs_a_reason_once(master):
-    config = configuration(master)
-
-    def wider(image):
-        return with_raw(image, "i_disc_max", 21000)
-
+    config, wider = configuration(master), {"i_disc_max": 21000}
     with pytest.raises(ReasonRequired) as caught:
-        write(config, wider, "*", dry_run=False)
+        write(config, wider)
     assert [found.error.field for found in caught.value.findings] == ["i_disc_max"]
     assert bytes(master.image[:420]) == default_image()
-    assert write(config, wider, "*", dry_run=False, reason="short pulses").written
-    assert write(config, hotter, "*", dry_run=False).written, "what stands already is not asked for again"
+    assert write(config, wider, reason="short pulses").written
+    assert write(config, HOTTER).written, "what stands already is not asked for again"
 
 
 @pytest.mark.parametrize(
@@ -182,25 +177,25 @@ def test_a_warning_needs_a_reason_once(master):
 def test_at_work_only_what_is_safe_to_change_live_is_written(master, field, raw, doing):
     FIELDS[field].pack_into(master.image, (raw,))
     config = configuration(master)
-    with pytest.raises(Occupied, match=doing) as caught:
-        write(config, hotter, "*", dry_run=False)
+    with pytest.raises(Busy, match=doing) as caught:
+        write(config, HOTTER)
     assert caught.value.fields == ["t_cell_max"]
-    assert doing in render(write(config, hotter, "*", dry_run=True).hindrance)
+    assert doing in render(write(config, HOTTER, dry_run=True).block_reason)
     assert bytes(master.image[:420]) == default_image()
-    assert write(config, lambda image: with_raw(image, "fan_ramp_stop", 40), "*", dry_run=False).written
-    with pytest.raises(Occupied):
-        write(config, lambda image: with_raw(hotter(image), "telemetry_period", 200), "*", dry_run=False)
+    assert write(config, {"fan_ramp_stop": 40}).written
+    with pytest.raises(Busy):
+        write(config, HOTTER | {"telemetry_period": 200})
 
 
 def test_a_conflict_knows_what_the_draft_started_from(master):
     config = configuration(master)
     base = config.show(default_image())
-    write(config, hotter, "*", dry_run=False)
+    write(config, HOTTER)
     with pytest.raises(HashMismatch) as caught:
-        write(config, lambda image: with_raw(image, "telemetry_period", 50), base, dry_run=False)
+        write(config, {"telemetry_period": 50}, base)
     assert caught.value.base == default_image()
-    assert caught.value.in_force == hotter(default_image())
-    assert caught.value.wanted == with_raw(hotter(default_image()), "telemetry_period", 50)
+    assert caught.value.in_force == HOT_IMAGE
+    assert caught.value.wanted == with_raw(HOT_IMAGE, "telemetry_period", 50)
 
 
 def test_any_number_of_pages_may_ask_what_is_stored_at_once(master, monkeypatch):
@@ -227,9 +222,9 @@ def test_loading_is_refused_at_work_and_without_anything_stored(master):
     with pytest.raises(NotNow, match="no valid configuration"):
         config.load("anna")
     config.store("anna")
-    write(config, hotter, "*", dry_run=False)
+    write(config, HOTTER)
     FIELDS["status.flags"].pack_into(master.image, (1 << 8,))
-    with pytest.raises(Occupied):
+    with pytest.raises(Busy):
         config.load("anna")
     FIELDS["status.flags"].pack_into(master.image, (0,))
     assert config.load("anna") == default_image()
@@ -240,14 +235,14 @@ def test_a_master_with_another_map_is_never_written(master):
     other = Identity("9.9.9", 1, "ff", is_compatible=False, boots=1)
     for identity in (other, None):
         with pytest.raises(NotNow):
-            write(configuration(master, identity), hotter, "*", dry_run=False)
+            write(configuration(master, identity), HOTTER)
     assert bytes(master.image[:420]) == default_image()
 
 
 def test_a_refusal_is_told_with_its_offset(master):
     master.refuse = Result.NOT_NOW
     with pytest.raises(MasterRefused) as caught:
-        write(configuration(master), hotter, "*", dry_run=False)
+        write(configuration(master), HOTTER)
     assert (caught.value.result, caught.value.offset) == ("NOT_NOW", 4)
 
 
@@ -256,19 +251,19 @@ def test_a_cut_line_says_that_it_does_not_know_and_a_retry_is_safe(master, attri
     setattr(master, attribute, True)
     config = configuration(master)
     with pytest.raises(Unverified) as caught:
-        write(config, hotter, "*", dry_run=False)
+        write(config, HOTTER)
     assert caught.value.outcome == "unknown"
-    assert bytes(master.image[:420]) in (default_image(), hotter(default_image()))
+    assert bytes(master.image[:420]) in (default_image(), HOT_IMAGE)
     setattr(master, attribute, False)
     master.deaf = False
-    write(config, hotter, "*", dry_run=False)
-    assert bytes(master.image[:420]) == hotter(default_image())
+    write(config, HOTTER)
+    assert bytes(master.image[:420]) == HOT_IMAGE
 
 
 def test_a_byte_that_reads_back_differently_is_found(master):
     master.spoil_writes = True
     with pytest.raises(Unverified) as caught:
-        write(configuration(master), hotter, "*", dry_run=False)
+        write(configuration(master), HOTTER)
     assert caught.value.outcome == "other"
 
 
@@ -277,9 +272,9 @@ def test_store_reads_the_eeprom_back(master):
     assert config.read_stored() is None
     stored = config.store("anna")
     assert stored.image == default_image()
-    write(config, hotter, "*", dry_run=False)
+    write(config, HOTTER)
     assert config.store("anna").counter == stored.counter + 1
-    assert config.read_stored().image == hotter(default_image())
+    assert config.read_stored().image == HOT_IMAGE
 
 
 def test_a_deaf_master_is_an_error_and_not_a_hang(master):
@@ -291,7 +286,7 @@ def test_a_deaf_master_is_an_error_and_not_a_hang(master):
 def test_a_write_is_told_with_who_what_and_both_images(master):
     log = FakeWriteLog()
     config = configuration(master, log=log)
-    write(config, hotter, reason="a hot day")
+    write(config, HOTTER, reason="a hot day")
     ((kind, attempt, changes),) = log.told
     assert (kind, attempt.who, attempt.action, attempt.source, attempt.reason) == (
         "written",
@@ -300,21 +295,21 @@ def test_a_write_is_told_with_who_what_and_both_images(master):
         "draft",
         "a hot day",
     )
-    assert (attempt.before, attempt.after) == (default_image(), hotter(default_image()))
+    assert (attempt.before, attempt.after) == (default_image(), HOT_IMAGE)
     assert [change.field for change in changes] == ["t_cell_max"]
 
 
 def test_dry_runs_and_drafts_that_break_limits_are_not_told(master):
     log = FakeWriteLog()
     config = configuration(master, log=log)
-    write(config, hotter, dry_run=True)
+    write(config, HOTTER, dry_run=True)
     with pytest.raises(HashMismatch):
-        write(config, hotter, "0" * 16)
+        write(config, HOTTER, "0" * 16)
     with pytest.raises(Rejected):
-        write(config, lambda image: image[:9] + b"\x7f" + image[10:])
+        write(config, {"t_cell_max": 127})
     master.deaf = True
     with pytest.raises(LinkError):
-        write(config, hotter, dry_run=True)
+        write(config, HOTTER, dry_run=True)
     assert log.told == []
 
 
@@ -322,15 +317,15 @@ def test_what_failed_is_told_and_gets_a_result_where_the_master_was_asked(master
     log = FakeWriteLog()
     config = configuration(master, log=log)
     FIELDS["status.flags"].pack_into(master.image, (1 << 8,))
-    with pytest.raises(Occupied):
-        write(config, hotter)
+    with pytest.raises(Busy):
+        write(config, HOTTER)
     FIELDS["status.flags"].pack_into(master.image, (0,))
     master.refuse = Result.NOT_NOW
     with pytest.raises(MasterRefused):
-        write(config, hotter)
+        write(config, HOTTER)
     master.refuse, master.spoil_writes = None, True
     with pytest.raises(Unverified):
-        write(config, hotter)
+        write(config, HOTTER)
     results = [result for _, _, _, result in log.told]
     assert results[0] is None
     assert "NOT_NOW" in results[1]
@@ -341,24 +336,24 @@ def test_store_and_load_are_told_with_their_images(master):
     log = FakeWriteLog()
     config = configuration(master, log=log)
     config.store("anna")
-    write(config, hotter)
+    write(config, HOTTER)
     config.load("bob")
     stored, _, loaded = log.told
     assert (stored[0], stored[1].who, stored[1].after) == ("stored", "anna", default_image())
-    assert (loaded[0], loaded[1].who, loaded[1].before) == ("loaded", "bob", hotter(default_image()))
+    assert (loaded[0], loaded[1].who, loaded[1].before) == ("loaded", "bob", HOT_IMAGE)
     assert [change.field for change in loaded[2]] == ["t_cell_max"]
 
 
 def test_a_second_change_meanwhile_is_refused(master):
-    config = configuration(master)
+    class Log(FakeWriteLog):
+        def begun(self, attempt):
+            if attempt.action == "write":
+                with pytest.raises(NotNow, match="another write"):
+                    config.store("bob")
 
-    def meanwhile(image):
-        with pytest.raises(NotNow, match="another write"):
-            config.store("bob")
-        return hotter(image)
-
-    assert write(config, meanwhile).written
-    assert config.store("bob").image == hotter(default_image())
+    config = configuration(master, log=Log())
+    assert write(config, HOTTER).written
+    assert config.store("bob").image == HOT_IMAGE
 
 
 class FullLog(FakeWriteLog):
@@ -371,7 +366,7 @@ class FullLog(FakeWriteLog):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda config: write(config, hotter),
+        lambda config: write(config, HOTTER),
         lambda config: config.store("anna"),
         lambda config: config.load("anna"),
     ],
