@@ -325,3 +325,18 @@ class StatusB:
             bool(data[5] & 2),
             bool(data[5] & 1),
         )
+
+
+# The temperature sensor inside an Energus module: its voltage at a temperature, linear between the 33 points that
+# Energus publishes, -40 to 120 degC in steps of 5 K. The curve falls: 12 mV/K at 25 degC, 1 to 2 mV/K at its ends.
+SENSOR_FIRST_DEGC = -40
+SENSOR_STEP_DEGC = 5
+# fmt: off
+SENSOR_POINTS_V = (
+    2.44, 2.42, 2.40, 2.38, 2.35, 2.32, 2.27, 2.23,  # -40 to -5 degC
+    2.17, 2.11, 2.05, 1.99, 1.92, 1.86, 1.80, 1.74,  # 0 to 35
+    1.68, 1.63, 1.59, 1.55, 1.51, 1.48, 1.45, 1.43,  # 40 to 75
+    1.40, 1.38, 1.37, 1.35, 1.34, 1.33, 1.32, 1.31, 1.30,  # 80 to 120
+)
+# fmt: on
+SENSOR_MARGIN_V = 0.005  # half of the table's last digit

@@ -2,16 +2,16 @@
 
 import numpy as np
 
+from firmware_protocol.ltc6804 import SENSOR_FIRST_DEGC, SENSOR_POINTS_V, SENSOR_STEP_DEGC
 from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS, N_PACKS
-from firmware_protocol.temperature_sensor import FIRST_DEGC, POINTS_V, STEP_DEGC
 from simulator.accumulator import Accumulator
 from simulator.bms_state import Latch
 from simulator.eeprom import Eeprom
 from simulator.sensors import TEMPERATURE_NOISE_V, CellInputs, CurrentSensor, NoisePool
 from simulator.slave import THESIS_SENSOR_INPUTS, SlaveChain
 
-_CURVE_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V), dtype=np.float64)
-_CURVE_V = np.array(POINTS_V)
+_CURVE_DEGC = SENSOR_FIRST_DEGC + SENSOR_STEP_DEGC * np.arange(len(SENSOR_POINTS_V), dtype=np.float64)
+_CURVE_V = np.array(SENSOR_POINTS_V)
 
 
 class Board:

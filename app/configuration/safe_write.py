@@ -12,29 +12,71 @@ from typing import Any
 from app.clock import Clock
 from app.configuration.finding import Finding
 from app.configuration.history import Action
-from app.configuration.refusals import (
-    FIELDS_WRITABLE_AT_WORK,
-    Busy,
-    HashMismatch,
-    ReasonRequired,
-    Rejected,
-    Unverified,
-)
 from app.configuration.rules import Context, review_change
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
 from app.sources.master.client import MasterClient
-from app.words import Message, Quantity
+from app.words import Message, Quantity, render
 from firmware_protocol.can_tables import RxMessage, TxMessage, with_rx_messages, with_tx_messages
 from firmware_protocol.config_image import Change, difference, image_hash, with_raw, with_value
 from firmware_protocol.eeprom import EEPROM_SIZE, SLOT_OFFSETS, SLOT_SIZE, StoredConfig, newest
-from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS, STATUS_FLAGS
+from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, FIELDS, STATUS_FLAGS
 from firmware_protocol.messages import EEPROM_READ_BASE, Load, Store, Write
 
 MAX_SHOWN = 64
 SENSOR_FIELDS = {"i_offset", "i_gain"}
 REST_A = 2.0  # more than the sensor's noise
 LINE_BROKE = (LinkLost, MasterSilent)  # the request may or may not have been done
+
+
+#: that a write may change while the accumulator drives, charges or balances
+FIELDS_WRITABLE_AT_WORK = tuple(name for name, field in CONFIG.items() if field.is_live)
+
+
+class HashMismatch(AppError):
+    """The configuration in force is not the one that the draft started from; `wanted` is what it would have become."""
+
+    def __init__(self, expected: str, base: bytes | None, in_force: bytes, wanted: bytes) -> None:
+        self.expected = expected
+        self.base = base  # what the draft started from, where it is still known
+        self.in_force = in_force
+        self.wanted = wanted
+        super().__init__(Message("hash-mismatch", in_force=image_hash(in_force), expected=expected))
+
+
+class Rejected(AppError):
+    """The draft breaks limits."""
+
+    def __init__(self, findings: list[Finding]) -> None:
+        self.findings = findings
+        super().__init__(Message("list", shown=tuple(found.message for found in findings)))
+
+
+class ReasonRequired(AppError):
+    """The draft has warnings, and nobody said why it is right all the same."""
+
+    def __init__(self, findings: list[Finding]) -> None:
+        self.findings = findings
+        super().__init__(Message("reason-needed", findings=tuple(found.message for found in findings)))
+
+
+class Busy(NotNow):
+    """The accumulator is at work, and the draft changes more than what may change meanwhile."""
+
+    def __init__(self, doing: Message, fields: list[str]) -> None:
+        self.doing = render(doing)
+        self.fields = fields
+        super().__init__(
+            Message("only-at-rest", doing=doing, fields=tuple(fields), live=tuple(FIELDS_WRITABLE_AT_WORK))
+        )
+
+
+class Unverified(LinkError):
+    """A write was sent and what is in force afterwards is not what was sent."""
+
+    def __init__(self, outcome: str, detail: Message) -> None:
+        self.outcome = outcome  # old | other | unknown
+        super().__init__(detail)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """What a snapshot is sent with that is the service's, not the battery's."""
 
 from app.clock import ClockRun
-from app.service.configuration import ConfigurationInForce
 from app.service.events import Events
+from app.service.master import ConfigurationInForce
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
 from app.telemetry.service_state import Recording, ServiceState

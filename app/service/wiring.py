@@ -22,7 +22,7 @@ from app.configuration.config_sources import ConfigSources
 from app.configuration.history import ConfigHistory
 from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
-from app.configuration.slave_check_log import SlaveCheckLog
+from app.configuration.slave_check import SlaveCheckLog
 from app.configuration.write_log import WriteLog
 from app.estimation.cell_model.cell_file import format_cell
 from app.live.can_trace import CanTrace
@@ -32,7 +32,6 @@ from app.live.load import Load
 from app.live.pipeline import Output
 from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
-from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
 from app.service.failures import Failures
 from app.service.health.checks import Health
@@ -41,8 +40,7 @@ from app.service.host import is_clock_synchronised
 from app.service.inbox import Inbox
 from app.service.learned_state_saver import LearnedStateSaver
 from app.service.links import Links
-from app.service.master_commands import MasterCommands
-from app.service.master_identification import MasterIdentification
+from app.service.master import ConfigurationInForce, MasterCommands, MasterIdentification, Rules
 from app.service.mqtt.publisher import MqttPublisher, configured_publisher
 from app.service.pipeline_thread import PipelineThread
 from app.service.pipelines import Pipelines

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from app.clock import Clock
-from app.configuration.refusals import Unverified
 from app.configuration.rules import Context
-from app.configuration.safe_write import ConfigurationWriter, Draft
+from app.configuration.safe_write import ConfigurationWriter, Draft, Unverified
 from app.errors import LinkError, LinkLost, MasterRefused
 from app.estimation.cell_model.cell_file import load_cell
 from app.sources.master.client import MasterClient

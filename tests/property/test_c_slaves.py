@@ -13,9 +13,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol import ltc6804
-from firmware_protocol.ltc6804 import AdcMode, Command, Configuration, StatusB, adax, adcv, adstat, with_pec
+from firmware_protocol.ltc6804 import (
+    SENSOR_FIRST_DEGC,
+    SENSOR_MARGIN_V,
+    SENSOR_POINTS_V,
+    SENSOR_STEP_DEGC,
+    AdcMode,
+    Command,
+    Configuration,
+    StatusB,
+    adax,
+    adcv,
+    adstat,
+    with_pec,
+)
 from firmware_protocol.memory_map import T_MISSING
-from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
 from simulator.conversion import ADOW
 from simulator.self_test import AXST, CVST, STATST, SelfTest
 from simulator.slave import THESIS_SENSOR_INPUTS as INPUTS
@@ -188,9 +200,11 @@ def test_an_spi_that_fails_gives_no_value_and_every_slave_is_silent(library):
 def test_every_count_of_a_sensor_is_the_same_temperature(library):
     found = np.array([library.vw_slaves_degc_of(c_uint16(count)) for count in range(0x10000)])
     volts = np.arange(0x10000) * 1e-4
-    degc = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V) - 1, -1, -1)
-    exact = np.interp(volts, POINTS_V[::-1], degc)
-    inside = (volts >= POINTS_V[-1] - MARGIN_V - 1e-9) & (volts <= POINTS_V[0] + MARGIN_V + 1e-9)
+    degc = SENSOR_FIRST_DEGC + SENSOR_STEP_DEGC * np.arange(len(SENSOR_POINTS_V) - 1, -1, -1)
+    exact = np.interp(volts, SENSOR_POINTS_V[::-1], degc)
+    inside = (volts >= SENSOR_POINTS_V[-1] - SENSOR_MARGIN_V - 1e-9) & (
+        volts <= SENSOR_POINTS_V[0] + SENSOR_MARGIN_V + 1e-9
+    )
     assert np.array_equal(found != T_MISSING, inside)
     assert np.abs(found - exact)[inside].max() <= 0.5 + 1e-9
 

@@ -29,7 +29,7 @@ from app.api.web.dependencies import (
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.sessions.export.can_log import LOG_FORMATS, write_items
-from app.sources.links.can import bit_rate_of
+from app.sources.links.can_bus import bit_rate_of
 from app.sources.links.can_sender import Outgoing
 from app.words import Message
 from firmware_protocol.can_tables import tx_messages

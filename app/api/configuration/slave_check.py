@@ -12,8 +12,7 @@ from app.api.web.paging import CursorQuery, page_of
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
-from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, Verdict, judge, read_slave
-from app.configuration.slave_check_log import SlaveCheck
+from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, SlaveCheck, Verdict, judge, read_slave
 from app.telemetry import Severity
 from app.words import Message
 

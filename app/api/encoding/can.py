@@ -9,7 +9,7 @@ from app.clock import Clock
 from app.configuration.can_rules import wire_id
 from app.live.can_trace import CanTrace, TracedId
 from app.sources.items import CanItem
-from app.sources.links.can import DEFAULT_BIT_RATE
+from app.sources.links.can_bus import DEFAULT_BIT_RATE
 from app.telemetry import Snapshot
 from firmware_protocol.can_latency import Cyclic, cyclic_messages, worst_latencies_s
 from firmware_protocol.can_tables import (

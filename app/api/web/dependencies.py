@@ -19,17 +19,16 @@ from app.configuration.config_sources import ConfigSources
 from app.configuration.history import ConfigHistory
 from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
-from app.configuration.slave_check_log import SlaveCheckLog
+from app.configuration.slave_check import SlaveCheckLog
 from app.configuration.write_log import WriteLog
 from app.live.can_trace import CanTrace
 from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
-from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
 from app.service.health.checks import Health
 from app.service.host import ClockWatch
 from app.service.links import Links
-from app.service.master_commands import MasterCommands
+from app.service.master import ConfigurationInForce, MasterCommands, Rules
 from app.service.mqtt.fleet import Fleet
 from app.service.pipeline_thread import PipelineThread
 from app.service.pipelines import Pipelines

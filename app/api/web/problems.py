@@ -18,7 +18,7 @@ from app.api.encoding.configuration import change_json, finding_json
 from app.api.encoding.words import message_json
 from app.configuration.config_sources import NoSource
 from app.configuration.profile_store import NoProfile
-from app.configuration.refusals import Busy, HashMismatch, ReasonRequired, Rejected, Unverified
+from app.configuration.safe_write import Busy, HashMismatch, ReasonRequired, Rejected, Unverified
 from app.errors import (
     AppError,
     ConfigError,

@@ -6,7 +6,7 @@ from pathlib import Path
 from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
 from app.sources.items import CanItem
-from app.sources.links.python_can import can
+from app.sources.links.can_bus import can
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 

@@ -6,8 +6,7 @@ from collections import deque
 
 from app.errors import LinkLost, message_of
 from app.sources.dbc.frames import Frames, TimedFrame, frames_of
-from app.sources.links.can import parse_bus
-from app.sources.links.slcan_lines import open_bus
+from app.sources.links.can_bus import open_bus, parse_bus
 from app.words import Message, Text
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 

@@ -14,7 +14,7 @@ from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import frames_of_items
 from app.sources.dbc.two_senders import TwoSenders
 from app.sources.items import CanFault, CanItem, Item, LinkChange
-from app.sources.links.can import bit_rate_of
+from app.sources.links.can_bus import bit_rate_of
 from app.sources.links.monitor import LinkMonitor
 from app.sources.source import NOTHING_RECEIVED, Received
 from app.telemetry import Ages, Charger, Event, FloatArray, Links, Master, ProtectionLimits, Source

@@ -1,70 +1,93 @@
 """The CAN link: any python-can interface and channel, read in a thread of its own, opened again for ever."""
 
 import contextlib
-import re
 import threading
 from collections.abc import Callable
-from urllib.parse import parse_qsl
+from typing import Any
 
 from app.clock import Clock
-from app.errors import ConfigError, LinkLost, message_of
+from app.errors import LinkLost, message_of
 from app.sources.items import CanFault, CanItem, Item, LinkChange
-from app.sources.links.backoff import Backoff
-from app.sources.links.can_controller import ControllerWatch
-from app.sources.links.can_request import Value, check_channel, check_request
-from app.sources.links.python_can import can
-from app.sources.links.slcan_lines import open_bus
+from app.sources.links.can_bus import can, open_bus, parse_bus
+from app.sources.links.serial import Backoff
+from app.telemetry import BusState
 from app.words import Message, Text
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 _POLL_S = 0.2
 _SEND_S = 0.5
 _ASK_S = 1.0  # between two questions to the adapter's controller
-DEFAULT_BIT_RATE = 500_000
 FD_BY_A_FLAG = ("socketcan", "udp_multicast")
 
 
-def parse_bus(text: str, *, by_operator: bool = False) -> dict[str, Value]:
-    """Return python-can's arguments for INTERFACE:CHANNEL[?key=value&...]; numbers and true/false are converted.
+# bits of an error frame's id and of its bytes, linux/can/error.h
+_CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x04, 0x40, 0x100, 0x200
+_PASSIVE, _WARNING, _ACTIVE = 0x30, 0x0C, 0x40  # second byte
+_TX_BYTE, _RX_BYTE = 6, 7
+# PCANBasic.h: PCAN_ERROR_BUSOFF, _BUSPASSIVE, _BUSWARNING and _BUSLIGHT
+_PCAN_STATES: tuple[tuple[int, BusState], ...] = ((0x10, "off"), (0x40000, "passive"), (0x0C, "warning"))
 
-    Args:
-        text: of the bus.
-        by_operator: the command line or the environment names it: any interface and any option.
+LINUX_FORM = frozenset({"socketcan", "gs_usb", "socketcand", "virtual"})
+COUNTING = frozenset(
+    {"socketcan", "gs_usb", "pcan", "kvaser", "vector", "ixxat", "neovi", "nican", "nixnet", "usb2can"}
+)  # hand error frames on, so that none heard means none seen
 
-    Raises:
-        ConfigError: no colon, an interface that python-can does not have, a part that is not key=value, the channel
-            of a serial adapter that is no serial port, or what a request may not name.
+
+def reported_state(message: can.Message) -> BusState | None:
+    """Return the state that an error frame of SocketCAN's form tells; None where it tells of something else."""
+    if message.arbitration_id & _BUS_OFF:
+        return "off"
+    if message.arbitration_id & _CONTROLLER and len(message.data) > 1:
+        bits = message.data[1]
+        if bits & _PASSIVE:
+            return "passive"
+        if bits & _WARNING:
+            return "warning"
+        if bits & _ACTIVE:
+            return "active"
+    return "active" if message.arbitration_id & _RESTARTED else None
+
+
+class ControllerWatch:
+    """What an opened adapter's own controller says: errors seen, its two error counters, its state; None: nothing.
+
+    Adapters differ: some pass error frames on, in SocketCAN's form or in one of their own, some can be asked, most
+    cheap serial ones do neither. What a form means is only read where the form is known.
     """
-    interface, colon, rest = text.partition(":")
-    if not colon or not interface or not rest:
-        raise ConfigError("can", text, Message("can-url"))
-    if interface not in can.VALID_INTERFACES:
-        raise ConfigError("can", text, Message("can-interface", names=tuple(sorted(can.VALID_INTERFACES))))
-    channel, _, query = rest.partition("?")
-    try:
-        pairs = parse_qsl(query, strict_parsing=True) if query else []
-    except ValueError as error:
-        raise ConfigError("can", text, Message("can-options")) from error
-    options = {key: _convert(value) for key, value in pairs}
-    if not by_operator:
-        check_request(text, interface, channel, options)
-    check_channel(text, interface, channel, by_operator=by_operator)
-    return {"bitrate": DEFAULT_BIT_RATE, **options, "interface": interface, "channel": channel}
 
+    def __init__(self, interface: str) -> None:
+        self._interface = interface
+        self.errors: int | None = 0 if interface in COUNTING else None
+        self.state: BusState | None = None
+        self.tx_errors: int | None = None
+        self.rx_errors: int | None = None
 
-def bit_rate_of(url: str | None) -> int | None:
-    """Return the bit rate that a bus is named with, None where it is not [bit/s]."""
-    told = None if url is None or not re.search(r"[?&]bitrate=", url) else parse_bus(url, by_operator=True)["bitrate"]
-    return told if type(told) is int and told > 0 else None
+    def on_error_frame(self, message: can.Message) -> None:
+        """Count it, and read it where its form is known."""
+        self.errors = (self.errors or 0) + 1
+        if self._interface not in LINUX_FORM:
+            return
+        self.state = reported_state(message) or self.state
+        if message.arbitration_id & _COUNTERS and len(message.data) > _RX_BYTE:
+            self.tx_errors, self.rx_errors = message.data[_TX_BYTE], message.data[_RX_BYTE]
 
+    def ask(self, bus: can.BusABC) -> bool:
+        """Ask an adapter that can be asked; True where its state is another one than before."""
+        before = self.state
+        with contextlib.suppress(Exception):  # an answer that does not come is no answer
+            self.state = self._asked(bus)
+        return self.state != before
 
-def _convert(value: str) -> Value:
-    if value.lower() in ("true", "false"):
-        return value.lower() == "true"
-    for kind in (int, float):
-        with contextlib.suppress(ValueError):
-            return kind(value)
-    return value
+    def _asked(self, bus: Any) -> BusState | None:
+        match self._interface:
+            case "pcan":
+                status = int(bus.status())
+                return next((state for bits, state in _PCAN_STATES if status & bits), "active")
+            case "ixxat":  # its PASSIVE means that it only listens, its ERROR that it is off the bus
+                return "off" if bus.state is can.BusState.ERROR else "active"
+            case "etas":
+                return {can.BusState.ACTIVE: "active", can.BusState.PASSIVE: "passive"}.get(bus.state)  # type: ignore[return-value]
+        return self.state
 
 
 class CanLink:

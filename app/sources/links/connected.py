@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from serial.tools import list_ports
 
 from app.errors import message_of
-from app.sources.links.can import parse_bus
-from app.sources.links.python_can import can
+from app.sources.links.can_bus import can, open_bus, parse_bus
 from app.sources.links.serial import reason_of
 from app.sources.links.serial_url import check_url, open_port
-from app.sources.links.slcan_lines import open_bus
 from app.words import Message, Text
 from firmware_protocol.framing import START_STREAM, STOP_STREAM, Frame, FrameDecoder
 

@@ -5,16 +5,17 @@
 
 import contextlib
 import os
+import random
 import select
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import serial
 
 from app.clock import Clock
 from app.errors import LinkLost, message_of
 from app.sources.items import Item, LinkChange, SerialItem
-from app.sources.links.backoff import Backoff
 from app.sources.links.serial_url import check_url, open_port
 from app.words import Message, Text
 from firmware_protocol.framing import START_STREAM, STOP_STREAM, BadFrame, Frame, FrameDecoder
@@ -22,6 +23,25 @@ from firmware_protocol.framing import START_STREAM, STOP_STREAM, BadFrame, Frame
 SILENCE_S = 1.0
 _POLL_S = 0.1
 _BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in time leaves less at once
+
+
+@dataclass
+class Backoff:
+    """Exponential with jitter and a cap; `reset` after a success."""
+
+    first_s: float = 0.2
+    cap_s: float = 2.0
+    rng: random.Random = field(default_factory=random.Random)
+    _next_s: float = 0.0
+
+    def reset(self) -> None:
+        """The next failure waits shortly again."""
+        self._next_s = 0.0
+
+    def next_s(self) -> float:
+        """Return the wait after one more failure: at most cap_s, at least half of the step."""
+        self._next_s = min(self.cap_s, self._next_s * 2 or self.first_s)
+        return self._next_s * (0.5 + self.rng.random() / 2)
 
 
 class SerialLink:

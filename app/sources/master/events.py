@@ -1,6 +1,6 @@
 """The master's EVENT frames in words."""
 
-from app.telemetry import Event, Severity
+from app.telemetry import Event, Flags, MasterState, Severity
 from app.words import Cell, Message, Quantity
 from firmware_protocol.memory_map import CHARGER_STATES, N_CELLS
 from firmware_protocol.messages import EventCode, EventMessage
@@ -83,3 +83,20 @@ def _reason(what: Message, cell: int | None, value: Quantity, limit: Quantity) -
     if value.unit:
         return Message("trip-cell", what=what, cell=Cell(cell), value=value, limit=limit)
     return Message("trip-at", what=what, cell=Cell(cell))
+
+
+def state_of(flags: Flags | None, charging: str | None, last_trip: Message | None) -> tuple[MasterState, Message]:
+    """Return what the car does, and why."""
+    if flags is None:
+        return "unknown", Message("no-status")
+    if not flags.fit:
+        return "fault", last_trip or Message("shutdown-circuit-open")
+    if flags.charging:
+        return "charge", Message("charger", state=charger_state(charging))
+    if flags.balancing:
+        return "balance", Message("cells-bled")
+    if flags.load is None:
+        return "unknown", Message("relays-unknown")
+    if flags.load:
+        return "drive", Message("relays-closed")
+    return "idle", Message("charger-connected") if flags.charger else Message("relays-open")

@@ -12,9 +12,8 @@ from app.sources.loaded_battery import team_battery
 from app.sources.master.agreement import Agreement
 from app.sources.master.client import identity_of
 from app.sources.master.decode import PARTS, Decoder
-from app.sources.master.events import boot_cause, describe
+from app.sources.master.events import boot_cause, describe, state_of
 from app.sources.master.shadow import ShadowImage
-from app.sources.master.status import state_of
 from app.sources.master.uptime_clock import UptimeClock
 from app.sources.source import NOTHING_RECEIVED, Received
 from app.telemetry import BusState, Charger, Event, Identity, Links, Master, Severity, Source

@@ -1,7 +1,7 @@
 """CAN frames out of MF4 bus logging, classic and FD, of any logger that asammdf reads.
 
 python-can reads such files message by message, and only where asammdf was there when it was loaded, which the service
-avoids (see app/sources/links/python_can.py).
+avoids (see app/sources/links/can_bus.py).
 """
 
 from collections.abc import Iterator

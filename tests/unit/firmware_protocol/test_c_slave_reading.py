@@ -5,9 +5,17 @@ import ctypes
 import numpy as np
 import pytest
 
-from firmware_protocol.ltc6804 import Command, Configuration, StatusB, command_packet, decode_group
+from firmware_protocol.ltc6804 import (
+    SENSOR_FIRST_DEGC,
+    SENSOR_POINTS_V,
+    SENSOR_STEP_DEGC,
+    Command,
+    Configuration,
+    StatusB,
+    command_packet,
+    decode_group,
+)
 from firmware_protocol.memory_map import T_MISSING
-from firmware_protocol.temperature_sensor import FIRST_DEGC, POINTS_V, STEP_DEGC
 from simulator.conversion import decode_conversion
 from simulator.slave import CORE_WAKE_S, PORT_IDLE_S
 from tests.c_programs import slaves_library
@@ -28,8 +36,8 @@ def library() -> ctypes.CDLL:
 def reader(library) -> CReader:
     reader = started(library)
     reader.chain.converters.cell_v = np.full(96, 3.7)
-    curve_degc = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V))
-    reader.chain.converters.sensor_v = np.interp(np.arange(-20, 76), curve_degc, POINTS_V)
+    curve_degc = SENSOR_FIRST_DEGC + SENSOR_STEP_DEGC * np.arange(len(SENSOR_POINTS_V))
+    reader.chain.converters.sensor_v = np.interp(np.arange(-20, 76), curve_degc, SENSOR_POINTS_V)
     return reader
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from app.sources.links.can_controller import reported_state
+from app.sources.links.can import reported_state
 from simulator.can_bus import BUS_OFF, PASSIVE, CanBus, CanFrame
 from simulator.can_ports import PythonCanPort, can_port
 from simulator.errors import PortError

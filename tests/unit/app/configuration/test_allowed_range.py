@@ -2,8 +2,7 @@
 
 import pytest
 
-from app.configuration.allowed_range import allowed_ranges
-from app.configuration.rules import Context, review
+from app.configuration.rules import Context, allowed_ranges, review
 from app.estimation.cell_model.cell_file import load_cell
 from firmware_protocol.config_image import default_image, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG

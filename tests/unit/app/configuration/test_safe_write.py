@@ -7,9 +7,16 @@ from dataclasses import replace
 import pytest
 
 from app.clock import Clock
-from app.configuration.refusals import Busy, HashMismatch, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context
-from app.configuration.safe_write import ConfigurationWriter, Draft
+from app.configuration.safe_write import (
+    Busy,
+    ConfigurationWriter,
+    Draft,
+    HashMismatch,
+    ReasonRequired,
+    Rejected,
+    Unverified,
+)
 from app.errors import LinkError, LinkLost, MasterRefused, NotNow
 from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.errors import RecordingFailed

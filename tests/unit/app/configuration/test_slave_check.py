@@ -2,8 +2,7 @@
 
 import pytest
 
-from app.configuration.slave_check import Reading, judge, read_slave
-from app.configuration.slave_check_log import SlaveCheckLog
+from app.configuration.slave_check import Reading, SlaveCheckLog, judge, read_slave
 from app.errors import ConfigError, MasterSilent, NotNow
 from firmware_protocol.memory_map import CHIP_MISSING, FIELDS, MASTER_SIZE
 

@@ -6,8 +6,7 @@ import time
 
 import pytest
 
-from app.configuration.history import BEGUN, ConfigHistory
-from app.configuration.json_lines import JsonLines
+from app.configuration.history import BEGUN, ConfigHistory, JsonLines
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import NotNow
 from app.sessions.errors import RecordingFailed

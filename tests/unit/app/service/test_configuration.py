@@ -7,7 +7,7 @@ import pytest
 from app.configuration.rules import review
 from app.estimation.cell_model.cell_file import load_cell
 from app.live.can_trace import CanTrace
-from app.service.configuration import ConfigurationInForce, Rules
+from app.service.master import ConfigurationInForce, Rules
 from app.sources.items import CanItem
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.eeprom import StoredConfig

@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from app.configuration.history import BEGUN, ConfigHistory
-from app.configuration.json_lines import JsonLines
+from app.configuration.history import BEGUN, ConfigHistory, JsonLines
 from app.configuration.write_log import WriteLog
 from app.errors import LinkLost, MasterRefused
-from app.service.master_commands import MasterCommands
+from app.service.master import MasterCommands
 from app.sessions.errors import RecordingFailed
 from firmware_protocol.messages import Command, CommandId
 from tests.fake_clock import FakeClock

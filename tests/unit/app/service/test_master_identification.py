@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from app.errors import MasterSilent
-from app.service.master_identification import AGAIN_S, MasterIdentification
+from app.service.master import AGAIN_S, MasterIdentification
 from app.sources.items import CanItem, LinkChange
 from firmware_protocol.messages import EventCode, MessageType
 

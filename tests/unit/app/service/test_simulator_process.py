@@ -6,7 +6,7 @@ import pytest
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess, choose_ports
-from app.sources.links.backoff import Backoff
+from app.sources.links.serial import Backoff
 
 READY = "import sys; print('ready', flush=True); sys.stdin.read()"
 

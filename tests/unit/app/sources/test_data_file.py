@@ -10,8 +10,7 @@ from typing import Literal, get_args
 import pytest
 
 from app.configuration.history import ConfigHistory
-from app.configuration.slave_check import Cause, CheckedCell, Verdict
-from app.configuration.slave_check_log import SlaveCheckLog
+from app.configuration.slave_check import Cause, CheckedCell, SlaveCheckLog, Verdict
 from app.season.estimates.results import _SET as SET
 from app.season.estimates.results import SCHEMA, Results
 from app.sessions.recording.session_names import RecordingPlan, load_plan, save_plan

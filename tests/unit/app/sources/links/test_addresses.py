@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import ConfigError
-from app.sources.links.can import DEFAULT_BIT_RATE, parse_bus
-from app.sources.links.python_can import can
+from app.sources.links.can_bus import DEFAULT_BIT_RATE, can, parse_bus
 from app.sources.links.serial_url import check_url, open_port
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="character devices of a POSIX system")

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from app.sources.links.backoff import Backoff
+from app.sources.links.serial import Backoff
 
 
 class Extreme(random.Random):

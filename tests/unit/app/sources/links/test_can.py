@@ -10,7 +10,8 @@ import pytest
 from app.clock import Clock
 from app.errors import LinkLost
 from app.sources.items import CanFault, CanItem, LinkChange
-from app.sources.links.can import CanLink, bit_rate_of
+from app.sources.links.can import CanLink
+from app.sources.links.can_bus import bit_rate_of
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 

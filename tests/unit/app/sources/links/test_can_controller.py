@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from app.sources.links.can_controller import ControllerWatch, reported_state
+from app.sources.links.can import ControllerWatch, reported_state
 
 
 def frame(can_id, *data):

@@ -15,7 +15,7 @@ from serial.tools import list_ports
 
 from app.errors import ConfigError
 from app.sources.links import connected
-from app.sources.links.can import parse_bus
+from app.sources.links.can_bus import parse_bus
 from app.sources.links.connected import Found, can_adapters, look_at_can, look_at_serial, serial_ports
 from firmware_protocol.framing import encode_frame
 

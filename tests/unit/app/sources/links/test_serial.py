@@ -13,8 +13,7 @@ import pytest
 from app.clock import Clock
 from app.errors import LinkLost
 from app.sources.items import LinkChange, SerialItem
-from app.sources.links.backoff import Backoff
-from app.sources.links.serial import SerialLink
+from app.sources.links.serial import Backoff, SerialLink
 from app.words import Message, render
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")

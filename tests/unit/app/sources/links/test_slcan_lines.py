@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.sources.links.slcan_lines import is_whole, open_bus
+from app.sources.links.can_bus import is_whole, open_bus
 from tests.campaign import examples
 
 

@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from app.sources.master.status import state_of
+from app.sources.master.events import state_of
 from app.telemetry import Flags
 from app.words import Message, render
 from firmware_protocol.memory_map import STATUS_FLAGS
