@@ -188,18 +188,6 @@ def message_bytes(tx: TxMessage, image: Image) -> bytes:
     return bytes(image[offset] if offset < MASTER_SIZE else 0 for offset in tx.data_offsets[: tx.length])
 
 
-def apply_received(rx: RxMessage, data: bytes, image: bytearray) -> tuple[Window, ...]:
-    """Copy a received message's bytes into the master's struct and return what was written (the master's side).
-
-    A message shorter than its table says writes only the bytes it has; unused entries and bytes beyond `length` are
-    ignored.
-    """
-    windows = _windows(_placed(rx, data))
-    for window in windows:
-        image[window.offset : window.offset + len(window.data)] = window.data
-    return windows
-
-
 def windows_of_tx(tx: TxMessage, data: bytes) -> tuple[Window, ...]:
     """Return the bytes of the struct that a message of the master carries (host's side), in order of offset.
 

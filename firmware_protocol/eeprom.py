@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from firmware_protocol.config_image import Image, canonical
 from firmware_protocol.errors import DecodeError, EncodeError
 from firmware_protocol.memory_map import CONFIG_SIZE
-from firmware_protocol.older_maps import FIRST_LAYOUT, present_charge, present_image
+from firmware_protocol.older_maps import FIRST_LAYOUT, present_image
 
 EEPROM_SIZE = 32 * 1024
 PAGE_SIZE = 64
@@ -29,9 +29,6 @@ _CRC = struct.Struct("<I")
 
 JOURNAL_OFFSET = 16 * PAGE_SIZE
 JOURNAL_PAGES = N_PAGES - JOURNAL_OFFSET // PAGE_SIZE
-_JOURNAL = struct.Struct("<IIHHI")  # counter, charge drawn [uAh], soc [0.01 %], layout version, 0
-_FIRST_JOURNAL = struct.Struct("<IIHH")  # counter, charge drawn [mA s], soc [0.01 %], 0
-JOURNAL_SIZE = _JOURNAL.size + _CRC.size
 
 _COUNTER_END = 1 << 32
 
@@ -51,15 +48,6 @@ class StoredConfig:
     image: bytes
     counter: int  # one more at every store; the highest is the newest
     slot: int
-
-
-@dataclass(frozen=True, slots=True)
-class JournalEntry:
-    """The Coulomb counter at one moment: charge drawn since full [uAh] and state of charge [0.01 %]."""
-
-    counter: int
-    dod_raw: int
-    soc_raw: int
 
 
 def crc32(data: bytes | bytearray | memoryview) -> int:
@@ -142,45 +130,3 @@ def plan_store(eeprom: Image, image: Image) -> list[PageWrite]:
         *(page for page in pages if eeprom[page.offset : page.offset + PAGE_SIZE] != page.data),
         PageWrite(start, data[:PAGE_SIZE]),
     ]
-
-
-def newest_journal(eeprom: Image) -> JournalEntry | None:
-    """Return the newest valid journal entry, None without one."""
-    best: JournalEntry | None = None
-    for offset in range(JOURNAL_OFFSET, min(EEPROM_SIZE, len(eeprom) - JOURNAL_SIZE + 1), PAGE_SIZE):
-        found = _journal_entry(eeprom[offset : offset + JOURNAL_SIZE])
-        if found is not None and (best is None or found.counter > best.counter):
-            best = found
-    return best
-
-
-def _journal_entry(entry: Image) -> JournalEntry | None:
-    counter, dod_raw, soc_raw, layout, _ = _JOURNAL.unpack_from(entry)
-    if not counter:
-        return None
-    if layout == LAYOUT_VERSION and _is_whole(entry, _JOURNAL.size):
-        return JournalEntry(counter, dod_raw, soc_raw)
-    if layout == 0 and _is_whole(entry, _FIRST_JOURNAL.size):
-        return JournalEntry(counter, present_charge(dod_raw), soc_raw)
-    return None
-
-
-def _is_whole(data: Image, length: int) -> bool:
-    """True where the CRC behind so many bytes is theirs."""
-    return bool(_CRC.unpack_from(data, length)[0] == crc32(data[:length]))
-
-
-def journal_write(last: JournalEntry | None, dod_raw: int, soc_raw: int) -> PageWrite:
-    """Return the write of the next journal entry; it goes round all journal pages, so a cut one leaves the last.
-
-    496 pages of 1,000,000 writes each: one entry every 10 s lasts for 157 years of driving.
-
-    Raises:
-        EncodeError: a value does not fit.
-    """
-    counter = 1 if last is None else last.counter + 1
-    if not (0 <= dod_raw < _COUNTER_END and 0 <= soc_raw <= 0xFFFF and counter < _COUNTER_END):
-        raise EncodeError("journal", (counter, dod_raw, soc_raw), "counter and dod below 2**32, soc below 2**16")
-    body = _JOURNAL.pack(counter, dod_raw, soc_raw, LAYOUT_VERSION, 0)
-    offset = JOURNAL_OFFSET + (counter - 1) % JOURNAL_PAGES * PAGE_SIZE
-    return PageWrite(offset, body + _CRC.pack(crc32(body)))

@@ -57,13 +57,6 @@ class BadFrame:
     raw: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class StreamCommand:
-    """A bare `x` (start is True) or `y` outside any frame."""
-
-    start: bool
-
-
 def crc16(data: bytes | bytearray | memoryview) -> int:
     """CRC-16/IBM-3740."""
     return binascii.crc_hqx(data, 0xFFFF)
@@ -176,66 +169,3 @@ class FrameDecoder:
             self._overflowed = True
         else:
             self.skipped_bytes += len(chunk) - room
-
-
-class CommandDecoder:
-    """The master's side: frames, and between them a bare `x` or `y`. Never raises on input.
-
-    Outside a frame `x` and `y` count at once; any other byte opens a frame, a delimiter because it should, another
-    because the delimiter before it was lost. A chunk that is no frame leaves the decoder inside, because the delimiter
-    that ended it may have been the next frame's first; one that is nothing but `x` and `y` is taken for those commands.
-    `idle()` after 100 ms of silence ends a frame that never closed.
-    """
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self._length = 0  # of the chunk so far; the buffer keeps the first MAX_ENCODED bytes of it
-        self._inside = False
-        self.noise_bytes = 0
-
-    def feed(self, data: bytes | bytearray | memoryview) -> list[Frame | BadFrame | StreamCommand]:
-        """Return the items that `data` completes, in order."""
-        out: list[Frame | BadFrame | StreamCommand] = []
-        for byte in bytes(data):
-            if byte == DELIMITER:
-                if self._buffer:
-                    out += self._close()
-                else:
-                    self._inside = True
-            elif self._inside or byte not in (START_STREAM, STOP_STREAM):
-                self._inside = True
-                self._append(byte)
-            else:
-                out.append(StreamCommand(byte == START_STREAM))
-        return out
-
-    def idle(self) -> list[BadFrame | StreamCommand]:
-        """Tell the decoder that the line was silent: an open chunk is closed, and the next `x` counts at once."""
-        length = self._length
-        out: list[BadFrame | StreamCommand] = []
-        for item in self._close() if self._buffer else []:
-            if isinstance(item, Frame):
-                self.noise_bytes += length  # it never closed
-            else:
-                out.append(item)
-        self._inside = False
-        return out
-
-    def _append(self, byte: int) -> None:
-        self._length += 1
-        if self._length <= MAX_ENCODED:
-            self._buffer.append(byte)
-
-    def _close(self) -> list[Frame | BadFrame | StreamCommand]:
-        raw, length = bytes(self._buffer), self._length
-        self._buffer.clear()
-        self._length = 0
-        self._inside = True
-        if length <= MAX_ENCODED and not raw.strip(b"xy"):
-            return [StreamCommand(byte == START_STREAM) for byte in raw]
-        result = BadFrame(BadReason.LONG, raw) if length > MAX_ENCODED else decode_chunk(raw)
-        if isinstance(result, Frame):
-            self._inside = False
-        else:
-            self.noise_bytes += length
-        return [result]

@@ -58,8 +58,3 @@ def first_image(image: bytes | bytearray | memoryview) -> bytes:
         _TS.pack_into(out, _PERIOD.unpack(image))
         out[_PERIOD.offset : _PERIOD.end] = bytes(_PERIOD.end - _PERIOD.offset)
     return bytes(out) if present_image(out) == image else bytes(image)
-
-
-def present_charge(dod: int) -> int:
-    """Return a count of 1 mA s as the nearest one of 1 uAh; half a count is rounded up."""
-    return (dod * 5 + 9) // 18

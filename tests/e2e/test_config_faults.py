@@ -13,7 +13,7 @@ from playwright.sync_api import expect
 
 from firmware_protocol.config_image import default_image
 from firmware_protocol.eeprom import plan_store
-from firmware_protocol.framing import CommandDecoder, Frame
+from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.messages import MessageType
 
 MASTER = "host"
@@ -51,7 +51,7 @@ class Cable:
             os.close(port)
 
     def _pass(self, host: socket.socket, port: int) -> None:
-        decoder = CommandDecoder()
+        decoder = FrameDecoder()
         while not self._is_closed:
             ready, _, _ = select.select([host, port], [], [], 0.1)
             if port in ready:

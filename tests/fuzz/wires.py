@@ -9,7 +9,7 @@ from functools import cache
 from app.service.mqtt.cars import TOPICS, Car
 from app.sources.items import CanItem, LinkChange, SerialItem
 from firmware_protocol.errors import DecodeError, EncodeError
-from firmware_protocol.framing import CommandDecoder, Frame, FrameDecoder, decode_chunk, encode_frame
+from firmware_protocol.framing import Frame, FrameDecoder, decode_chunk, encode_frame
 from firmware_protocol.messages import (
     Data,
     EventMessage,
@@ -28,15 +28,14 @@ STATES = ("connecting", "open", "lost")
 def framing(data: bytes) -> None:
     """In pieces as in whole; a frame that was understood is the only one with these bytes."""
     size, wire = 1 + data[0] if data else 1, data[1:]
-    for decoder in (FrameDecoder, CommandDecoder):
-        whole, parts = decoder(), decoder()
-        found = whole.feed(wire)
-        pieces = [item for i in range(0, len(wire), size) for item in parts.feed(wire[i : i + size])]
-        assert pieces == found, f"{pieces} in pieces of {size}, {found} in whole"
-        for item in found:
-            if isinstance(item, Frame):
-                again = encode_frame(item.type, item.sequence, item.uptime_ms, item.body)
-                assert decode_chunk(again[1:-1]) == item
+    whole, parts = FrameDecoder(), FrameDecoder()
+    found = whole.feed(wire)
+    pieces = [item for i in range(0, len(wire), size) for item in parts.feed(wire[i : i + size])]
+    assert pieces == found, f"{pieces} in pieces of {size}, {found} in whole"
+    for item in found:
+        if isinstance(item, Frame):
+            again = encode_frame(item.type, item.sequence, item.uptime_ms, item.body)
+            assert decode_chunk(again[1:-1]) == item
 
 
 def messages(data: bytes) -> None:

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol import schedule
-from firmware_protocol.framing import BadFrame, CommandDecoder, Frame, FrameDecoder, StreamCommand, encode_frame
+from firmware_protocol.framing import BadFrame, Frame, FrameDecoder, encode_frame
+from tests import spec_codec
 from tests.c_programs import build_program
 from tests.campaign import examples
 
@@ -54,23 +55,28 @@ STREAMS = st.builds(
 
 def in_words(item):
     match item:
-        case Frame():
+        case str():
+            return item if item in ("start", "stop") else f"bad:{item}"
+        case Frame() | spec_codec.Frame():
             return f"frame:{item.type:02x}:{item.sequence:02x}:{item.uptime_ms:08x}:{item.body.hex() or '-'}"
         case BadFrame():
             return f"bad:{item.reason}"
-        case StreamCommand():
-            return "start" if item.start else "stop"
 
 
 @given(raw=STREAMS, size=st.sampled_from((1, 3, 64, 5000)), silent=st.booleans())
 @settings(max_examples=examples(150))
-def test_both_decoders_understand_the_same(driver, raw, size, silent):
-    for side, decoder in (("host", FrameDecoder()), ("master", CommandDecoder())):
-        items = [item for at in range(0, len(raw), size) for item in decoder.feed(raw[at : at + size])]
-        if silent and isinstance(decoder, CommandDecoder):
-            items += decoder.idle()
+def test_decoders_understand_what_the_hosts_and_that_of_the_text_do(driver, raw, size, silent):
+    expected = {"host": FrameDecoder().feed(raw), "master": spec_codec.master_decoder(raw, silent)}
+    for side, items in expected.items():
         *words, _ = driver(f"feed {side} {int(silent)} {size} {raw.hex() or '-'}")
         assert words == [in_words(item) for item in items]
+
+
+def test_noise_is_counted_in_bytes_once(driver):
+    frame = encode_frame(0x11, 7, 0, b"\0\0\4\0")
+    wire = b"\0abc\0" + frame + b"\0abcde"
+    assert driver(f"feed master 1 1 {wire.hex()}")[-1] == "dropped:8"
+    assert driver(f"feed master 1 1 {frame[:-1].hex()}")[-1] == f"dropped:{len(frame) - 2}", "it never closed"
 
 
 # -- the stream

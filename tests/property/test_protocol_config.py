@@ -110,16 +110,6 @@ def test_host_learns_exactly_the_bytes_that_were_sent(tx, struct):
     assert [window.offset for window in windows] == sorted(window.offset for window in windows)
 
 
-@given(rx_messages(), st.binary(max_size=8), STRUCTS)
-def test_received_bytes_change_only_their_places(rx, data, struct):
-    image = bytearray(struct)
-    windows = can_tables.apply_received(rx, data, image)
-    allowed = set(rx.data_offsets[: min(rx.length, len(data))])
-    assert all(image[i] == struct[i] for i in range(MASTER_SIZE) if i not in allowed)
-    assert {w.offset + i for w in windows for i in range(len(w.data))} == allowed - {BYTE_UNUSED}
-    assert all(image[w.offset : w.offset + len(w.data)] == w.data for w in windows)
-
-
 @given(tx_messages())
 def test_signals_cover_no_byte_twice(tx):
     found = [signal for signal in dbc.signals(replace(tx, length=8)) if signal.n_bits > 1]

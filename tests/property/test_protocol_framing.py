@@ -1,4 +1,7 @@
-"""Any bytes, any chunks, any noise: decoders return, stay in bounds and find the next frame."""
+"""Any bytes, any chunks, any noise: decoders return, stay in bounds and find the next frame.
+
+The master's decoder is that of `tests/spec_codec.py`, with which `test_c_against_python.py` compares the one in C.
+"""
 
 import contextlib
 
@@ -7,22 +10,27 @@ from hypothesis import strategies as st
 
 from firmware_protocol import framing, messages
 from firmware_protocol.errors import DecodeError
-from firmware_protocol.framing import BadFrame, CommandDecoder, Frame, FrameDecoder, StreamCommand
+from firmware_protocol.framing import BadFrame, Frame, FrameDecoder
+from tests.spec_codec import master_decoder
 
 BODIES = st.binary(max_size=framing.MAX_BODY)
 FRAMES = st.builds(Frame, st.integers(0, 255), st.integers(0, 255), st.integers(0, (1 << 32) - 1), BODIES)
 SMALL_FRAMES = st.builds(
     Frame, st.integers(0, 255), st.integers(0, 255), st.integers(0, (1 << 32) - 1), st.binary(max_size=40)
 )
-COMMANDS = st.builds(StreamCommand, start=st.booleans())
+COMMANDS = st.sampled_from(("start", "stop"))
 # bytes that matter to the decoders, far oftener than by chance
 NOISE = st.lists(st.sampled_from(b"\0\0\0xy\x01\x02\x05\xff") | st.integers(0, 255), max_size=700).map(bytes)
 
 
 def on_the_line(item):
-    if isinstance(item, StreamCommand):
-        return b"x" if item.start else b"y"
+    if isinstance(item, str):
+        return b"x" if item == "start" else b"y"
     return framing.encode_frame(item.type, item.sequence, item.uptime_ms, item.body)
+
+
+def read_by_master(wire, silence=False):
+    return [item if isinstance(item, str) else Frame(*item) for item in master_decoder(wire, silence)]
 
 
 def fed_in_parts(decoder, raw, sizes):
@@ -67,18 +75,9 @@ def test_chunks_change_nothing_for_the_host(raw, sizes):
     assert parts.skipped_bytes == whole.skipped_bytes
 
 
-@given(st.lists(SMALL_FRAMES | COMMANDS | NOISE, max_size=8), SIZES)
-def test_chunks_change_nothing_for_the_master(items, sizes):
-    raw = b"".join(item if isinstance(item, bytes) else on_the_line(item) for item in items)
-    whole, parts = CommandDecoder(), CommandDecoder()
-    assert fed_in_parts(parts, raw, sizes) == whole.feed(raw)
-    assert parts.idle() == whole.idle()
-    assert parts.noise_bytes == whole.noise_bytes
-
-
 @given(st.lists(SMALL_FRAMES | COMMANDS, max_size=12))
 def test_x_and_y_are_commands_between_frames_and_data_inside(items):
-    assert CommandDecoder().feed(b"".join(map(on_the_line, items))) == items
+    assert read_by_master(b"".join(map(on_the_line, items))) == items
 
 
 @given(st.lists(SMALL_FRAMES, min_size=1, max_size=5), st.data())
@@ -88,9 +87,8 @@ def test_one_damaged_byte_never_makes_a_command(frames, data):
     became = data.draw(st.integers(0, 255))
     assume(became != raw[at] and became not in b"xy\0")
     raw[at] = became
-    decoder = CommandDecoder()
-    out = decoder.feed(bytes(raw)) + decoder.idle()
-    assert not any(isinstance(item, StreamCommand) for item in out)
+    out = read_by_master(bytes(raw), silence=True)
+    assert not {"start", "stop"} & {item for item in out if isinstance(item, str)}
     assert sum(isinstance(item, Frame) for item in out) >= len(frames) - 2
 
 
@@ -102,23 +100,15 @@ def test_host_finds_the_frame_after_any_noise(noise, frame):
 
 @given(NOISE, SMALL_FRAMES, COMMANDS)
 def test_master_finds_the_frame_after_any_noise(noise, frame, command):
-    assert CommandDecoder().feed(noise + on_the_line(frame) + on_the_line(command))[-2:] == [frame, command]
-
-
-@given(NOISE, COMMANDS)
-def test_command_after_noise_and_silence_counts_at_once(noise, command):
-    decoder = CommandDecoder()
-    decoder.feed(noise)
-    decoder.idle()
-    assert decoder.feed(on_the_line(command)) == [command]
+    assert read_by_master(noise + on_the_line(frame) + on_the_line(command))[-2:] == [frame, command]
 
 
 @given(st.binary(max_size=1500), SIZES)
 def test_memory_stays_bounded(raw, sizes):
-    for decoder in (FrameDecoder(), CommandDecoder()):
-        for item in fed_in_parts(decoder, raw.replace(b"\0", b"\1"), sizes):
-            assert not isinstance(item, BadFrame) or len(item.raw) <= framing.MAX_ENCODED
-        assert len(decoder._buffer) <= framing.MAX_ENCODED
+    decoder = FrameDecoder()
+    for item in fed_in_parts(decoder, raw.replace(b"\0", b"\1"), sizes):
+        assert not isinstance(item, BadFrame) or len(item.raw) <= framing.MAX_ENCODED
+    assert len(decoder._buffer) <= framing.MAX_ENCODED
 
 
 @given(st.integers(0, 255), st.binary(max_size=64))

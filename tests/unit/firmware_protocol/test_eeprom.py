@@ -30,7 +30,6 @@ def stored(*images):
 def test_memory_without_a_configuration_holds_none(fill):
     memory = bytes([fill]) * eeprom.EEPROM_SIZE
     assert eeprom.newest(memory) is None
-    assert eeprom.newest_journal(memory) is None
 
 
 def test_stores_alternate_between_the_slots_and_the_last_counts():
@@ -152,66 +151,3 @@ def test_a_store_wipes_the_header_first_and_writes_it_last():
 
 def test_host_can_tell_the_slots_from_the_first_two_kilobytes():
     assert eeprom.newest(stored(FIRST)[: 2 * eeprom.SLOT_SIZE]).image == FIRST
-
-
-def test_journal_gives_the_last_entry_and_goes_round_all_pages():
-    memory, entry, offsets = bytearray(stored(FIRST)), None, []
-    for n in range(eeprom.JOURNAL_PAGES + 3):
-        write = eeprom.journal_write(entry, 1000 * n, 10_000 - n)
-        memory[write.offset : write.offset + len(write.data)] = write.data
-        offsets.append(write.offset)
-        entry = eeprom.JournalEntry(n + 1, 1000 * n, 10_000 - n)
-    assert eeprom.newest_journal(memory) == entry
-    assert len(set(offsets)) == eeprom.JOURNAL_PAGES
-    assert min(offsets) == 1024
-    assert max(offsets) == eeprom.EEPROM_SIZE - 64
-    assert eeprom.newest(memory).image == FIRST
-
-
-def test_cut_journal_entry_leaves_the_one_before():
-    write = eeprom.journal_write(None, 5000, 9000)
-    memory = apply(BLANK, [write])
-    last = eeprom.newest_journal(memory)
-    following = eeprom.journal_write(last, 6000, 8999)
-    for cut in range(len(following.data)):
-        torn = apply(memory, [eeprom.PageWrite(following.offset, following.data[:cut])])
-        assert eeprom.newest_journal(torn) == last
-
-
-def test_journal_entry_layout_is_the_written_one():
-    write = eeprom.journal_write(eeprom.JournalEntry(0x01020303, 0, 0), 0x0A0B0C0D, 0x0102)
-    body = bytes.fromhex("04030201 0d0c0b0a 0201 0200 00000000")
-    assert write.data == body + binascii.crc32(body).to_bytes(4, "little")
-    assert write.offset == 1024 + 0x01020303 % 496 * 64
-
-
-def test_journal_values_at_their_limits_are_read_back():
-    highest = eeprom.journal_write(eeprom.JournalEntry(0xFFFFFFFE, 0, 0), 0xFFFFFFFF, 0xFFFF)
-    assert eeprom.newest_journal(apply(BLANK, [highest])) == eeprom.JournalEntry(0xFFFFFFFF, 0xFFFFFFFF, 0xFFFF)
-    lowest = eeprom.journal_write(None, 0, 0)
-    assert lowest.offset == 1024
-    assert eeprom.newest_journal(apply(BLANK, [lowest])) == eeprom.JournalEntry(1, 0, 0)
-
-
-def test_the_newest_journal_entry_is_found_wherever_it_stands():
-    entries = [eeprom.journal_write(eeprom.JournalEntry(n, 0, 0), 100 * n, n) for n in (990, 496, 3)]
-    assert eeprom.newest_journal(apply(BLANK, entries)) == eeprom.JournalEntry(991, 99_000, 990)
-    assert eeprom.newest_journal(apply(BLANK, entries[::-1])) == eeprom.JournalEntry(991, 99_000, 990)
-
-
-def test_a_journal_in_a_cut_read_is_understood_as_far_as_it_goes():
-    writes = [eeprom.journal_write(eeprom.JournalEntry(n, 0, 0), 7, 7) for n in (0, 1)]
-    memory = apply(BLANK, writes)
-    assert eeprom.newest_journal(memory[: 1024 + 64 + 20]).counter == 2
-    assert eeprom.newest_journal(memory[: 1024 + 64 + 19]).counter == 1
-    assert eeprom.newest_journal(memory[:1024]) is None
-
-
-@pytest.mark.parametrize("values", [(-1, 0), (1 << 32, 0), (0, -1), (0, 65536)])
-def test_journal_value_that_does_not_fit_is_refused(values):
-    with pytest.raises(EncodeError) as refused:
-        eeprom.journal_write(None, *values)
-    assert (refused.value.field, refused.value.value) == ("journal", (1, *values))
-    assert refused.value.limit == "counter and dod below 2**32, soc below 2**16"
-    with pytest.raises(EncodeError):
-        eeprom.journal_write(eeprom.JournalEntry(0xFFFFFFFF, 0, 0), 0, 0)

@@ -4,9 +4,8 @@ import pytest
 
 from firmware_protocol import framing
 from firmware_protocol.errors import EncodeError
-from firmware_protocol.framing import BadFrame, BadReason, CommandDecoder, Frame, FrameDecoder, StreamCommand
+from firmware_protocol.framing import BadFrame, BadReason, Frame, FrameDecoder
 
-START, STOP = StreamCommand(start=True), StreamCommand(start=False)
 FRAME = framing.encode_frame(0x11, 7, 0, b"\x00\x00\x04\x00")
 AS_FRAME = Frame(0x11, 7, 0, b"\x00\x00\x04\x00")
 
@@ -99,9 +98,8 @@ def test_host_counts_every_byte_before_the_first_delimiter():
     assert decoder.skipped_bytes == 1234
 
 
-@pytest.mark.parametrize("decoder", [FrameDecoder(), CommandDecoder()])
-def test_a_frame_without_an_end_does_not_fill_the_memory(decoder):
-    piece = b"z" * 1_000
+def test_a_frame_without_an_end_does_not_fill_the_memory():
+    decoder, piece = FrameDecoder(), b"z" * 1_000
     decoder.feed(b"\0")
     tracemalloc.start()
     for _ in range(20):
@@ -121,114 +119,3 @@ def test_host_gets_the_frame_after_an_endless_one():
     decoder = FrameDecoder()
     out = [item for part in cut(b"\0" + b"z" * 5000 + FRAME, 100) for item in decoder.feed(part)]
     assert out == [BadFrame(BadReason.LONG, b"z" * framing.MAX_ENCODED), AS_FRAME]
-
-
-def test_master_takes_the_longest_frame_and_refuses_a_longer_one_with_its_start():
-    longest = framing.encode_frame(1, 2, 3, b"\xaa" * framing.MAX_BODY)
-    assert CommandDecoder().feed(longest) == [Frame(1, 2, 3, b"\xaa" * framing.MAX_BODY)]
-    decoder = CommandDecoder()
-    assert decoder.feed(b"\0" + b"z" * 600 + FRAME) == [BadFrame(BadReason.LONG, b"z" * framing.MAX_ENCODED), AS_FRAME]
-    assert decoder.noise_bytes == 600
-
-
-def test_bare_commands_count_at_once():
-    decoder = CommandDecoder()
-    assert decoder.feed(b"x") == [START]
-    assert decoder.feed(b"yx") == [STOP, START]
-
-
-def test_x_and_y_inside_a_frame_are_data():
-    raw = framing.encode_frame(0x78, 0x79, 0x78797879, b"xyxyxy")
-    decoder = CommandDecoder()
-    assert [item for part in cut(raw, 1) for item in decoder.feed(part)] == [Frame(0x78, 0x79, 0x78797879, b"xyxyxy")]
-
-
-@pytest.mark.parametrize("between", [b"x", b"y", b"xx"])
-def test_commands_between_frames(between):
-    commands = [StreamCommand(byte == ord("x")) for byte in between]
-    assert CommandDecoder().feed(FRAME + between + FRAME) == [AS_FRAME, *commands, AS_FRAME]
-
-
-def test_command_after_a_stray_delimiter_counts_at_the_next_or_after_silence():
-    decoder = CommandDecoder()
-    assert decoder.feed(b"\0x") == []
-    assert decoder.feed(FRAME) == [START, AS_FRAME]
-    assert decoder.feed(b"\0x") == []
-    assert decoder.idle() == [START]
-    assert decoder.feed(b"y") == [STOP]
-
-
-def test_a_delimiter_after_a_command_may_open_a_frame():
-    decoder = CommandDecoder()
-    assert decoder.feed(b"\0x\0y") == [START], "y may be a frame's first byte"
-    assert decoder.idle() == [STOP]
-
-
-def test_a_chunk_of_nothing_but_commands_counts_up_to_a_frames_length():
-    assert CommandDecoder().feed(b"\0" + b"x" * framing.MAX_ENCODED + b"\0") == [START] * framing.MAX_ENCODED
-    [bad] = CommandDecoder().feed(b"\0" + b"x" * (framing.MAX_ENCODED + 1) + b"\0")
-    assert bad.reason is BadReason.LONG
-
-
-def test_a_capital_is_no_command():
-    assert CommandDecoder().feed(b"\0X\0") == [BadFrame(BadReason.COBS, b"X")]
-
-
-def test_silence_ends_a_frame_that_never_closed():
-    decoder = CommandDecoder()
-    assert decoder.feed(FRAME[:6]) == []
-    assert [type(item) for item in decoder.idle()] == [BadFrame]
-    assert decoder.feed(b"x") == [START]
-    assert decoder.feed(FRAME) == [AS_FRAME]
-    assert decoder.idle() == []
-
-
-def test_silence_does_not_complete_a_frame_without_its_last_delimiter():
-    decoder = CommandDecoder()
-    decoder.feed(FRAME[:-1])
-    assert decoder.idle() == []
-    assert decoder.feed(b"x") == [START]
-
-
-def test_frame_whose_first_delimiter_was_lost_is_a_frame_all_the_same():
-    raw = framing.encode_frame(0x12, 1, 0, b"\x04\x00\x02\x00xy")
-    assert CommandDecoder().feed(raw[1:]) == [Frame(0x12, 1, 0, b"\x04\x00\x02\x00xy")]
-
-
-def test_commands_in_a_damaged_frame_without_its_first_delimiter_do_not_count():
-    raw = bytearray(framing.encode_frame(0x12, 1, 0, b"\x04\x00\x02\x00xyyx"))
-    raw[0] ^= 0x20
-    raw[3] ^= 0x40
-    out = CommandDecoder().feed(bytes(raw) + FRAME)
-    assert [type(item) for item in out] == [BadFrame, Frame]
-
-
-def test_a_frame_after_a_damaged_one_counts_though_one_delimiter_is_shared():
-    damaged = bytearray(FRAME)
-    damaged[3] ^= 1
-    assert CommandDecoder().feed(bytes(damaged) + FRAME)[1:] == [AS_FRAME]
-    assert CommandDecoder().feed(bytes(damaged) + FRAME[1:])[1:] == [AS_FRAME]
-
-
-def test_commands_after_noise_and_silence_count():
-    decoder = CommandDecoder()
-    for _ in range(2):
-        decoder.feed(b"\x13\xf7")
-        decoder.idle()
-        assert decoder.feed(b"x") == [START]
-    assert decoder.noise_bytes == 4
-
-
-def test_a_frame_that_silence_ended_is_noise():
-    decoder = CommandDecoder()
-    for _ in range(2):
-        decoder.feed(FRAME[:-1])
-        assert decoder.idle() == []
-    assert decoder.noise_bytes == 2 * (len(FRAME) - 2)
-
-
-def test_noise_is_counted_in_bytes_once():
-    decoder = CommandDecoder()
-    decoder.feed(b"\0abc\0" + FRAME + b"\0abcde")
-    decoder.idle()
-    assert decoder.noise_bytes == 8

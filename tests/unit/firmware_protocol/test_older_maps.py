@@ -17,7 +17,6 @@ from firmware_protocol.older_maps import (
     first_image,
     is_first_image,
     is_known,
-    present_charge,
     present_image,
 )
 
@@ -75,39 +74,22 @@ def test_an_image_of_another_size_is_left_alone(size):
     assert present_image(bytes(size)) == bytes(size)
 
 
-@given(st.integers(0, 2**32 - 1))
-def test_a_charge_keeps_its_ampere_hours(dod):
-    mas, uah = fields_of(FIRST_MAP)["dod"].scale, FIELDS["dod"].scale
-    assert abs(present_charge(dod) * uah - dod * mas) <= uah / 2 + 1e-12
-    assert present_charge(dod) <= present_charge(dod + 1)
-
-
 def test_an_eeprom_of_the_first_layout_is_migrated():
     memory = lzma.decompress((RECORDED / "eeprom.bin.xz").read_bytes())
     stored = eeprom.newest(memory)
     assert stored.counter == 1
     values = {name: config_image.unit_value(stored.image, name) for name in ("telemetry_period", "ts", "v_cell_max")}
     assert values == {"telemetry_period": 250, "ts": 100, "v_cell_max": 4.2}
-    journal = eeprom.newest_journal(memory)
-    assert (journal.counter, journal.soc_raw) == (4, 8871)
-    assert journal.dod_raw * FIELDS["dod"].scale == pytest.approx(10_165_135 / 3.6e6, abs=1e-6)
 
 
-def test_the_next_store_and_entry_are_of_the_present_layout_and_leave_the_old_ones_as_a_fallback():
+def test_the_next_store_is_of_the_present_layout_and_leaves_the_old_one_as_a_fallback():
     memory = bytearray(lzma.decompress((RECORDED / "eeprom.bin.xz").read_bytes()))
     wanted = config_image.with_value(eeprom.newest(memory).image, "ts", 50)
-    entry = eeprom.journal_write(eeprom.newest_journal(memory), 3_000_000, 8800)
-    for write in (*eeprom.plan_store(memory, wanted), entry):
+    for write in eeprom.plan_store(memory, wanted):
         memory[write.offset : write.offset + len(write.data)] = write.data
     assert [(slot.counter, slot.slot) for slot in eeprom.valid_slots(memory)] == [(2, 1), (1, 0)]
     assert eeprom.newest(memory).image == wanted
     assert memory[512 + 6] == eeprom.LAYOUT_VERSION
-    assert eeprom.newest_journal(memory) == eeprom.JournalEntry(5, 3_000_000, 8800)
-
-
-def test_a_firmware_of_the_first_layout_takes_no_entry_of_now():
-    data = eeprom.journal_write(None, 1_000_000, 9000).data
-    assert int.from_bytes(data[12:16], "little") != eeprom.crc32(data[:12])
 
 
 def test_the_recorded_images_are_of_the_first_map():

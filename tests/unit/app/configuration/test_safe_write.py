@@ -26,7 +26,7 @@ from app.words import render
 from firmware_protocol.can_tables import rx_messages, tx_messages
 from firmware_protocol.config_image import default_image, difference, image_hash, with_raw
 from firmware_protocol.eeprom import EEPROM_SIZE, newest, plan_store
-from firmware_protocol.framing import CommandDecoder, Frame
+from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import (
     EEPROM_READ_BASE,
@@ -53,7 +53,7 @@ class MemoryMaster:
         self.image = bytearray(2984)
         self.image[:420] = default_image()
         self.eeprom = bytearray(b"\xff" * EEPROM_SIZE)
-        self.decoder = CommandDecoder()
+        self.decoder = FrameDecoder()
         self.client = MasterClient(self.send, Clock())
         self.refuse: Result | None = None
         self.cut_writes = False  # never arrive
