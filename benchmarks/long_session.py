@@ -1,9 +1,11 @@
 """A session of hours for the pages to open, recorded as fast as the disk takes it.
 
-The stream is the master's own schedule on a line of 115200 8E1, filled with numbers as noisy as the real ones.
+The stream fills a line of 115200 8E1 as the master's does: the fast set every period, slow pieces in what is left, with
+numbers as noisy as the real ones.
 """
 
 from collections.abc import Iterator
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import Data, MessageType, Window
-from firmware_protocol.schedule import FAST_WINDOWS, StreamSchedule, data_frame_time_s
+from firmware_protocol.schedule import FAST_WINDOWS, SLOW_LENGTH, SLOW_RANGES, data_frame_time_s
 from tests.fake_clock import FunctionClock
 
 EPOCH_NS = 1_790_000_000 * 10**9
@@ -52,21 +54,23 @@ class Pack:
 
 def stream(ts_s: float, seconds: float) -> Iterator[tuple[float, bool, bytes]]:
     """Yield (time of arrival, whether it carries the fast set, bytes between the delimiters)."""
-    pack, schedule = Pack(), StreamSchedule(ts_s, 0.0)
-    now_s, sequence = 0.0, 0
+    pack, now_s, sequence, fast_s = Pack(), 0.0, 0, 0.0
+    pieces = cycle(
+        (start + at, min(SLOW_LENGTH, length - at))
+        for start, length in SLOW_RANGES
+        for at in range(0, length, SLOW_LENGTH)
+    )
     while now_s < seconds:
-        now_s = max(now_s, schedule.due_s(now_s))
-        spans = schedule.take(now_s)
-        if spans is None:
-            now_s += 1e-4
-            continue
-        if spans == FAST_WINDOWS:
+        is_fast = now_s + data_frame_time_s(((0, SLOW_LENGTH),)) > fast_s
+        if is_fast:
+            now_s, fast_s = max(now_s, fast_s), fast_s + ts_s
             pack.measure(now_s)
+        spans = FAST_WINDOWS if is_fast else (next(pieces),)
         body = Data(tuple(Window(o, bytes(pack.image[o : o + n])) for o, n in spans)).to_body()
         raw = encode_frame(MessageType.DATA, sequence & 0xFF, round(now_s * 1000), body)[1:-1]
         sequence += 1
         now_s += data_frame_time_s(spans)
-        yield now_s, spans == FAST_WINDOWS, raw
+        yield now_s, is_fast, raw
 
 
 class Feed:

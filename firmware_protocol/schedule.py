@@ -1,4 +1,4 @@
-"""Which parts of the struct the master's stream sends, and when. Pure: time is an argument.
+"""Which parts of the struct the master's stream sends, and how long a frame takes on the line; C sends them.
 
 The fast set leaves every `telemetry_period` in one DATA frame. The slow ranges go round in pieces, one DATA frame each,
 cut to what the line has left before the next fast frame; a full turn starts no oftener than once a second.
@@ -44,57 +44,3 @@ def frame_time_s(n_bytes: int) -> float:
 def data_frame_time_s(spans: tuple[Span, ...]) -> float:
     """Return how long a DATA frame with these windows takes on the line at most [s]."""
     return frame_time_s(frame_bytes(sum(_WINDOW_HEADER + length for _, length in spans)))
-
-
-class StreamSchedule:
-    """Chooses the content of the next stream frame whenever the line is free. Created when the stream starts."""
-
-    def __init__(self, period_s: float, now_s: float) -> None:
-        self.period_s = period_s
-        self._fast_s = now_s
-        self._turn_s = now_s  # when the next slow turn may start
-        self._range = 0
-        self._sent_of_range = 0
-        self._fast_in_a_row = 0
-
-    def due_s(self, now_s: float) -> float:
-        """Return when `take` has something, on a line that is free from `now_s` on; never before `now_s`."""
-        fast_s = max(now_s, self._fast_s)
-        slow_s = max(now_s, self._slow_from_s())
-        return min(fast_s, slow_s) if self._slow_length(slow_s) else fast_s
-
-    def take(self, now_s: float) -> tuple[Span, ...] | None:
-        """Return the windows of the frame to be sent now, None while nothing is due."""
-        if now_s >= self._slow_from_s() and (length := self._slow_length(now_s)):
-            return (self._take_slow(length, now_s),)
-        if now_s >= self._fast_s:
-            self._fast_s = max(self._fast_s + self.period_s, now_s)
-            self._fast_in_a_row += 1
-            return FAST_WINDOWS
-        return None
-
-    def _slow_from_s(self) -> float:
-        return self._turn_s if self._range == 0 and self._sent_of_range == 0 else 0.0
-
-    def _slow_length(self, at_s: float) -> int:
-        """Return the length of the piece that may be sent at a time, 0 for none."""
-        left = SLOW_RANGES[self._range][1] - self._sent_of_range
-        if self._fast_in_a_row >= FAST_PER_SLOW:
-            room = SLOW_LENGTH
-        else:
-            room = min(SLOW_LENGTH, int((self._fast_s - at_s) * LINE_BYTES_PER_S) - frame_bytes(_WINDOW_HEADER))
-        if left <= room:
-            return left
-        return room // ALIGNMENT * ALIGNMENT if room >= SLOW_LENGTH_WORTHWHILE else 0
-
-    def _take_slow(self, length: int, now_s: float) -> Span:
-        offset, range_length = SLOW_RANGES[self._range]
-        if self._range == 0 and self._sent_of_range == 0:
-            self._turn_s = now_s + SLOW_TURN_S
-        span = offset + self._sent_of_range, length
-        self._sent_of_range += length
-        if self._sent_of_range == range_length:
-            self._range = (self._range + 1) % len(SLOW_RANGES)
-            self._sent_of_range = 0
-        self._fast_in_a_row = 0
-        return span

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_protocol import schedule
 from firmware_protocol.framing import BadFrame, Frame, FrameDecoder, encode_frame
 from tests import spec_codec
 from tests.c_programs import build_program
@@ -27,8 +26,6 @@ def driver():
         yield ask
         process.stdin.close()
 
-
-# -- decoders
 
 BODIES = st.binary(max_size=60) | st.lists(st.sampled_from(b"\0xy\x01\xff"), max_size=300).map(bytes)
 PARTS = st.one_of(
@@ -77,29 +74,3 @@ def test_noise_is_counted_in_bytes_once(driver):
     wire = b"\0abc\0" + frame + b"\0abcde"
     assert driver(f"feed master 1 1 {wire.hex()}")[-1] == "dropped:8"
     assert driver(f"feed master 1 1 {frame[:-1].hex()}")[-1] == f"dropped:{len(frame) - 2}", "it never closed"
-
-
-# -- the stream
-
-FRAMES = 300
-
-
-def python_stream(ts_ms):
-    """As host_test's `stream`; what is due on the millisecond is due, whatever the last digit of a float says."""
-    stream = schedule.StreamSchedule(ts_ms / 1000, 0.0)
-    now_ms, looks, out = 0, 0, []
-    while len(out) < FRAMES:
-        looks += 1
-        spans = stream.take(now_ms / 1000 + looks * 1e-9)
-        if spans is None:
-            now_ms += 1
-            continue
-        out.append(f"{now_ms}:" + ",".join(f"{offset}+{length}" for offset, length in spans))
-        now_ms += (12 + sum(4 + length for _, length in spans)) * 11 * 1000 // 115200 + 1
-    return out
-
-
-@given(ts_ms=st.integers(20, 400))
-@settings(max_examples=examples(25))
-def test_both_schedules_send_the_same(driver, ts_ms):
-    assert driver(f"stream {ts_ms} {FRAMES}") == python_stream(ts_ms)
