@@ -36,26 +36,8 @@ def test_a_foreign_dbc_is_taken_as_far_as_its_names_go():
     assert "charger_v_out: scale 1, the master's is 0.1" in words
 
 
-def test_a_ninth_message_is_told():
-    text = "\n".join(f'BO_ {i} M{i}: 2 MASTER\n SG_ soc : 0|16@1+ (0.0001,0) [0|1] "" X' for i in range(1, 10))
-    imported = from_dbc(text)
-    assert len(imported.tx) == 8
-    assert imported.notes == ("id 0x9: all 8 messages sent are taken; left out",)
-
-
 def summary(dbc_id, name="M", sender="MASTER", length=2):
     return f'BO_ {dbc_id} {name}: {length} {sender}\n SG_ soc : 0|16@1+ (0.0001,0) [0|1] "" X\n'
-
-
-def test_what_has_no_place_is_told_and_takes_none():
-    text = summary(1) + summary(0x900, "Wide") + summary(0xE0000000, "Wider") + "BO_ 2 Empty: 0 MASTER\n"
-    imported = from_dbc(text + summary(1, "Twin"))
-    assert [m.can_id for m in imported.tx] == [1]
-    assert imported.tx[0].data_offsets[:2] == (2982, 2983), "the twin's signals are not the first one's"
-    told = "; ".join(imported.notes)
-    for words in ("Wide: id 0x900", "Wider: id 0x60000000", "Empty: it has no bytes", "Twin: M has its id already"):
-        assert words in told
-    assert from_dbc("BO_ 2 Empty: 0 MASTER").tx == ()
 
 
 def test_the_same_number_in_11_and_in_29_bits_are_two_messages():
@@ -271,7 +253,9 @@ def test_ids_at_their_limits_have_a_place():
 
 def test_what_has_no_place_is_told_in_one_line_each():
     text = "BO_ 2048 Wide: 1 MASTER\nBO_ 2684354560 Wider: 1 MASTER\nBO_ 2 Empty: 0 MASTER\n"
-    assert from_dbc(text + "BO_ 2 Twin: 1 MASTER\n").notes == (
+    imported = from_dbc(summary(1) + text + "BO_ 2 Twin: 1 MASTER\n")
+    assert [m.can_id for m in imported.tx] == [1]
+    assert imported.notes == (
         "Twin: Empty has its id already; left out",
         "Wide: id 0x800 is none of 11 bits; left out",
         "Wider: id 0x20000000 is none of 29 bits; left out",
@@ -285,11 +269,11 @@ def test_places_named_by_the_file_are_kept_and_the_others_fill_the_rest():
     assert [(m.index, m.can_id) for m in from_dbc(text).tx] == [(0, 2), (1, 1), (2, 4), (3, 5), (5, 3)]
 
 
-def test_a_ninth_received_message_is_told():
-    text = "\n".join(f"BO_ {i} M{i}: 2 ECU" for i in range(1, 11))
-    imported = from_dbc(text)
-    assert [m.can_id for m in imported.rx] == list(range(1, 9))
-    assert imported.notes == tuple(f"id {i:#x}: all 8 messages received are taken; left out" for i in (9, 10))
+@pytest.mark.parametrize(("sender", "table", "words"), [("ECU", "rx", "received"), ("MASTER", "tx", "sent")])
+def test_a_ninth_message_is_noted(sender, table, words):
+    imported = from_dbc("\n".join(f"BO_ {i} M{i}: 2 {sender}" for i in range(1, 11)))
+    assert [m.can_id for m in getattr(imported, table)] == list(range(1, 9))
+    assert imported.notes == tuple(f"id {i:#x}: all 8 messages {words} are taken; left out" for i in (9, 10))
 
 
 def test_the_tables_keep_what_the_file_does_not_name():

@@ -22,7 +22,8 @@ def changed(image, **values):
     return image
 
 
-QUIET = changed(default_image(), i_disc_min=-40.0, fan_ramp_stop=45)
+DEFAULT = default_image()
+QUIET = changed(DEFAULT, i_disc_min=-40.0, fan_ramp_stop=45)
 
 
 def found(image, context=CONTEXT):
@@ -218,3 +219,42 @@ def test_a_pair_of_limits_in_the_wrong_order_is_told_in_every_language(low, high
     assert f" {high} = {value}" in refused.error.limit
     assert render(limit, "nb").startswith(f"{'under' if is_strict else 'høyst'} {high} = ")
     assert render(refused.why, "nb") != why
+
+
+def test_the_defaults_have_no_error_and_a_sensor_that_reaches_their_limits():
+    assert [each for each in found(DEFAULT) if each[0] == "error"] == []
+    assert measured_range_a(DEFAULT) == pytest.approx((-496.7, 495.9), abs=0.1)
+
+
+def test_the_cells_own_limit_counts_where_it_is_below_the_rules():
+    colder = replace(CELL, limits=replace(CELL.limits, temperature_max_degc=50.0))
+    image = with_value(DEFAULT, "t_cell_max", 55)
+    errors = [
+        [each[1:3] for each in found(image, context) if each[0] == "error"] for context in (CONTEXT, Context(colder))
+    ]
+    assert errors == [[], [("rules", "t_cell_max")]]
+
+
+def test_a_message_names_field_value_limit_and_why():
+    [error] = [each for each in review(with_value(DEFAULT, "t_cell_max", 65), CONTEXT) if each.blocks]
+    shown = render(error.message)
+    assert shown.startswith("t_cell_max = 65 °C, allowed: at most 60 °C: the rules allow 60 °C")
+
+
+@pytest.mark.parametrize(
+    ("name", "looser", "tighter"),
+    [("t_cell_max", 46, 44), ("v_cell_min", 2.4, 2.6), ("i_chrg_min", -1.0, 1.0), ("i_chrg_max", 12.5, 11.5)],
+)
+def test_a_looser_limit_of_the_protection_is_noticed(name, looser, tighter):
+    def noticed(before, after, stored=None):
+        change = review_change(before, after, CONTEXT, stored)
+        assert not any(f.needs_reason for f in change if f.code == "looser"), "a program may write it without"
+        return [f.error.field for f in change if f.code == "looser"]
+
+    higher, lower = with_value(DEFAULT, name, looser), with_value(DEFAULT, name, tighter)
+    assert noticed(DEFAULT, higher) == [name]
+    assert noticed(DEFAULT, lower) == []
+    assert noticed(lower, DEFAULT) == [name]
+    assert noticed(lower, DEFAULT, stored=DEFAULT) == [], "the master would start with it"
+    assert noticed(lower, higher, stored=DEFAULT) == [name]
+    assert noticed(higher, higher) == []
