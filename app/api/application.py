@@ -22,7 +22,7 @@ from app.api.configuration import commands, slave_check
 from app.api.configuration import library as config_library
 from app.api.configuration import routes as config
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.live import battery, events, fleet, learn, metrics, race, system
+from app.api.live import events, fleet, learn, metrics, race, system
 from app.api.live import routes as live
 from app.api.live import setup as first_steps
 from app.api.schemas.service import ProblemOut
@@ -34,10 +34,7 @@ from app.api.web import openapi, people, problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
 from app.api.web.fan_out import FanOut
-from app.api.web.head import HeadAsGet
-from app.api.web.limits import BodyLimit
-from app.api.web.readers import Readers
-from app.api.web.request_framing import RequestFraming
+from app.api.web.limits import BodyLimit, HeadAsGet, RequestFraming
 from app.api.web.static import serve_front_end
 from app.clock import Clock
 from app.service.host import ClockWatch
@@ -124,7 +121,6 @@ def create_app(
         authentication=authentication,
         encoder=encoder,
         fan_out=FanOut(service.live.hub, encoder),
-        readers=Readers(clock),
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,
         setup=setup,
@@ -186,7 +182,6 @@ def api_routes() -> APIRouter:
     """The routes, made once: FastAPI takes longer over their schemas than over all else in an application."""
     api = APIRouter(responses={"default": {"model": ProblemOut, "description": "What went wrong"}})
     for module in (
-        battery,
         can,
         can_bus,
         debrief,

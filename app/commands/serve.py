@@ -20,10 +20,8 @@ from pydantic import ValidationError
 from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
 from app.api.application import Replay, create_app, create_fleet_app
+from app.api.web.connection import server_config
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, ClientConnections, most_connections
-from app.api.web.http_protocol import HttpProtocol
-from app.api.web.tls_protocol import tls_protocol
-from app.api.web.websocket_protocol import LiveProtocol
 from app.commands.console.tls import Renewal, certificate_of, certificate_text, context_of
 from app.errors import ConfigError
 from app.service import log
@@ -152,22 +150,11 @@ def _run(
     if certificate is not None and context is not None:
         renewal = Renewal(settings, certificate, context, tell)
     ready = f"Voltwall: {'https' if certificate else 'http'}://{host}:{port}"
+    connections = ClientConnections(most_connections(raise_descriptor_limit()), _return_memory_soon)
     server = _Server(
         ready if certificate is None else f"{ready}\n{certificate_text(certificate, settings, port)}",
-        uvicorn.Config(
-            app,
-            log_config=None,
-            access_log=False,
-            http=HttpProtocol if context is None else tls_protocol(context),  # type: ignore[arg-type]
-            limit_concurrency=most_connections(raise_descriptor_limit()),
-            backlog=ACCEPTED_AT_ONCE,
-            ws=LiveProtocol,
-            ws_max_size=1 << 16,
-            ws_per_message_deflate=False,  # its work for each reader would be most of the service's
-            proxy_headers=False,  # who counts wrong passwords by address must not believe a header
-            timeout_graceful_shutdown=2,
-            server_header=False,
-        ),
+        server_config(app, connections, context, backlog=ACCEPTED_AT_ONCE, timeout_graceful_shutdown=2),
+        connections,
         stalls,
         renewal,
     )
@@ -208,10 +195,15 @@ class _Server(uvicorn.Server):
     """Says where it is once it takes connections; may end to be started again."""
 
     def __init__(
-        self, ready: str, config: uvicorn.Config, stalls: Callable[[], list[Message]], renewal: Renewal | None
+        self,
+        ready: str,
+        config: uvicorn.Config,
+        connections: ClientConnections,
+        stalls: Callable[[], list[Message]],
+        renewal: Renewal | None,
     ) -> None:
         super().__init__(config)
-        self.server_state.connections = ClientConnections(_return_memory_soon)  # type: ignore[assignment]
+        self._connections = connections
         self._renewal = renewal
         self._ready_line = ready
         self._stalls = stalls
@@ -241,6 +233,8 @@ class _Server(uvicorn.Server):
             task.cancel()
         if not self.is_again:
             notify("STOPPING=1")
+        for connection in self._connections:
+            connection.shutdown()
         await super().shutdown(sockets)
 
 

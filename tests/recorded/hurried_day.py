@@ -23,9 +23,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from app.api.application import create_app
+from app.api.web.connection import server_config
 from app.api.web.connection_limits import ClientConnections
-from app.api.web.http_protocol import HttpProtocol
-from app.api.web.websocket_protocol import LiveProtocol
 from app.service.host import give_freed_memory_back
 from app.service.settings import Settings
 from app.sources.items import LinkChange, SerialItem
@@ -69,9 +68,7 @@ class HurriedDay:
         self.service = app.state.parts.service
         self.events: Counter[str] = Counter()
         self.service.events.subscribe(lambda event: self.events.update([event.code]))
-        config = uvicorn.Config(app, port=0, http=HttpProtocol, ws=LiveProtocol, log_config=None, ws_max_size=1 << 16)
-        self.server = uvicorn.Server(config)
-        self.server.server_state.connections = ClientConnections()
+        self.server = uvicorn.Server(server_config(app, ClientConnections(), port=0))
         self.decoder = FrameDecoder()
         self.done: Counter[str] = Counter()
         self.wrong: list[str] = []

@@ -9,7 +9,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, ProcessCol
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from app import __version__
-from app.api.web.dependencies import ClockPart, LivePart, ReadersPart, RecorderPart
+from app.api.web.dependencies import ClockPart, FanOutPart, LivePart, RecorderPart
 from app.clock import Clock
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -164,9 +164,9 @@ def _recorder(recorder: AutoRecorder) -> Iterator[Metric]:
 
 
 @router.get("/metrics", response_class=PlainTextResponse)
-def metrics(live: LivePart, recorder: RecorderPart, clock: ClockPart, readers: ReadersPart) -> Response:
+def metrics(live: LivePart, recorder: RecorderPart, clock: ClockPart, fan_out: FanOutPart) -> Response:
     """Prometheus text."""
     registry = CollectorRegistry(auto_describe=False)
     ProcessCollector(registry=registry)  # processor time, memory, open files; on Linux
-    registry.register(SnapshotCollector(live, recorder, clock, len(readers.everyone())))
+    registry.register(SnapshotCollector(live, recorder, clock, len(fan_out.readers)))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

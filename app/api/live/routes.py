@@ -1,35 +1,35 @@
-"""Health, snapshot, live stream, history."""
+"""Health, battery, snapshot, live stream, history."""
 
 import asyncio
-from collections.abc import Callable
-from contextlib import ExitStack
-from typing import Annotated, Any
+import contextlib
+from typing import Annotated, Any, Literal
 
 import orjson
 from fastapi import APIRouter, Query, Response, WebSocket
-from starlette.datastructures import Headers
+from starlette.websockets import WebSocketDisconnect
 
 from app import __version__
+from app.api.encoding.battery import battery_json
 from app.api.encoding.words import messages_json
+from app.api.schemas.battery import BatteryOut
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
-from app.api.web.authentication import User
 from app.api.web.dependencies import (
     AuthenticationPart,
+    BatteryPart,
     CertificatePart,
     ClockPart,
     EncoderPart,
     FanOutPart,
     HealthPart,
     LivePart,
-    ReadersPart,
+    hindrance,
 )
+from app.api.web.fan_out import Reader
 from app.api.web.problems import Problem, invalid
-from app.api.web.websocket_protocol import READER, LiveProtocol
 from app.words import Message
 
 router = APIRouter(tags=["live"])
-_WHO = ("authorization", "cookie", "host")  # headers that tell who it is
 LOOK_S = 1.0  # after which a reader that was logged out gets no more
 
 
@@ -68,6 +68,14 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
     return Response(encoder.encode(latest), media_type="application/json")
 
 
+@router.get("/battery", response_model=BatteryOut)
+def battery(battery: BatteryPart, live: LivePart) -> dict[str, Any]:
+    """Shape, drawing, sensors and limits of the battery, and whether its configuration can be written."""
+    limits = None if live.snapshot is None else live.snapshot.limits
+    source: Literal["master", "dbc"] = "master" if battery.speaks_dbc is None else "dbc"
+    return battery_json(battery.battery, source, hindrance(battery), limits)
+
+
 @router.get("/history", responses={200: {"model": HistoryOut}})
 def history(
     live: LivePart,
@@ -97,7 +105,7 @@ async def stream(
     websocket: WebSocket,
     fan_out: FanOutPart,
     authentication: AuthenticationPart,
-    readers: ReadersPart,
+    clock: ClockPart,
     rate: float | None = None,
 ) -> None:
     """Send every snapshot as one text message, at most `rate` a second on average; a slow reader misses some."""
@@ -105,31 +113,20 @@ async def stream(
     if rate is not None and not 0 < rate <= 1000:
         await websocket.close(1008, "rate: between 0 and 1000 a second")
         return
-    protocol: LiveProtocol = websocket.scope[READER]
-    headers = Headers({name: websocket.headers[name] for name in _WHO if name in websocket.headers})
-    login = _Login(protocol, lambda: authentication.user_of(headers, ""))
-    reading = ExitStack()
-    reading.callback(login.forget)
-    reading.enter_context(readers.joined(login.user, websocket.client.host if websocket.client else ""))
-    reading.enter_context(fan_out.joined(protocol, rate))
-    protocol.hand_over(reading.close)
+    user = authentication.user_of(websocket.headers, "")
+    address = websocket.client.host if websocket.client else ""
+    reader = Reader(websocket.send_text, websocket.state.connection, user, address, clock.wall_s())
+    with fan_out.joined(reader, rate):
+        while authentication.user_of(websocket.headers, "") is not None:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(LOOK_S):
+                    await _end_of(websocket)
+                    return
+    with contextlib.suppress(WebSocketDisconnect):
+        await websocket.close(4401, "logged out")
 
 
-class _Login:
-    """Ends a stream when its reader is logged out."""
-
-    def __init__(self, protocol: LiveProtocol, ask: Callable[[], User | None]) -> None:
-        self._protocol = protocol
-        self._ask = ask
-        self._loop = asyncio.get_running_loop()
-        self._look()
-
-    def forget(self) -> None:
-        """Look no more."""
-        self._timer.cancel()
-
-    def _look(self) -> None:
-        self.user = self._ask()
-        self._timer = self._loop.call_later(LOOK_S, self._look)
-        if self.user is None:
-            self._protocol.end(4401, "logged out")
+async def _end_of(websocket: WebSocket) -> None:
+    """Ignore what a reader sends until it leaves."""
+    while (await websocket.receive())["type"] != "websocket.disconnect":
+        pass

@@ -5,8 +5,8 @@ from typing import Literal
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from app.api.web.dependencies import CertificatePart, ClockPart, ClockWatchPart, ReadersPart, RecorderPart, SettingsPart
-from app.api.web.readers import Reader
+from app.api.web.dependencies import CertificatePart, ClockPart, ClockWatchPart, FanOutPart, RecorderPart, SettingsPart
+from app.api.web.fan_out import Reader
 from app.service.host import addresses_of, disk_of
 
 router = APIRouter(tags=["live"])
@@ -65,7 +65,7 @@ def system(
     recorder: RecorderPart,
     clock: ClockPart,
     watch: ClockWatchPart,
-    readers: ReadersPart,
+    fan_out: FanOutPart,
     certificate: CertificatePart,
 ) -> SystemOut:
     """Addresses under which other machines reach the service, disk, clock, and who reads."""
@@ -83,7 +83,7 @@ def system(
         ),
         commit_delay_s=recorder.status.commit_delay_s,
         clock=ClockOut(time=clock.wall_s(), moved_s=round(watch.moved_s(), 3), was_set=watch.was_set),
-        readers=[_reader_out(reader) for reader in readers.everyone()],
+        readers=[_reader_out(reader) for reader in fan_out.readers],
     )
 
 

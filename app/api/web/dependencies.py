@@ -13,7 +13,6 @@ from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
 from app.api.web.fan_out import FanOut
 from app.api.web.problems import Problem
-from app.api.web.readers import Readers
 from app.clock import Clock
 from app.configuration.config_sources import ConfigSources
 from app.configuration.history import ConfigHistory
@@ -57,7 +56,6 @@ class WebParts:
     authentication: Authentication
     encoder: SnapshotEncoder
     fan_out: FanOut
-    readers: Readers
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
     setup: Setup
@@ -166,7 +164,6 @@ CertificatePart = Annotated[Certificate | None, _from_web("certificate")]
 ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
 EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
 FanOutPart = Annotated[FanOut, _from_web("fan_out")]
-ReadersPart = Annotated[Readers, _from_web("readers")]
 SetupPart = Annotated[Setup, _from_web("setup")]
 SimulatorPart = Annotated[SimulatorProcess, Depends(_simulator)]
 UserDep = Annotated[User, Depends(_user)]

@@ -1,30 +1,41 @@
-"""Every snapshot to every reader of the live stream: encoded and framed once, then one write each, no task each.
+"""Every snapshot to every reader of the live stream: encoded once, then one `send` each, without a task each.
 
 A reader that has not taken the message before misses this one, and gets the newest as soon as it has.
 """
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+import contextlib
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
+from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
+
+from starlette.websockets import WebSocketDisconnect
 
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.web.websocket_protocol import text_frame
+from app.api.web.authentication import User
 from app.live.hub import Hub
 from app.telemetry import Snapshot
 
 WITHHELD_S = 0.1  # what came too early for a rate is sent so long after its time, where nothing newer comes
 
 
-class Stream(Protocol):
-    """The websocket of a reader."""
+class ReaderConnection(Protocol):
+    """The connection of a reader."""
 
-    is_compressed: bool
-    on_drained: Callable[[], None] | None  # called when it takes frames again
+    is_behind: bool  # it has not taken what was sent: `send` would wait
+    on_drained: Callable[[], None] | None  # called when it has
 
-    def write_frame(self, frame: bytes) -> bool:
-        """Write a frame; False while it does not take any."""
+
+@dataclass(eq=False, slots=True)
+class Reader:
+    """One open live stream."""
+
+    send: Callable[[str], Awaitable[None]]
+    connection: ReaderConnection
+    user: User | None
+    address: str
+    since_s: float  # wall clock
 
 
 class Timer(Protocol):
@@ -43,6 +54,9 @@ class Loop(Protocol):
     def call_later(self, delay: float, callback: Callable[[], None], /) -> Timer:
         """Call once, after `delay` seconds."""
 
+    def create_task(self, task: Coroutine[Any, Any, None], /) -> object:
+        """Run it."""
+
 
 class FanOut:
     """The readers by their rate: those of one rate get the same snapshots. Used on the event loop alone."""
@@ -53,69 +67,75 @@ class FanOut:
         self._hub = hub
         self._encoder = encoder
         self._loop = loop
+        self._readers: dict[Reader, None] = {}
         self._rates: dict[float, _Rate] = {}
         self._body = b""
-        self._frames: dict[bool, bytes] = {}  # of the body, by whether it is compressed
+        self._text = ""  # of the body
         hub.listen(self._publish)
 
-    @contextmanager
-    def joined(self, stream: Stream, rate: float | None) -> Iterator[None]:
+    @property
+    def readers(self) -> list[Reader]:
+        """Who reads, the longest first."""
+        return list(self._readers)
+
+    @contextlib.contextmanager
+    def joined(self, reader: Reader, rate: float | None) -> Iterator[None]:
         """Send to a reader for the length of a with-block, at most `rate` a second on average; the latest at once."""
         pause_s = 1.0 / rate if rate else 0.0
         group = self._rates.get(pause_s)
         if group is None:
-            group = self._rates[pause_s] = _Rate(pause_s, self._frame, self._loop())
-        group.join(stream, self._hub.latest)
+            group = self._rates[pause_s] = _Rate(pause_s, self._encode, self._loop())
+        self._readers[reader] = None
+        group.join(reader, self._hub.latest)
         try:
             yield
         finally:
-            if group.leave(stream):
+            del self._readers[reader]
+            if group.leave(reader):
                 del self._rates[pause_s]
 
     def _publish(self, snapshot: Snapshot) -> None:
         for group in self._rates.values():
             group.offer(snapshot)
 
-    def _frame(self, snapshot: Snapshot, is_compressed: bool) -> bytes:
+    def _encode(self, snapshot: Snapshot) -> str:
         body = self._encoder.encode(snapshot)
         if body is not self._body:
-            self._body, self._frames = body, {}
-        if is_compressed not in self._frames:
-            self._frames[is_compressed] = text_frame(body, is_compressed)
-        return self._frames[is_compressed]
+            self._body, self._text = body, body.decode()
+        return self._text
 
 
 class _Rate:
     """Readers that want a snapshot every `pause_s`."""
 
-    def __init__(self, pause_s: float, frame: Callable[[Snapshot, bool], bytes], loop: Loop) -> None:
+    def __init__(self, pause_s: float, encode: Callable[[Snapshot], str], loop: Loop) -> None:
         self._pause_s = pause_s
-        self._frame = frame
+        self._encode = encode
         self._loop = loop
-        self._streams: dict[Stream, None] = {}
-        self._behind: set[Stream] = set()
+        self._readers: dict[Reader, None] = {}
+        self._behind: set[Reader] = set()
         self._newest: Snapshot | None = None
         self._due_s = loop.time()
         self._withheld: Timer | None = None
 
-    def join(self, stream: Stream, latest: Snapshot | None) -> None:
-        is_first = not self._streams
-        self._streams[stream] = None
-        stream.on_drained = partial(self._drained, stream)
+    def join(self, reader: Reader, latest: Snapshot | None) -> None:
+        is_first = not self._readers
+        self._readers[reader] = None
+        reader.connection.on_drained = partial(self._drained, reader)
         if latest is None:
             return
         if is_first:
             self.offer(latest)
         else:
             self._newest = latest
-            self._send((stream,))
+            self._send((reader,))
 
-    def leave(self, stream: Stream) -> bool:
-        """Tell whether it was the last one."""
-        stream.on_drained = None
-        self._streams.pop(stream, None)
-        self._behind.discard(stream)
-        if self._streams:
+    def leave(self, reader: Reader) -> bool:
+        """Return whether it was the last one."""
+        reader.connection.on_drained = None
+        self._readers.pop(reader, None)
+        self._behind.discard(reader)
+        if self._readers:
             return False
         self._forget()
         return True
@@ -134,23 +154,27 @@ class _Rate:
     def _send_all(self) -> None:
         self._forget()
         self._due_s = max(self._due_s, self._loop.time() - self._pause_s) + self._pause_s
-        self._send(self._streams)
+        self._send(self._readers)
 
-    def _send(self, streams: Iterable[Stream]) -> None:
-        if self._newest is None:
-            return
-        frames: dict[bool, bytes] = {}
-        for stream in streams:
-            frame = frames.get(stream.is_compressed)
-            if frame is None:
-                frame = frames[stream.is_compressed] = self._frame(self._newest, stream.is_compressed)
-            if not stream.write_frame(frame):
-                self._behind.add(stream)
+    def _send(self, readers: Iterable[Reader]) -> None:
+        if self._newest is not None:
+            self._loop.create_task(self._deliver(list(readers), self._encode(self._newest)))
 
-    def _drained(self, stream: Stream) -> None:
-        if stream in self._behind:
-            self._behind.discard(stream)
-            self._send((stream,))
+    async def _deliver(self, readers: list[Reader], text: str) -> None:
+        """Send without waiting for anybody: `send` waits only for a connection that is behind."""
+        for reader in readers:
+            if reader not in self._readers:
+                continue
+            if reader.connection.is_behind:
+                self._behind.add(reader)
+            else:
+                with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # it is closed: its route ends
+                    await reader.send(text)
+
+    def _drained(self, reader: Reader) -> None:
+        if reader in self._behind:
+            self._behind.discard(reader)
+            self._send((reader,))
 
     def _forget(self) -> None:
         if self._withheld is not None:

@@ -1,4 +1,4 @@
-"""How much a client may send: requests here are small, and what is larger is refused before it fills the memory."""
+"""What a request may be: small, or it is refused before it fills the memory; with one end, stated once; HEAD as GET."""
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as HttpMessage
@@ -43,3 +43,37 @@ class BodyLimit:
             return message
 
         await self._app(scope, counted, send)
+
+
+class RequestFraming:
+    """ASGI middleware: 400, and the end of the connection, where a request states the end of its body twice.
+
+    A proxy before the service and the service have to agree on it. h11 refuses lengths that differ and codings that it
+    does not know; a length next to a coding it ignores, and takes what follows for the next request.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let the request through, or answer it."""
+        if scope["type"] == "http":
+            names = {name for name, _ in scope["headers"]}
+            is_chunked = b"transfer-encoding" in names
+            if is_chunked and (b"content-length" in names or scope["http_version"] == "1.0"):
+                problem = Problem(400, "bad-request", Message("two-lengths"), {"Connection": "close"})
+                await problem.response()(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+
+class HeadAsGet:
+    """ASGI middleware: HEAD for every route that has GET, as HTTP requires; the server leaves the body out."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand the request on."""
+        is_head = scope["type"] == "http" and scope["method"] == "HEAD"
+        await self._app({**scope, "method": "GET"} if is_head else scope, receive, send)

@@ -179,7 +179,7 @@ def asyncapi(openapi: dict[str, Any]) -> dict[str, Any]:
             "title": "Voltwall",
             "version": __version__,
             "description": "The live stream of the pit wall: each new snapshot is one text message; a slow reader "
-            "misses some. Close codes: 4401 log in, 4403 foreign origin, 4429 too many wrong passwords, 1013 too slow.",
+            "misses some. Close codes: 4401 log in, 4403 foreign origin, 4429 too many wrong passwords.",
         },
         "servers": {
             "service": {

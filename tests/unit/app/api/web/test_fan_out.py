@@ -5,8 +5,9 @@ from contextlib import ExitStack
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.websockets import WebSocketDisconnect
 
-from app.api.web.fan_out import WITHHELD_S, FanOut
+from app.api.web.fan_out import WITHHELD_S, FanOut, Reader
 from app.live.hub import Hub
 
 
@@ -22,6 +23,10 @@ class Loop:
         timer = Timer(self.now_s + delay, callback)
         self.waiting.append(timer)
         return timer
+
+    def create_task(self, work):
+        with pytest.raises(StopIteration):
+            work.send(None)  # it waits for nobody
 
     def turn(self, seconds):
         until = self.now_s + seconds
@@ -41,23 +46,21 @@ class Timer:
 
 
 class Stream:
-    """A reader that takes everything until it stands still."""
+    """The connection of a reader that takes everything until it is behind."""
 
-    def __init__(self, compressed=False):
-        self.is_compressed, self.on_drained, self.stands, self.frames = compressed, None, False, []
+    def __init__(self):
+        self.is_behind, self.on_drained, self.texts = False, None, []
+        self.reader = Reader(self.send, self, None, "10.0.0.1", 100.0)
 
-    def write_frame(self, frame):
-        if self.stands:
-            return False
-        self.frames.append(frame)
-        return True
+    async def send(self, text):
+        self.texts.append(text)
 
     @property
     def seen(self):
-        return [int(frame[2:]) for frame in self.frames]
+        return [int(text) for text in self.texts]
 
     def wake(self):
-        self.stands = False
+        self.is_behind = False
         self.on_drained()
 
 
@@ -77,9 +80,9 @@ class Bench:
         self.fan_out = FanOut(self.hub, self.encoder, lambda: self.loop)
         self.open = ExitStack()
 
-    def join(self, rate=None, compressed=False):
-        stream = Stream(compressed)
-        self.open.enter_context(self.fan_out.joined(stream, rate))
+    def join(self, rate=None):
+        stream = Stream()
+        self.open.enter_context(self.fan_out.joined(stream.reader, rate))
         return stream
 
     def publish(self, value):
@@ -100,22 +103,32 @@ def test_a_new_reader_gets_the_latest_at_once(bench):
     assert bench.join(rate=1).seen == [2]
 
 
-def test_all_get_the_same_frame_and_it_is_made_once(bench):
+def test_all_get_the_same_text_and_it_is_made_once(bench):
     readers = [bench.join() for _ in range(5)]
     bench.publish(7)
-    assert len({id(reader.frames[0]) for reader in readers}) == 1
+    assert len({id(reader.texts[0]) for reader in readers}) == 1
 
 
-def test_one_that_takes_it_compressed_shares_with_those_that_do(bench):
-    plain, *readers = bench.join(), bench.join(compressed=True), bench.join(compressed=True)
+def test_one_that_is_closed_keeps_no_other_from_its_text(bench):
+    async def fail(text):
+        raise WebSocketDisconnect
+
+    bench.join().reader.send = fail
+    last = bench.join()
     bench.publish(7)
-    assert readers[0].frames[0] is readers[1].frames[0]
-    assert readers[0].frames != plain.frames
+    assert last.seen == [7]
+
+
+def test_readers_are_listed_the_longest_first(bench):
+    streams = [bench.join(rate=rate) for rate in (5, None, 5)]
+    assert bench.fan_out.readers == [each.reader for each in streams]
+    bench.open.close()
+    assert bench.fan_out.readers == []
 
 
 def test_a_slow_reader_misses_values_and_others_do_not(bench):
     slow, fast = bench.join(), bench.join()
-    slow.stands = True
+    slow.is_behind = True
     for value in range(5):
         bench.publish(value)
     assert (slow.seen, fast.seen) == ([], [0, 1, 2, 3, 4])
@@ -156,9 +169,9 @@ def test_what_came_too_early_is_sent_where_nothing_newer_comes(bench):
 def test_who_left_gets_nothing(bench):
     stays = bench.join(rate=5)
     leaves = Stream()
-    with bench.fan_out.joined(leaves, 5):
+    with bench.fan_out.joined(leaves.reader, 5):
         bench.publish(1)
-    with bench.fan_out.joined(Stream(), 3):
+    with bench.fan_out.joined(Stream().reader, 3):
         bench.publish(2)
         bench.publish(3)
     bench.loop.turn(10)
@@ -171,8 +184,12 @@ def test_who_left_gets_nothing(bench):
 def test_no_rate_is_exceeded_and_the_newest_always_arrives(rate, pauses_s):
     bench = Bench()
     reader, at_s = bench.join(rate=rate), []
-    write = reader.write_frame
-    reader.write_frame = lambda frame: at_s.append(bench.loop.now_s) or write(frame)
+
+    async def noted_send(text):
+        at_s.append(bench.loop.now_s)
+        reader.texts.append(text)
+
+    reader.reader.send = noted_send
     for value, pause_s in enumerate(pauses_s):
         bench.publish(value)
         bench.loop.turn(pause_s)
