@@ -1,7 +1,5 @@
-"""What each balancing circuit makes of a charge or a rest: `voltwall balance`, run in a process with limits."""
+"""Balancing studies: a charge or a rest with each balancing circuit, simulated in a process with limits."""
 
-import json
-import re
 import threading
 from typing import Annotated, Any, Literal
 
@@ -11,45 +9,73 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.snapshot import Number
 from app.api.web.dependencies import WorkersPart
-from app.api.web.problems import Problem, invalid
+from app.api.web.problems import invalid
 from app.errors import NotNow
 from app.sessions.worker import Limits
-from app.sessions.worker.command import CommandRefused, output_of
 from app.words import Message
+from simulator.balancing.choices import CIRCUITS
+from simulator.balancing.choices import LIMITS as STUDY_LIMITS
+from simulator.balancing.study import MOST_CELLS, Study, figures_of_circuits, study_of
+from simulator.errors import ParameterError
 
 LIMITS = Limits(120)
 MOST_POINTS = 300  # of a curve
 Circuit = Literal["passive", "switched-capacitor", "transformer", "none"]
-Value = Annotated[float | None, Field(allow_inf_nan=False)]
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 _study_under_way = threading.Lock()  # one at a time: reports and imports need the other worker process
 
 
+def _number(name: str, text: str, scale: float = 1.0) -> Any:
+    """A number within the limits of the simulation; `scale` is what 1 of it is here."""
+    low, high = STUDY_LIMITS[name]
+    return Field(default=None, ge=scale * low, le=scale * high, allow_inf_nan=False, description=text)
+
+
 class StudyIn(BaseModel):
-    """What is charged or rests; what is not given is as in `voltwall balance`, which also says the limits."""
+    """What is charged or rests; what is not given is as in `voltwall balance`."""
 
     model_config = ConfigDict(extra="forbid")
 
     circuit: list[Circuit] = Field(default=[], max_length=4, description="all where none is named")
     thesis: bool = Field(default=False, description="the six cells of the balancing thesis, not the car's")
-    packs: int | None = Field(default=None, ge=1, le=600, description="in series; with `cells`")
-    cells: int | None = Field(default=None, ge=1, le=600, description="in series in each pack")
+    packs: int | None = Field(default=None, ge=1, le=MOST_CELLS, description="in series; with `cells`")
+    cells: int | None = Field(default=None, ge=1, le=MOST_CELLS, description="in series in each pack")
     rest: bool = False
-    rate: Value = Field(default=None, description="charging current over the rated capacity, C")
-    hours: Value = Field(default=None, description="after which it ends at the latest")
-    soc: Value = Field(default=None, description="mean at the start, percent")
-    spread: Value = Field(default=None, description="highest less lowest at the start, percent")
-    temperature: Value = Field(default=None, description="of the air, degC")
-    resistor: Value = Field(default=None, description="that a cell is bled through, ohm")
+    rate: float | None = _number("rate_c", "charging current over the rated capacity, C")
+    hours: float | None = _number("hours", "after which it ends at the latest")
+    soc: float | None = _number("soc", "mean at the start, percent", 100)
+    spread: float | None = _number("spread", "highest less lowest at the start, percent", 100)
+    temperature: float | None = _number("ambient_degc", "of the air, degC")
+    resistor: float | None = _number("resistor_ohm", "that a cell is bled through, ohm")
 
-    def arguments(self) -> list[str]:
-        """Return the options of the command."""
+    @property
+    def command(self) -> str:
+        """The command line that simulates the same."""
         given = [f"--circuit={name}" for name in self.circuit]
         given += [f"--{name}" for name in ("thesis", "rest") if getattr(self, name)]
         if self.packs is not None and self.cells is not None:
             given.append(f"--segments={self.packs}x{self.cells}")
         names = ("rate", "hours", "soc", "spread", "temperature", "resistor")
-        return given + [f"--{name}={getattr(self, name)}" for name in names if getattr(self, name) is not None]
+        given += [f"--{name}={getattr(self, name)}" for name in names if getattr(self, name) is not None]
+        return " ".join(["voltwall balance", *given])
+
+    def study(self) -> Study:
+        """Return what is to be simulated.
+
+        Raises:
+            ParameterError: there are too many cells, or one would begin outside of 0 to 100 %.
+        """
+        return study_of(
+            thesis=self.thesis,
+            rest=self.rest,
+            packs=None if self.packs is None or self.cells is None else (self.packs, self.cells),
+            rate_c=self.rate,
+            hours=self.hours,
+            soc=None if self.soc is None else self.soc / 100,
+            spread=None if self.spread is None else self.spread / 100,
+            ambient_degc=self.temperature,
+            resistor_ohm=self.resistor,
+        )
 
 
 class BalancingThesisOut(BaseModel):
@@ -90,20 +116,22 @@ def balancing(study: Annotated[StudyIn, Query()], workers: WorkersPart) -> dict[
 
     One study at a time: a second one is refused meanwhile.
     """
-    arguments = ["balance", *study.arguments()]
+    if study.rest and study.rate is not None:
+        raise invalid("rate", study.rate, Message("rest-without-rate"))
+    try:
+        chosen = study.study()
+    except ParameterError as error:
+        raise invalid(error.name, error.value, error.rule) from error
     if not _study_under_way.acquire(blocking=False):
         raise NotNow(Message("study-under-way"))
     try:
-        study_result = json.loads(workers.run(LIMITS, output_of, [*arguments, "--json"]))
-    except CommandRefused as error:
-        raise _refused(str(error), study) from error
+        circuits = workers.run(LIMITS, figures_of_circuits, chosen, tuple(dict.fromkeys(study.circuit or CIRCUITS)))
     finally:
         _study_under_way.release()
-    circuits = study_result["circuits"]
     longest = max(run["course"]["time_h"][-1] for run in circuits.values())
     time_h = np.linspace(0.0, longest, MOST_POINTS)
     return {
-        "command": " ".join(["voltwall", *arguments]),
+        "command": study.command,
         "time_h": time_h.tolist(),
         "circuits": [{"name": name, **run, **_curves(run["course"], time_h)} for name, run in circuits.items()],
     }
@@ -122,10 +150,3 @@ def _curves(course: dict[str, list[float]], time_h: np.ndarray) -> dict[str, lis
         "temperature_max_degc": at(course["temperature_max_degc"]),
         "charger_a": at(course["charger_a"]),
     }
-
-
-def _refused(words: str, study: StudyIn) -> Problem:
-    """The command names the option, or the field of the study, and the limit."""
-    found = re.search(r"argument --(\w+): (.*)", words) or re.search(r"balance: (.*?) = .*?: (.*)", words)
-    field, limit = found.groups() if found else ("balance", words)
-    return invalid(field, getattr(study, field, None), limit)

@@ -30,6 +30,7 @@ from app.service.health.watchdog import keep_alive, notify
 from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit, return_freed_memory
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
+from app.sessions.worker.child_process import command_of
 from app.sources.connections import NAMES as CONNECTIONS
 from app.sources.connections import Connections, Setup, load_connections
 from app.sources.loaded_battery import load_battery
@@ -185,7 +186,8 @@ def _source(
     speaks_can = load_battery(settings.battery).speaks_dbc is not None
     if not settings.simulates:
         return "serial" if settings.serial else "can", settings.serial, settings.can, None
-    simulator = SimulatorProcess(settings, speaks_dbc=speaks_can)
+    of_battery = command_of("app.cli", "simulate", "--battery", settings.battery) if speaks_can else None
+    simulator = SimulatorProcess(settings, of_battery=of_battery)
     stack.callback(simulator.stop)
     simulator.start()
     return "simulator", None if speaks_can else simulator.ports.serial_url, simulator.ports.can_url, simulator

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import tempfile
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,13 +68,18 @@ class SimulatorProcess:
     """Started with the service, started again if it dies, ended with the service."""
 
     def __init__(
-        self, settings: Settings, *, speaks_dbc: bool = False, backoff: Backoff | None = None, stop_s: float = STOP_S
+        self,
+        settings: Settings,
+        *,
+        of_battery: Sequence[str] | None = None,
+        backoff: Backoff | None = None,
+        stop_s: float = STOP_S,
     ) -> None:
         """Prepare the process.
 
         Args:
             settings: of the service.
-            speaks_dbc: the battery has no master: its simulation speaks its DBC, on CAN alone.
+            of_battery: command line of another simulation than the team's car, which has CAN alone.
             backoff: between two starts.
             stop_s: how long it may take to end before it is killed.
         """
@@ -82,10 +88,9 @@ class SimulatorProcess:
         self.ports = choose_ports(pty=os.name == "posix")
         eeprom = str(settings.data / "eeprom.bin")
         of_team = ("simulator.cli", "--serial", self.ports.serial_argument, "--eeprom", eeprom)
-        of_battery = ("app.cli", "simulate", "--battery", settings.battery)
         self._arguments = [
-            *command_of(*(of_battery if speaks_dbc else of_team), "--can", self.ports.can_argument),
-            *("--with-parent", "--control", self.ports.control_argument),
+            *(of_battery or command_of(*of_team)),
+            *("--can", self.ports.can_argument, "--with-parent", "--control", self.ports.control_argument),
             *(("--seed", str(settings.seed)) if settings.seed is not None else ()),
         ]
         self._scenario = settings.scenario

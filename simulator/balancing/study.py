@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -139,6 +140,27 @@ THESIS: Final = Study(
 )
 
 
+def study_of(*, thesis: bool, rest: bool, packs: tuple[int, int] | None, **values: float | None) -> Study:
+    """Return a charge or a rest; what is None is as in the study of the car, or of the thesis.
+
+    Args:
+        thesis: the six cells of the balancing thesis, not the car's.
+        rest: no charge.
+        packs: number in series, and cells in series in each.
+        values: of other fields of a `Study`.
+
+    Raises:
+        ParameterError: a value is out of its limits.
+    """
+    study = THESIS if thesis else Study()
+    if rest:
+        study = replace(study, rate_c=None, soc=study.soc if thesis else 0.9)
+    if packs is not None:
+        study = replace(study, n_packs=packs[0], per_pack=packs[1])
+    chosen: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    return replace(study, **chosen)
+
+
 def run_study(study: Study, circuit: str, on_progress: OnProgress = lambda done, of: None) -> BalancingRun:
     """Charge or rest with a circuit of `CIRCUITS`.
 
@@ -174,6 +196,35 @@ def thesis_figures(study: Study, circuit: str) -> tuple[float, float, float] | N
     if circuit == "passive":
         return THESIS_PASSIVE.get(study.rate_c, {}).get(round(study.resistor_ohm))
     return THESIS_TRANSFORMER.get(study.rate_c) if circuit == "transformer" else None
+
+
+def figures_of_circuits(study: Study, circuits: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the figures and the course of each circuit, by its name."""
+    return {circuit: figures_of(study, circuit, run_study(study, circuit)) for circuit in circuits}
+
+
+def figures_of(study: Study, circuit: str, run: BalancingRun) -> dict[str, Any]:
+    """Return the figures and the course of a run as JSON has them."""
+    thesis = thesis_figures(study, circuit)
+    return {
+        "hours": run.hours,
+        "max_degc": run.max_degc,
+        "max_board_degc": run.max_board_degc,
+        "soc_difference": run.soc_difference,
+        "soc_difference_within_packs": difference_within_packs(study, run),
+        "balancing_loss_wh": run.balancing_loss_wh,
+        "charger_wh": run.charger_wh,
+        "stopped_by": run.stopped_by,
+        "thesis": thesis and dict(zip(("hours", "max_degc", "soc_difference_percent"), thesis, strict=True)),
+        "course": {
+            "time_h": run.time_h.tolist(),
+            "soc_min": run.soc.min(axis=1).tolist(),
+            "soc_max": run.soc.max(axis=1).tolist(),
+            "voltage_max_v": run.voltage_v.max(axis=1).tolist(),
+            "temperature_max_degc": run.temperature_degc.max(axis=1).tolist(),
+            "charger_a": run.current_a.tolist(),
+        },
+    }
 
 
 def _balancer(study: Study, circuit: str, accumulator: Accumulator) -> Balancer:

@@ -3,7 +3,7 @@
 import argparse
 import json
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,11 @@ from app.estimation.errors import DatasetError
 from simulator.balancing.charge import BalancingRun, OnProgress
 from simulator.balancing.choices import CIRCUITS
 from simulator.balancing.study import (
-    THESIS,
     Study,
     difference_within_packs,
+    figures_of,
     run_study,
+    study_of,
     thesis_figures,
 )
 from simulator.errors import ParameterError
@@ -55,23 +56,20 @@ def _share_of(progress: Progress, k: int, of: int) -> OnProgress:
 
 
 def _study(args: argparse.Namespace) -> Study:
-    study = THESIS if args.thesis else Study()
-    if args.rest:
-        study = replace(study, rate_c=None, soc=study.soc if args.thesis else 0.9)
-    if args.segments is not None:
-        study = replace(study, n_packs=args.segments[0], per_pack=args.segments[1])
-    given = {
-        "rate_c": args.rate,
-        "hours": args.hours,
-        "soc": _fraction(args.soc),
-        "spread": _fraction(args.spread),
-        "until": _fraction(args.until),
-        "ambient_degc": args.temperature,
-        "resistor_ohm": args.resistor,
-        "threshold_v": None if args.threshold is None else args.threshold / 1e3,
-        "seed": args.seed,
-    }
-    return replace(study, **{name: value for name, value in given.items() if value is not None})
+    return study_of(
+        thesis=args.thesis,
+        rest=args.rest,
+        packs=args.segments,
+        rate_c=args.rate,
+        hours=args.hours,
+        soc=_fraction(args.soc),
+        spread=_fraction(args.spread),
+        until=_fraction(args.until),
+        ambient_degc=args.temperature,
+        resistor_ohm=args.resistor,
+        threshold_v=None if args.threshold is None else args.threshold / 1e3,
+        seed=args.seed,
+    )
 
 
 def _fraction(percent: float | None) -> float | None:
@@ -102,28 +100,7 @@ def _line(study: Study, circuit: str, done: BalancingRun) -> str:
 
 
 def _document(study: Study, runs: dict[str, BalancingRun]) -> dict[str, object]:
-    circuits = {}
-    for name, done in runs.items():
-        known = thesis_figures(study, name)
-        circuits[name] = {
-            "hours": done.hours,
-            "max_degc": done.max_degc,
-            "max_board_degc": done.max_board_degc,
-            "soc_difference": done.soc_difference,
-            "soc_difference_within_packs": difference_within_packs(study, done),
-            "balancing_loss_wh": done.balancing_loss_wh,
-            "charger_wh": done.charger_wh,
-            "stopped_by": done.stopped_by,
-            "thesis": known and dict(zip(("hours", "max_degc", "soc_difference_percent"), known, strict=True)),
-            "course": {
-                "time_h": done.time_h.tolist(),
-                "soc_min": done.soc.min(axis=1).tolist(),
-                "soc_max": done.soc.max(axis=1).tolist(),
-                "voltage_max_v": done.voltage_v.max(axis=1).tolist(),
-                "temperature_max_degc": done.temperature_degc.max(axis=1).tolist(),
-                "charger_a": done.current_a.tolist(),
-            },
-        }
+    circuits = {name: figures_of(study, name, run) for name, run in runs.items()}
     return {"study": {**asdict(study), "start_soc": study.start_soc.tolist()}, "circuits": circuits}
 
 
