@@ -23,7 +23,7 @@ from typing import TextIO
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from app.sessions.worker.child_process import command_of
+from app.sessions.worker import command_of
 
 CONTEXT = get_context("forkserver")
 CONTEXT.set_forkserver_preload(["tests.forked", "tests.warmed", "simulator.cli"])

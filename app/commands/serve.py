@@ -30,7 +30,7 @@ from app.service.health.watchdog import keep_alive, notify
 from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit, return_freed_memory
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
-from app.sessions.worker.child_process import command_of
+from app.sessions.worker import command_of
 from app.sources.connections import NAMES as CONNECTIONS
 from app.sources.connections import Connections, Setup, load_connections
 from app.sources.loaded_battery import load_battery

@@ -14,7 +14,7 @@ from pathlib import Path
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.service.simulator_control import SimulatorControl
-from app.sessions.worker.child_process import command_of
+from app.sessions.worker import command_of
 from app.sources.links.serial import Backoff
 from app.words import Message
 

@@ -31,7 +31,7 @@ from app.live.learned_state import learned_file, load_learned_state
 from app.live.load import Load
 from app.live.pipeline import Output
 from app.season.cells.history import SeasonSource
-from app.season.keeper import SeasonLake
+from app.season.season_lake import SeasonLake
 from app.service.events import Events
 from app.service.failures import Failures
 from app.service.health.checks import Health
@@ -199,7 +199,8 @@ def make_service(
         clock,
         is_clock_synchronised,
     )
-    season = SeasonLake(data, settings.lake, builds=settings.season)
+    workers = Workers()
+    season = SeasonLake(data, settings.lake, workers, builds=settings.season)
     events.subscribe(season.on_event)
 
     def session_id() -> str | None:
@@ -268,7 +269,6 @@ def make_service(
     configuration = ConfigurationWriter(links.master, rules.context, write_log, clock)
     in_force = ConfigurationInForce(configuration, clock)
     profiles = Profiles(data / "profiles", clock)
-    workers = Workers()
     jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="jobs")
     identification = MasterIdentification(links.master, configuration, jobs, clock)
 

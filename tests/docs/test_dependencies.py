@@ -52,8 +52,20 @@ def imports_of_the_program() -> Iterator[tuple[str, str]]:
                     yield str(file.relative_to(ROOT)), node.args[0].value.split(".")[0]
 
 
+def test_only_the_commands_name_a_command_by_text() -> None:
+    """An import by name is one that the import contract does not see."""
+    named = [
+        f"{file.relative_to(ROOT)}:{node.lineno}"
+        for file in (ROOT / "app").rglob("*.py")
+        if not file.is_relative_to(ROOT / "app/commands") and file != ROOT / "app/cli.py"
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and re.search(r"\bapp[./](cli|commands)\b", str(node.value))
+    ]
+    assert named == []
+
+
 def test_no_module_of_ours_is_named_by_text() -> None:
-    """In a wheel it lies inside `voltwall`: `__package__` and `our_module()` know where."""
+    """In a wheel it lies inside `voltwall`: `__package__` and `command_of()` know where."""
     named = [
         f"{file.relative_to(ROOT)}:{node.lineno}"
         for folder in PACKAGES

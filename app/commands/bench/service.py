@@ -24,7 +24,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.files import size_on_disk
-from app.sessions.worker.child_process import command_of
+from app.sessions.worker import command_of
 from firmware_protocol.framing import LINE_BYTES_PER_S
 
 START_S = 30.0

@@ -12,7 +12,7 @@ from app.errors import LinkLost
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.sessions.worker.child_process import command_of
+from app.sessions.worker import command_of
 from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.serial import SerialLink
 from app.telemetry import Event

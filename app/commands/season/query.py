@@ -10,7 +10,7 @@ from app.commands.season.build import lake_of
 from app.errors import ConfigError
 from app.season.lake.place import Place
 from app.season.store import Answer, Limits, SeasonStore
-from app.season.store.questions import find_question, parameters_of, questions
+from app.season.store.questions import ask, find_question, json_of, parameters_of, questions
 from app.sessions.export.csv_row import csv_row
 
 
@@ -26,14 +26,9 @@ def answer_question(args: argparse.Namespace) -> int:
         else:
             print_table((), [(each.name, each.meaning + parameters_of(each)) for each in questions()])
         return 0
-    question = find_question(args.question)
-    if question is None and " " not in args.question.strip():
-        raise ConfigError("question", args.question, "SQL, or one of " + ", ".join(each.name for each in questions()))
-    if args.show and question is not None:
+    if args.show and (question := find_question(args.question)) is not None:
         print(question.sql, end="")
         return 0
-    given = dict(_pair(text) for text in args.set)
-    sql, values = (args.question, given) if question is None else (question.sql, question.values(given))
     for option, least in (("limit_rows", 0), ("limit_s", 0.001), ("limit_mb", 16)):
         if not getattr(args, option) >= least:
             raise ConfigError(option.replace("_", "-"), getattr(args, option), f"at least {least}")
@@ -41,7 +36,7 @@ def answer_question(args: argparse.Namespace) -> int:
     lake = lake_of(args)
     if args.lake:
         Place(lake).check_there()
-    answer = SeasonStore(lake).query(sql, values, limits)
+    answer = ask(SeasonStore(lake), args.question, limits, **dict(_pair(text) for text in args.set))
     _print(args, answer)
     if answer.is_cut and not getattr(args, "json", False):
         print(f"cut after {args.limit_rows} rows: --limit-rows", file=sys.stderr)
@@ -58,7 +53,7 @@ def _pair(text: str) -> tuple[str, str]:
 def _print(args: argparse.Namespace, answer: Answer) -> None:
     names, rows = answer.table.column_names, answer.rows()
     if getattr(args, "json", False):
-        print(json.dumps({"columns": names, "rows": rows, "is_cut": answer.is_cut}, default=str))
+        print(json_of(answer))
     elif args.csv:
         sys.stdout.writelines(map(csv_row, [names, *rows]))
     else:

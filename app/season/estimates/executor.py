@@ -1,16 +1,17 @@
-"""Where tasks run: a pool of processes here, or a Dask cluster by URL. Both are `concurrent.futures.Executor`."""
+"""Where sessions are estimated: in worker processes here, or on a Dask cluster by URL."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from concurrent.futures import Future
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from typing import Any
 
 from app.errors import ConfigError, ExtraMissing
+from app.sessions.worker import DAY, Workers
 
 CONNECT_S = 20.0
 DASK = "dask://"
@@ -18,11 +19,10 @@ DASK = "dask://"
 
 @dataclass(frozen=True)
 class Engine:
-    """`new_executor` makes one, again where its processes were lost; `window` is how many tasks are handed over."""
+    """`submit` begins a call of a function; `window` is how many are begun at once."""
 
-    new_executor: Callable[[], Executor]
+    submit: Callable[..., Future[Any]]
     window: int
-    is_pool: bool
 
 
 @contextmanager
@@ -35,8 +35,8 @@ def open_engine(url: str, processes: int | None = None) -> Iterator[Engine]:
     """
     if url == "processes":
         count = processes or os.cpu_count() or 1
-        spawn = get_context("spawn")
-        yield Engine(lambda: ProcessPoolExecutor(count, mp_context=spawn), count, is_pool=True)
+        with closing(Workers(count, most_idle=count)) as workers:
+            yield Engine(partial(workers.start, DAY), count)
         return
     address = url.removeprefix(DASK)
     if not url.startswith(DASK) or ":" not in address:
@@ -52,7 +52,7 @@ def open_engine(url: str, processes: int | None = None) -> Iterator[Engine]:
     try:
         # a task of a worker that is lost is given to another one, as often as the scheduler allows
         window = max(4 * sum(client.nthreads().values()), 64)
-        yield Engine(lambda: client.get_executor(pure=False), window, is_pool=False)
+        yield Engine(client.get_executor(pure=False).submit, window)
     finally:
         with suppress(OSError, TimeoutError):
             client.close(timeout=5)

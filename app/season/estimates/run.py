@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -114,38 +113,19 @@ def _content(info: SessionInfo) -> str | None:
 
 
 def _run(tasks: Sequence[_Task], engine: Engine, settle: Callable[[_Task, Any, str | None], None]) -> None:
-    """Run tasks a window at a time.
-
-    A process that ends takes its whole pool with it, and nobody knows whose task it was. So those that were under way
-    are tried again one at a time, in a new pool: what ends that one too has failed.
-    """
-    waiting, suspects = deque(tasks), deque[_Task]()
-    while waiting or suspects:
-        executor = engine.new_executor()
-        running: dict[Future[Any], _Task] = {}
-        is_broken = False
-        try:
-            while (waiting or suspects or running) and not is_broken:
-                is_alone = bool(suspects)
-                source, window = (suspects, 1) if is_alone else (waiting, engine.window)
-                while source and len(running) < window:
-                    future = executor.submit(estimate_session, source[0].job)
-                    running[future] = source.popleft()
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    task = running.pop(future)
-                    found, error = _outcome(future)
-                    is_broken |= isinstance(error, BrokenProcessPool)
-                    if isinstance(error, BrokenProcessPool) and not is_alone:
-                        suspects.append(task)
-                    else:
-                        settle(task, found, None if error is None else str(error) or type(error).__name__)
-        except BrokenProcessPool:  # between two tasks; the one that was not taken still waits
-            pass
-        finally:
-            suspects.extend(running.values())
-            for future in running:
-                future.cancel()
-            executor.shutdown(wait=engine.is_pool)  # a cluster goes on without us
+    """Run tasks a window at a time; where this is left early, those that were not begun are cancelled."""
+    waiting, running = deque(tasks), dict[Future[Any], _Task]()
+    try:
+        while waiting or running:
+            while waiting and len(running) < engine.window:
+                task = waiting.popleft()
+                running[engine.submit(estimate_session, task.job)] = task
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                found, error = _outcome(future)
+                settle(running.pop(future), found, None if error is None else str(error) or type(error).__name__)
+    finally:
+        for future in running:
+            future.cancel()
 
 
 def _outcome(future: Future[Any]) -> tuple[Any, BaseException | None]:

@@ -23,7 +23,7 @@ from app.season.lake.tables import (
 )
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import SUFFIX
-from app.words import Text
+from app.words import Message, Text
 
 _ORDER: Final = (*(name for name in TABLES if name != MARK), MARK)
 
@@ -77,6 +77,16 @@ def build_lake(
     pyarrow_or_error()
     with lake.one_writer():
         return _build(lake, paths, again=again, judge_anew=judge_anew, progress=progress)
+
+
+def build_new(lake: str, data: Path) -> list[Message]:
+    """Bring the lake of a service up to date with its data folder; return which sessions are left out, and why.
+
+    Raises:
+        OSError: the lake cannot be written.
+    """
+    built = build_lake(Place(lake), session_files([data / "sessions"]))
+    return [Message("of-source", source=session, reason=why) for session, why in built.failed]
 
 
 def _build(

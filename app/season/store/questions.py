@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import ConfigError
-from app.season.store.store import Answer, Limits, SeasonStore, Value
+from app.season.lake.place import Place
+from app.season.store.store import Answer, Limits, QueryFailed, SeasonStore, Value
 from app.words import Message
 
 FILE: Final = Path(__file__).with_suffix(".sql")
@@ -63,17 +65,39 @@ def parameters_of(question: Question) -> str:
     return "".join(f"; --set {each.name}={each.default}" for each in question.parameters)
 
 
-def ask(store: SeasonStore, name: str, limits: Limits = Limits(), **given: str) -> Answer:  # noqa: B008
-    """Answer one of the questions.
+def ask(store: SeasonStore, question: str, limits: Limits = Limits(), /, **given: str) -> Answer:  # noqa: B008
+    """Answer one of the questions by its name, or one SELECT.
 
     Raises:
         ConfigError: there is none of this name, or a parameter is wrong.
         QueryFailed: see `SeasonStore.query`.
     """
-    question = find_question(name)
-    if question is None:
-        raise ConfigError("question", name, Message("one-of", choices=tuple(each.name for each in questions())))
-    return store.query(question.sql, question.values(given), limits)
+    found = find_question(question)
+    if found is not None:
+        return store.query(found.sql, found.values(given), limits)
+    if " " not in question.strip():
+        names = tuple(each.name for each in questions())
+        raise ConfigError("question", question, Message("sql-or-one-of", choices=names))
+    return store.query(question, given, limits)
+
+
+def json_of(answer: Answer) -> str:
+    """Return an answer as JSON: `columns`, `rows` and `is_cut`."""
+    found = {"columns": answer.table.column_names, "rows": answer.rows(), "is_cut": answer.is_cut}
+    return json.dumps(found, default=str)
+
+
+def answer_at(lake: str, question: str, given: Mapping[str, str], limits: Limits, most_mb: int) -> str:
+    """Return the answer of a service's lake, which may be empty, as JSON of at most `most_mb` megabytes.
+
+    Raises:
+        ConfigError, QueryFailed: as `ask`; the answer is longer.
+    """
+    Place(lake).make()
+    text = json_of(ask(SeasonStore(lake), question, limits, **given))
+    if len(text) > most_mb << 20:
+        raise QueryFailed(Message("answer-too-large", megabytes=most_mb))
+    return text
 
 
 def _read(lines: list[str]) -> Question:

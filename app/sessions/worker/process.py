@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from app.errors import AppError, LimitExceeded, rebuilt
-from app.sessions.worker.limits import Limits, memory_limit
+from app.sessions.worker.workers import MB, Limits, memory_limit
 from app.words import Message, Quantity
 
 try:
@@ -24,7 +24,6 @@ except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
 NICENESS = 15
-_MB = 1 << 20
 Job = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], Limits, bool]
 
 
@@ -72,7 +71,7 @@ def _work(
     except (MemoryError, RecursionError) as error:
         if isinstance(error, RecursionError):
             return "failed", LimitExceeded(Message("limit-nesting", limit=sys.getrecursionlimit()))
-        return "failed", LimitExceeded(Message("limit-memory", limit=Quantity(memory // _MB, "MB")))
+        return "failed", LimitExceeded(Message("limit-memory", limit=Quantity(memory // MB, "MB")))
     except Exception as error:  # noqa: BLE001  whatever it is, the caller learns it
         return "failed", error
 

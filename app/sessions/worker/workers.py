@@ -1,15 +1,22 @@
-"""The service's side: hands jobs to worker processes, ends one that takes too long, keeps an idle one for a while."""
+"""The one runner of jobs: functions of modules in processes of low priority, with limits on memory and time.
+
+It ends a process that takes too long, and keeps an idle one for a while. All that is read from elsewhere, and whatever
+takes long, runs here: imports, exports, reports, definitions, inference, balancing, the season and its estimates.
+"""
 
 import os
 import pickle
 import subprocess
+import sys
 import threading
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, ParamSpec, TypeVar
 
 from app.errors import LimitExceeded, NotNow, WorkerEnded, rebuilt
-from app.sessions.worker.child_process import command_of
-from app.sessions.worker.limits import Limits
 from app.words import Message, Quantity
 
 AT_ONCE = 2  # a long import and what somebody looks at meanwhile
@@ -19,6 +26,67 @@ _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 _LITTLE_MEMORY = {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "2"}  # its own pool maps 1 GB at once
 P = ParamSpec("P")
 T = TypeVar("T")
+
+MB: Final = 1 << 20
+MEMORY_BYTES: Final = 2048 * MB  # or half of the machine's
+LEAST_BYTES: Final = 384 * MB
+_IMPORT_S, _IMPORT_S_PER_MB = 120, 20
+
+# With `-m` alone Python looks for modules in the working folder first: a file `can.py` there would be run in place of
+# python-can. `-P` turns that off; the folder of this package is named instead.
+_RUN: Final = (
+    "import runpy, sys; folder, module = sys.argv[1:3]; del sys.argv[1:3]; "
+    "folder in sys.path or sys.path.insert(0, folder); runpy.run_module(module, run_name='__main__', alter_sys=True)"
+)
+_ABOVE: Final = __name__.removesuffix("app.sessions.worker.workers")  # in a wheel `voltwall.`
+_FOLDER: Final = Path(__file__).resolve().parents[3 + _ABOVE.count(".")]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a job may use of the machine.
+
+    Attributes:
+        cpu_s: processor time [s].
+        memory_bytes: beside what the program itself takes [bytes]; None: what `memory_limit` says.
+        wall_s: time from its start [s]; None: by the processor time, on a machine that does much else.
+    """
+
+    cpu_s: int
+    memory_bytes: int | None = None
+    wall_s: float | None = None
+
+    @property
+    def longest_s(self) -> float:
+        """After which its process is ended [s]."""
+        return 60.0 + 6.0 * self.cpu_s if self.wall_s is None else self.wall_s
+
+
+DEFINITIONS = Limits(30)  # a DBC, a battery's profile
+INSPECTION = Limits(120)  # the table in a file
+REPORT = Limits(180)
+EXPORT = Limits(600)
+DAY: Final = Limits(86_400)  # a season built, or one session of it estimated
+
+
+def import_limits(size_bytes: int) -> Limits:
+    """Return what the import of a file may use, by its size."""
+    return Limits(_IMPORT_S + _IMPORT_S_PER_MB * (size_bytes // MB))
+
+
+@cache
+def memory_limit() -> int:
+    """Return what a job may take on this machine [bytes]: half of its memory, at most 2 GB."""
+    try:
+        physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows
+        return MEMORY_BYTES
+    return max(LEAST_BYTES, min(MEMORY_BYTES, physical // 2))
+
+
+def command_of(module: str, *arguments: str) -> list[str]:
+    """Return the command line that runs a module as a program of its own, whatever lies in the working folder."""
+    return [sys.executable, "-P", "-c", _RUN, str(_FOLDER), _ABOVE + module, *arguments]
 
 
 class _Worker:
@@ -78,8 +146,10 @@ class _Worker:
 class Workers:
     """Runs functions of modules, with arguments that can be pickled, in processes with limits."""
 
-    def __init__(self) -> None:
-        self._free = threading.Semaphore(AT_ONCE)
+    def __init__(self, at_once: int = AT_ONCE, most_idle: int = 1) -> None:
+        """Prepare; a process is started when a job needs one, and `most_idle` are kept for the next."""
+        self._free = threading.Semaphore(at_once)
+        self._most_idle = most_idle
         self._lock = threading.Lock()
         self._waiting = 0
         self._idle: list[_Worker] = []
@@ -104,6 +174,20 @@ class Workers:
         """Same, of a function that takes `on_progress`, which is called here."""
         return self._run((function, args, named, limits, True), on_progress)  # type: ignore[no-any-return]
 
+    def start(self, limits: Limits, function: Callable[P, T], *args: P.args, **named: P.kwargs) -> Future[T]:
+        """Same as `run`, in a thread of its own: the future has what is returned or raised."""
+        future: Future[T] = Future()
+        future.set_running_or_notify_cancel()
+
+        def work() -> None:
+            try:
+                future.set_result(self.run(limits, function, *args, **named))
+            except Exception as error:  # noqa: BLE001  whatever it is, it is the caller's
+                future.set_exception(error)
+
+        threading.Thread(target=work, name="job", daemon=True).start()
+        return future
+
     def close(self) -> None:
         """End every process; jobs under way fail."""
         with self._lock:
@@ -127,7 +211,7 @@ class Workers:
         try:
             worker = self._take()
             try:
-                return worker.run(job, job[3].wall_s, on_progress)
+                return worker.run(job, job[3].longest_s, on_progress)
             finally:
                 self._give_back(worker)
         finally:
@@ -144,7 +228,7 @@ class Workers:
     def _give_back(self, worker: _Worker) -> None:
         with self._lock:
             self._busy.discard(worker)
-            if worker.process.poll() is not None or self._is_closed or self._idle:
+            if worker.process.poll() is not None or self._is_closed or len(self._idle) >= self._most_idle:
                 keeps = False
             else:
                 self._idle.append(worker)

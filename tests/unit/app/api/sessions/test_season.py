@@ -1,4 +1,4 @@
-"""The season over HTTP; the processes that answer are tests of the keeper's."""
+"""The season over HTTP; the processes that answer are tests of the lake's."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def asked(monkeypatch) -> list:
             raise QueryFailed(Message("one-select"))
         return {"columns": ["a", "b"], "rows": [[1, None]], "is_cut": False}
 
-    monkeypatch.setattr("app.season.keeper.SeasonLake.query", query)
+    monkeypatch.setattr("app.season.season_lake.SeasonLake.query", query)
     return found
 
 

@@ -1,8 +1,7 @@
 """A season estimated again: results survive a kill, are made once, and one bad session or process stops nothing."""
 
 import shutil
-from concurrent.futures import Executor, Future
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -41,24 +40,19 @@ def sessions(folder):
     return Catalogue(folder / "sessions").list()[::-1]
 
 
-class Here(Executor):
+def engine(act=lambda _: None, window=1):
     """Runs each task at once; `act` may do something else instead."""
 
-    def __init__(self, act=lambda _: None):
-        self.act = act
-
-    def submit(self, fn, job):
+    def submit(function, job):
         future = Future()
         try:
-            self.act(job)
-            future.set_result(fn(job))
-        except Exception as error:  # noqa: BLE001 (as a pool does)
+            act(job)
+            future.set_result(function(job))
+        except Exception as error:  # noqa: BLE001 (as a worker does)
             future.set_exception(error)
         return future
 
-
-def engine(act=lambda _: None, window=1):
-    return Engine(lambda: Here(act), window, is_pool=True)
+    return Engine(submit, window)
 
 
 def test_what_a_kill_left_is_kept_and_only_the_rest_is_estimated(season, tmp_path):
@@ -117,20 +111,6 @@ def test_a_failed_session_does_not_stop_the_rest(season, tmp_path):
     assert told[-1].left_s == 0.0
 
 
-@pytest.mark.parametrize("ends_always", [False, True])
-def test_a_process_that_ends_takes_only_the_session_with_it_that_ended_it_twice(season, tmp_path, ends_always):
-    bad, ended = sessions(season)[0], []
-
-    def end(job):
-        if bad.id in job.path and (ends_always or not ended):
-            ended.append(job)
-            raise BrokenProcessPool("a process ended")
-
-    outcome = estimate_season(sessions(season), WANTED, "fused", Results(tmp_path), engine(end, window=3))
-    assert len(outcome.estimated) == (2 if ends_always else 3)
-    assert list(outcome.failed) == ([bad.id] if ends_always else [])
-
-
 def test_one_reading_makes_the_results_of_two_cell_files_and_says_what_changed(season, tmp_path):
     results, after = Results(tmp_path), set_of("smaller", LARGER, "fused")
     wanted = [(after, LARGER), *WANTED]
@@ -160,7 +140,7 @@ def test_resistance_is_told_over_the_cell_file_at_the_temperature_and_soc_of_the
     assert told[-1] / told[0] == pytest.approx(1.6, rel=0.05)
 
 
-def test_the_pool_of_processes_gives_what_this_process_gives(season, tmp_path):
+def test_worker_processes_give_what_this_process_gives(season, tmp_path):
     results = Results(tmp_path)
     with open_engine("processes", 1) as pool:
         estimate_season(sessions(season)[:1], WANTED, "fused", results, pool)

@@ -3,14 +3,16 @@
 import gzip
 import os
 import signal
-import threading
+import subprocess
 import time
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 
 from app.errors import ImportFailed, LimitExceeded, NotNow, WorkerEnded
 from app.sessions.transfer.import_jobs import columns_of
-from app.sessions.worker import Limits, Workers
+from app.sessions.worker import Limits, Workers, command_of
 from app.sessions.worker import workers as module
 from app.sessions.worker.process import NICENESS
 from app.words import Message, render
@@ -134,10 +136,9 @@ def test_a_process_that_ended_is_no_limit_and_the_next_job_runs(workers, job, co
     assert workers.run(FEW, hold, 1000) == 1000
 
 
-def test_one_that_waits_for_ever_is_ended(workers, monkeypatch):
-    monkeypatch.setattr(Limits, "wall_s", 0.2)
+def test_one_that_waits_for_ever_is_ended(workers):
     with pytest.raises(LimitExceeded, match="not done within"):
-        workers.run(FEW, sleep, 600.0)
+        workers.run(Limits(20, wall_s=0.2), sleep, 600.0)
 
 
 def test_too_many_at_once_are_refused(monkeypatch):
@@ -146,25 +147,19 @@ def test_too_many_at_once_are_refused(monkeypatch):
         Workers().run(FEW, about)
 
 
-def test_closing_ends_what_runs():
-    workers = Workers()
-    failed = []
-
-    def run():
-        try:
-            workers.run(FEW, sleep, 600.0)
-        except WorkerEnded as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    while not workers._busy:
-        time.sleep(0.01)
-    workers.close()
-    thread.join(30)
-    assert len(failed) == 1
-    with pytest.raises(NotNow):
-        workers.run(FEW, about)
+def test_jobs_that_are_started_run_at_once_and_keep_their_processes():
+    with closing(Workers(2, most_idle=2)) as workers:
+        both = [workers.start(FEW, sleep, 600.0), workers.start(FEW, fail)]
+        with pytest.raises(ImportFailed, match="the file is empty"):
+            both[1].result(30)
+        assert both[0].running()
+        process, _ = workers.start(FEW, about).result(30)
+        assert workers.start(FEW, about).result(30)[0] == process
+        workers.close()
+        with pytest.raises(WorkerEnded):
+            both[0].result(30)
+        with pytest.raises(NotNow):
+            workers.run(FEW, about)
 
 
 def test_a_gzip_bomb_is_refused_with_its_limit(workers, tmp_path):
@@ -174,3 +169,20 @@ def test_a_gzip_bomb_is_refused_with_its_limit(workers, tmp_path):
             file.write(b"0.0,1.0\n" * (1 << 17))
     with pytest.raises(LimitExceeded, match=r"more than 1\d MB"):
         workers.run(FEW, columns_of, path)
+
+
+def test_a_file_in_the_working_folder_is_not_run_in_place_of_a_library(tmp_path: Path) -> None:
+    for name in ("can.py", "serial.py", "app.py", "simulator.py"):
+        (tmp_path / name).write_text("raise SystemExit('run from the working folder')")
+    done = subprocess.run(
+        command_of("simulator.cli", "--help"), cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "--scenario" in done.stdout
+
+
+def test_arguments_arrive_as_they_are(tmp_path: Path) -> None:
+    command = command_of("simulator.cli", "--scenario", "no such scenario")
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "no such scenario" in done.stderr
