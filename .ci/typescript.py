@@ -10,6 +10,7 @@ from typing import Any
 from app.api.application import create_app
 from app.api.encoding.configuration import schema_json
 from app.service.settings import Settings
+from app.sessions.export.formats import FORMATS
 from firmware_protocol.memory_map import (
     CELLS_PER_PACK,
     CONFIG_FIELDS,
@@ -60,6 +61,24 @@ def memory_map_types() -> str:
         _union("StructField", list(FIELDS)),
     ]
     return HEAD.format("the memory map") + "\n" + "\n".join(lines) + "\n"
+
+
+def export_formats() -> str:
+    """The export formats that a page offers."""
+    offered = [
+        {
+            "id": name,
+            "name": each.name,
+            "what": each.meaning,
+            "suffix": each.suffix,
+            "signals": each.has_signals,
+            "names": each.has_names,
+        }
+        for name, each in FORMATS.items()
+        if not each.is_part
+    ]
+    text = f"export const EXPORT_FORMATS = {json.dumps(offered, indent=2)} as const;\n"
+    return HEAD.format("app/sessions/export/formats.py") + "\n" + text
 
 
 def fixture_schema() -> str:

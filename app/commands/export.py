@@ -13,7 +13,7 @@ from app.commands.console.progress import Progress
 from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
 from app.sessions.export.export import export
-from app.sessions.export.formats import FORMATS, WITH_LAPS
+from app.sessions.export.formats import FORMATS
 from app.sessions.reading.reader import SessionFile
 
 STANDARD_OUTPUT = Path("-")
@@ -57,7 +57,7 @@ def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | N
         if t_from_s is not None and t_to_s is not None and t_to_s < t_from_s:
             raise ConfigError("to", args.t_to, f"not before --from {args.t_from}")
         try:
-            laps = lap_times(session) if name in WITH_LAPS else None
+            laps = lap_times(session) if FORMATS[name].has_laps else None
             wanted = {
                 "signals": args.signal,
                 "t_from_s": t_from_s,

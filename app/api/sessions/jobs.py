@@ -7,7 +7,7 @@ from app.analysis.evidence.evidence import Evidence, evidence_of
 from app.analysis.laps.from_session import Counter, LapTable, Overlay, Source, lap_table, lap_times, overlay_laps
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
 from app.sessions.export.export import export
-from app.sessions.export.formats import WITH_LAPS, Names
+from app.sessions.export.formats import FORMATS, Names
 from app.sessions.reading.reader import SessionFile
 
 
@@ -79,7 +79,7 @@ def export_at(
         ExportUnavailable: the format needs a package that is not installed.
     """
     with SessionFile(path) as file:
-        laps = lap_times(file) if export_format in WITH_LAPS else None
+        laps = lap_times(file) if FORMATS[export_format].has_laps else None
         export(
             file,
             target,

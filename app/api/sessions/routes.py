@@ -52,7 +52,7 @@ from app.words import Message
 
 SQLITE = "application/vnd.sqlite3"
 router = APIRouter(tags=["sessions"])
-ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "motec", "ldx", "candump", "asc", "blf"]
+ExportFormat = Annotated[str, Query(alias="format", json_schema_extra={"enum": [*FORMATS]})]
 SignalName = Annotated[str, Field(max_length=LONGEST_NAME)]
 MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
 From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, description="unix time, s")]
@@ -251,7 +251,7 @@ def download(
     session_id: str,
     catalogue: CataloguePart,
     workers: WorkersPart,
-    export_format: Annotated[ExportFormat, Query(alias="format")] = "csv",
+    export_format: ExportFormat = "csv",
     signal: Annotated[list[SignalName] | None, Query(max_length=2000)] = None,
     t_from: From = None,
     t_to: To = None,

@@ -5,7 +5,13 @@ from pathlib import Path
 
 from app.commands.arguments.common import add_data_argument, add_session_argument
 from app.commands.arguments.work import Work
-from app.sessions.export.formats import FORMATS, NAMES
+from app.sessions.export.formats import FORMATS, NAMES, Format
+
+
+def meaning_of(export_format: Format) -> str:
+    """Return what a format is, and what it needs."""
+    needs = f" (needs {', '.join(export_format.needs)})" if export_format.needs else ""
+    return f"{export_format.name}, {export_format.meaning}{needs}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         choices=tuple(FORMATS),
-        help="\n".join(f"{name:8} {each.meaning}" for name, each in FORMATS.items())
+        help="\n".join(f"{name:8} {meaning_of(each)}" for name, each in FORMATS.items())
         + "\nwithout it, what the ending of --out says",
     )
     parser.add_argument(

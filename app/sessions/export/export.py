@@ -6,7 +6,7 @@ from pathlib import Path
 from app.errors import ConfigError
 from app.sessions.export.can_log import write_asc, write_blf, write_candump
 from app.sessions.export.csv_file import csv_parts
-from app.sessions.export.formats import FORMATS, NAMES, WITH_NAMES, Names
+from app.sessions.export.formats import FORMATS, NAMES, Names
 from app.sessions.export.ld_file import write_ld, write_ldx, write_motec
 from app.sessions.export.mcap_file import write_mcap
 from app.sessions.export.mf4_file import write_mf4
@@ -62,7 +62,7 @@ def export(
     """
     if export_format not in FORMATS:
         raise ConfigError("format", export_format, Message("one-of", choices=tuple(FORMATS)))
-    known = NAMES if export_format in WITH_NAMES else NAMES[:1]
+    known = NAMES if FORMATS[export_format].has_names else NAMES[:1]
     if names not in known:
         raise ConfigError("names", names, Message("one-of", choices=known))
     table = SignalTable(
