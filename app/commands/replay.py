@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from app.analysis.expectations import Expectations
-from app.analysis.replay_check import prove
-from app.analysis.session_cell import cell_of, judged_by
+from app.analysis.replay import cell_for, prove
+from app.analysis.session_cell import judged_by
 from app.api.application import Replay
 from app.api.encoding.encoder import snapshot_json
 from app.commands.console.progress import Progress
@@ -19,12 +19,13 @@ from app.commands.serve import serve
 from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
+from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.service import log
 from app.service.settings import Settings
 from app.sessions.info import RecordedConfig
 from app.sessions.reading.reader import SessionFile
-from app.sessions.replay import SESSION_CELL, item_of, prepare
+from app.sessions.replay import item_of, prepare
 from app.telemetry.service_state import ServiceState
 from app.words import naming_cells
 
@@ -56,18 +57,14 @@ def run(args: argparse.Namespace) -> int:
         return serve(settings, replay=Replay(path, args.speed, args.estimates, args.cell))
 
 
-def _chain(session: SessionFile, filter_name: str, cell_name: str | None) -> PipelineFactory:
-    """The named cell; without a name the one that the session was recorded with, today's where it keeps none."""
-    battery = session.loaded_battery
-    of_then, is_of_then = cell_of(session)
-    if cell_name is None and is_of_then:
-        return PipelineFactory(filter_name, SESSION_CELL, battery, of_then)
-    return PipelineFactory(filter_name, cell_name, battery)
+def _pipeline(session: SessionFile, filter_name: str, chosen: str | None) -> Pipeline:
+    name, cell = cell_for(session, chosen)
+    return PipelineFactory(filter_name, name, session.loaded_battery, cell).pipeline("replay", "recorded", "recorded")
 
 
 def _print_snapshots(path: Path, filter_name: str, cell_name: str | None) -> int:
     with SessionFile(path) as file, naming_cells(file.battery.segments):
-        pipeline = _chain(file, filter_name, cell_name).pipeline("replay", "recorded", "recorded")
+        pipeline = _pipeline(file, filter_name, cell_name)
         prepare(pipeline, file)
         for received in file.received():
             if isinstance(received, RecordedConfig):
@@ -87,10 +84,10 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
     with SessionFile(path) as session, naming_cells(session.battery.segments):
         expectations = Expectations(text, session.battery)
         chosen = filter_name or expectations.filter_name or DEFAULT_FILTER
-        chain = _chain(session, chosen, cell_name or expectations.cell_name)
+        pipeline = _pipeline(session, chosen, cell_name or expectations.cell_name)
         judged = [each.text for each in judged_by(session, cell_name or expectations.cell_name)]
         progress = Progress(path.stem)
-        verdicts = prove(session, expectations, chain.pipeline("replay", "recorded", "recorded"), progress)
+        verdicts = prove(session, expectations, pipeline, progress)
         progress.end()
     failed = sum(not verdict.held for verdict in verdicts)
     if as_json:

@@ -1,9 +1,9 @@
-"""What the names of a filter and a cell stand for, and of which battery: the one place where they become a pipeline."""
+"""The one factory of pipelines: what the names of a filter and a cell stand for, and of which battery."""
 
 from collections.abc import Callable
 
 from app.errors import AppError, ConfigError
-from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.cell_file import bundled_cells, load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.engine.library import load
@@ -29,6 +29,7 @@ class PipelineFactory:
         cell_name: str | None = None,
         battery: LoadedBattery | None = None,
         cell: CellModel | None = None,
+        stopwatch_ns: Callable[[], int] | None = None,
     ) -> None:
         """Read the cell file, unless the cell is given.
 
@@ -37,6 +38,7 @@ class PipelineFactory:
             cell_name: a cell file, or the name of a bundled one; None: that of the battery.
             battery: None: the team's own.
             cell: what `cell_name` stands for, where it is no file.
+            stopwatch_ns: measures what a sample takes to estimate; None: it is not measured.
 
         Raises:
             ConfigError: there is no such filter, or the cell cannot be used.
@@ -56,6 +58,45 @@ class PipelineFactory:
             raise AppError(str(error)) from error
         self._filter_name = filter_name
         self._cell_name = cell_name
+        self._stopwatch_ns = stopwatch_ns
+
+    @property
+    def cells(self) -> list[str]:
+        """Names of the cells that can be chosen, the own one first."""
+        return list(dict.fromkeys((self._cell_name, *bundled_cells())))
+
+    def chosen(
+        self,
+        filter_name: str | None = None,
+        cell_name: str | None = None,
+        battery: LoadedBattery | None = None,
+        cell: CellModel | None = None,
+    ) -> "PipelineFactory":
+        """Return the factory of another filter, cell or battery; None is the own one.
+
+        A cell is chosen by a name of `cells`, also that of a battery from elsewhere, which may name any file; `cell` is
+        what another name stands for.
+
+        Raises:
+            ConfigError: there is no such filter or cell.
+        """
+        is_another = battery is not None and battery.files != self.battery.files
+        if filter_name is None and cell_name is None and not is_another:
+            return self
+        cell_name = cell_name or (battery.battery.cell if battery is not None and is_another else self._cell_name)
+        if cell is None and cell_name not in self.cells:
+            raise ConfigError("cell", cell_name, Message("one-of-cells", choices=tuple(bundled_cells())))
+        return PipelineFactory(
+            filter_name or self._filter_name, cell_name, battery or self.battery, cell, self._stopwatch_ns
+        )
+
+    def for_import(self, battery: LoadedBattery) -> Pipeline:
+        """Return a pipeline that a recording of this battery by another system goes through.
+
+        Raises:
+            ConfigError: the battery names a cell that is none of `cells`.
+        """
+        return self.chosen(battery=battery).pipeline("replay", "imported", "imported", looks_ahead=False)
 
     def pipeline(
         self,
@@ -66,7 +107,6 @@ class PipelineFactory:
         predictor: Predictor | None = None,
         watch: CellWatch | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
-        stopwatch_ns: Callable[[], int] | None = None,
         looks_ahead: bool = True,
     ) -> Pipeline:
         """Return a fresh pipeline; without `predictor` nothing was learned before but what `watch` has seen.
@@ -78,7 +118,7 @@ class PipelineFactory:
             self._new_estimator,
             filter_name=self._filter_name,
             cell_name=self._cell_name,
-            stopwatch_ns=stopwatch_ns,
+            stopwatch_ns=self._stopwatch_ns,
             predictor=predictor or self.predictor(watch=watch, looks_ahead=looks_ahead),
             start_soc=start_soc,
         )

@@ -5,6 +5,7 @@ pipeline to the listeners, which are called in the order in which they stand her
 """
 
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.of_sessions import BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.incidents import Trigger
-from app.analysis.replay_chain import ReplayChain
+from app.analysis.replay import cause_of_trip_at, pipelines_of
 from app.analysis.root_cause.cause import Cause, trip_cause
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.clock import Clock, ClockRun
@@ -30,6 +31,7 @@ from app.live.hub import Hub
 from app.live.learned_state import learned_file, load_learned_state
 from app.live.load import Load
 from app.live.pipeline import Output
+from app.live.pipeline_factory import PipelineFactory
 from app.season.cells.history import SeasonSource
 from app.season.season_lake import SeasonLake
 from app.service.events import Events
@@ -43,7 +45,6 @@ from app.service.links import Links
 from app.service.master import ConfigurationInForce, MasterCommands, MasterIdentification, Rules
 from app.service.mqtt.publisher import MqttPublisher, configured_publisher
 from app.service.pipeline_thread import PipelineThread
-from app.service.pipelines import Pipelines
 from app.service.settings import Settings
 from app.service.state import ServiceStateReader, recording_state
 from app.sessions.catalogue import Catalogue
@@ -81,7 +82,7 @@ class Service:
     driver_display: DriverDisplay
     live: PipelineThread
     trace: CanTrace
-    pipelines: Pipelines
+    pipelines: PipelineFactory
     replay: ReplayPlayer
     recorder: AutoRecorder
     catalogue: Catalogue
@@ -167,7 +168,7 @@ def make_service(
     events = Events(EventLog(data / "events.sqlite", clock, damaged.add), clock)
     damaged.note_into(events.note)
     battery = load_battery(settings.battery)
-    pipelines = Pipelines(settings, battery)
+    pipelines = PipelineFactory(settings.filter, settings.cell, battery, stopwatch_ns=time.perf_counter_ns)
     recorder = AutoRecorder(
         sessions_folder,
         clock=clock,
@@ -240,11 +241,12 @@ def make_service(
     learned = load_learned_state(learned_path, battery.battery.n_cells)
     predictor = pipelines.predictor(None if learned is None else learned.cells)
     start_soc = None if learned is None else learned.start(clock.wall_ns())
-    pipeline = pipelines.new(source, serial_url, can_url, predictor, start_soc)
+    pipeline = pipelines.pipeline(source, serial_url, can_url, predictor=predictor, start_soc=start_soc)
     learned_state = LearnedStateSaver(learned_path, pipeline, predictor, clock)
     hub: Hub[Snapshot] = Hub()
     replay = ReplayPlayer(
-        partial(ReplayChain, new_pipeline=pipelines.new),
+        partial(pipelines_of, pipelines),
+        cause_of_trip_at,
         hub.publish_threadsafe,
         partial(events.note, "warning", "replay-failed"),
         clock,

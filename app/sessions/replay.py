@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Literal, Protocol
+from typing import Final, Literal
 
 import numpy as np
 
@@ -49,14 +49,8 @@ class ReplayOptions:
     estimates: Estimates = "recomputed"
 
 
-class Chain(Protocol):
-    """What one session is replayed through."""
-
-    def pipeline(self, from_s: float | None = None) -> Pipeline:
-        """Return a fresh pipeline; from a unix time on it knows what the cells had shown until then."""
-
-    def cause(self, at_s: float) -> TripCause | None:
-        """Return what caused the trip that holds at a unix time. From any thread; it takes seconds."""
+NewPipeline = Callable[[float | None], Pipeline]
+"""Makes a fresh pipeline; from a unix time on it knows what the cells had shown until then."""
 
 
 @dataclass
@@ -66,10 +60,10 @@ class _Replay:
     file: SessionFile
     pacer: Pacer
     recorded: RecordedEstimates
-    chain: Chain
+    new_pipeline: NewPipeline
     pipeline: Pipeline
     options: ReplayOptions
-    jumped_to_s: float | None = None  # a position from which on a fresh chain is needed
+    jumped_to_s: float | None = None  # a position from which on a fresh pipeline is needed
     cause: "Future[TripCause | None] | None" = None  # of the trip that holds
     compared: ReplayCompared | None = None
 
@@ -97,7 +91,8 @@ class ReplayPlayer:
 
     def __init__(
         self,
-        new_chain: Callable[[SessionFile, ReplayOptions], Chain],
+        pipelines_of: Callable[[SessionFile, ReplayOptions], NewPipeline],
+        find_cause: Callable[[SessionFile, float], TripCause | None],
         show: Callable[[Snapshot], None],
         on_failure: Callable[[Message], None],
         clock: Clock,
@@ -105,11 +100,22 @@ class ReplayPlayer:
         end_s: float = END_S,
         open_file: Callable[[Path], SessionFile] = SessionFile,
     ) -> None:
-        """`end_s` is how long to wait for a replay that is told to end; `open_file` opens its session."""
+        """Prepare; nothing is opened.
+
+        Args:
+            pipelines_of: returns what makes the pipelines of a session.
+            find_cause: returns what caused the trip that holds at a unix time; it takes seconds, in another thread.
+            show: is given each snapshot.
+            on_failure: is given why a replay ended.
+            clock: of the service.
+            end_s: how long to wait for a replay that has to end.
+            open_file: opens its session.
+        """
         self._clock = clock
         self._end_s = end_s
         self._open_file = open_file
-        self._new_chain = new_chain
+        self._pipelines_of = pipelines_of
+        self._find_cause = find_cause
         self._show = show
         self._on_failure = on_failure
         self._lock = threading.Lock()
@@ -216,9 +222,9 @@ class ReplayPlayer:
         """Open a session at its start; what cannot be played is refused before the replay that is shown ends."""
         file = self._open_file(path)
         try:
-            chain = self._new_chain(file, options)
+            new_pipeline = self._pipelines_of(file, options)
             pacer = Pacer(file, now_s=self._clock.monotonic_s(), speed=options.speed)
-            return _Replay(file, pacer, RecordedEstimates(file), chain, chain.pipeline(), options)
+            return _Replay(file, pacer, RecordedEstimates(file), new_pipeline, new_pipeline(None), options)
         except BaseException:
             file.close()
             raise
@@ -255,7 +261,7 @@ class ReplayPlayer:
                 _renew(replay, position_s)
                 now_s = self._clock.monotonic_s()
                 if not pacer.is_paused:
-                    pacer.seek(position_s, now_s)  # what the new chain took to learn is not the session's time
+                    pacer.seek(position_s, now_s)  # what the new pipeline took to learn is not the session's time
             self._publish_state(replay, now_s)
             if self._take(replay, pacer.due(now_s)):
                 shown_s = now_s
@@ -272,7 +278,7 @@ class ReplayPlayer:
             order(replay, self._clock.monotonic_s())
 
     def _take(self, replay: _Replay, due: Sequence[RecordedFrame | RecordedCanFrame]) -> bool:
-        """Put what is due through the chain; True where something was shown."""
+        """Put what is due through the pipeline; True where something was shown."""
         shown = False
         for received in due:
             if not self._is_current():
@@ -297,20 +303,20 @@ class ReplayPlayer:
             replay.cause = None
         elif replay.cause is None:
             replay.cause = Future()
-            arguments = (replay.chain, replay.file.unix_s(snapshot.t_mono_ns), replay.cause)
-            threading.Thread(target=_find_cause, args=arguments, name="replay cause", daemon=True).start()
+            arguments = (replay.file, replay.file.unix_s(snapshot.t_mono_ns), replay.cause)
+            threading.Thread(target=self._look_for_cause, args=arguments, name="replay cause", daemon=True).start()
         elif replay.cause.done() and any(alarm.cause is None for alarm in trips):
             cause = replay.cause.result()
             if cause is not None:
                 replay.pipeline.explain(cause)
 
-
-def _find_cause(chain: Chain, at_s: float, found: "Future[TripCause | None]") -> None:
-    try:
-        found.set_result(chain.cause(at_s))
-    except AppError as error:
-        log.warning("the cause of a trip was not looked for: %s", error)
-        found.set_result(None)
+    def _look_for_cause(self, file: SessionFile, at_s: float, found: "Future[TripCause | None]") -> None:
+        try:
+            with SessionFile(file.path, parse=file.parse) as session:
+                found.set_result(self._find_cause(session, at_s))
+        except AppError as error:
+            log.warning("the cause of a trip was not looked for: %s", error)
+            found.set_result(None)
 
 
 def as_recorded(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> Snapshot:
@@ -338,7 +344,7 @@ def _compared(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None
 
 
 def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
-    """Go to a position; from there on a fresh chain is needed."""
+    """Go to a position; from there on a fresh pipeline is needed."""
     before_s = replay.pacer.position_s(now_s)
     replay.pacer.seek(position_s, now_s)
     if abs(replay.pacer.position_s(now_s) - before_s) > JUMP_S or replay.pacer.position_s(now_s) == 0.0:
@@ -346,11 +352,11 @@ def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
 
 
 def _renew(replay: _Replay, position_s: float) -> None:
-    """Put a fresh chain in the place of the one that played another part; it knows what the cells had shown before."""
+    """Put a fresh pipeline in the place of the one that played another part; it knows what cells had shown before."""
     file = replay.file
     since_s = position_s - LEAD_S
     from_s = None if since_s <= 0.0 else file.unix_s(file.info.started_mono_ns + round(since_s * 1e9))
-    replay.pipeline, replay.cause = replay.chain.pipeline(from_s), None
+    replay.pipeline, replay.cause = replay.new_pipeline(from_s), None
     prepare(replay.pipeline, file)
 
 

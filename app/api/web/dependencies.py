@@ -21,6 +21,7 @@ from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check import SlaveCheckLog
 from app.configuration.write_log import WriteLog
 from app.live.can_trace import CanTrace
+from app.live.pipeline_factory import PipelineFactory
 from app.season.cells.history import SeasonSource
 from app.season.season_lake import SeasonLake
 from app.service.events import Events
@@ -30,7 +31,6 @@ from app.service.links import Links
 from app.service.master import ConfigurationInForce, MasterCommands, Rules
 from app.service.mqtt.fleet import Fleet
 from app.service.pipeline_thread import PipelineThread
-from app.service.pipelines import Pipelines
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.service.wiring import Service
@@ -146,7 +146,7 @@ ImportsPart = Annotated[ImportJobs, _from_service("imports")]
 InForcePart = Annotated[ConfigurationInForce, _from_service("in_force")]
 LinksPart = Annotated[Links, _from_service("links")]
 LivePart = Annotated[PipelineThread, _from_service("live")]
-PipelinesPart = Annotated[Pipelines, _from_service("pipelines")]
+PipelinesPart = Annotated[PipelineFactory, _from_service("pipelines")]
 ProfilesPart = Annotated[Profiles, _from_service("profiles")]
 RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
 ReplayPart = Annotated[ReplayPlayer, _from_service("replay")]

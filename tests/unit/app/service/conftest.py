@@ -6,10 +6,9 @@ import pytest
 
 from app.live.hub import Hub
 from app.live.pipeline import Output
+from app.live.pipeline_factory import PipelineFactory
 from app.service.inbox import Inbox
 from app.service.pipeline_thread import PipelineThread
-from app.service.pipelines import Pipelines
-from app.service.settings import Settings
 from app.sources.items import Item
 from tests.fake_clock import FakeClock
 
@@ -57,5 +56,5 @@ def clock() -> FakeClock:
 
 
 @pytest.fixture
-def bench(tmp_path, clock) -> LiveBench:
-    return LiveBench(clock, Pipelines(Settings(data=tmp_path, filter="coulomb")).new("serial", "loop://"))
+def bench(clock) -> LiveBench:
+    return LiveBench(clock, PipelineFactory("coulomb").pipeline("serial", "loop://"))

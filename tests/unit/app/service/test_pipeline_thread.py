@@ -7,10 +7,9 @@ import pytest
 
 from app.errors import NotNow
 from app.live.load import Shed
+from app.live.pipeline_factory import PipelineFactory
 from app.service import pipeline_thread
 from app.service.pipeline_thread import STALL_S
-from app.service.pipelines import Pipelines
-from app.service.settings import Settings
 from app.sources.items import CanItem
 from app.sources.loaded_battery import load_battery
 from app.words import Message, render
@@ -148,11 +147,10 @@ def test_of_what_is_very_late_all_is_estimated_and_the_newest_shown(bench, clock
     assert sum(output.snapshot is not None and output.snapshot.is_fresh for output in made) == 1
 
 
-def test_a_battery_that_speaks_seldom_is_shown_when_its_period_ends_not_at_its_next_frame(tmp_path, clock):
-    settings = Settings(data=tmp_path, filter="coulomb", battery="one-signal-a-cell")
-    pipelines = Pipelines(settings, load_battery(settings.battery))
-    bench = LiveBench(clock, pipelines.new("can", None, "virtual:x"))
-    message = next(each for each in load_battery(settings.battery).definitions.messages if each.name.startswith("Cell"))
+def test_a_battery_that_speaks_seldom_is_shown_when_its_period_ends_not_at_its_next_frame(clock):
+    battery = load_battery("one-signal-a-cell")
+    bench = LiveBench(clock, PipelineFactory("coulomb", None, battery).pipeline("can", None, "virtual:x"))
+    message = next(each for each in battery.definitions.messages if each.name.startswith("Cell"))
     bench.feed(CanItem(0, 0, message.can_id, b"\x10\x27" * 4))
     assert bench.live.snapshot is None or not bench.live.snapshot.is_fresh
     clock.advance(0.1)

@@ -27,23 +27,21 @@ def new_pipeline(*_, **__):
     return Pipeline(MasterSource("replay"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
 
 
-class Chain:
-    """What a session is replayed through, of pipelines that a test makes; keeps what it was asked for."""
+class Player(ReplayPlayer):
+    """Plays through pipelines that a test makes; keeps what it was asked for."""
 
-    def __init__(self, new=new_pipeline, cause=None):
-        self.new, self.found = new, cause
+    def __init__(self, shown, failures, new=new_pipeline, cause=None, **more):
         self.begun_at, self.asked_at = [], []
 
-    def __call__(self, file, options):
-        return self
+        def pipeline(from_s):
+            self.begun_at.append(from_s)
+            return new()
 
-    def pipeline(self, from_s=None):
-        self.begun_at.append(from_s)
-        return self.new()
+        def find_cause(session, at_s):
+            self.asked_at.append(at_s)
+            return cause
 
-    def cause(self, at_s):
-        self.asked_at.append(at_s)
-        return self.found
+        super().__init__(lambda file, options: pipeline, find_cause, shown, failures.append, Clock(), **more)
 
 
 def recorded(folder, master, n_frames):
@@ -99,7 +97,7 @@ def shown():
 
 @pytest.fixture
 def replaying(shown, failures):
-    made = ReplayPlayer(Chain(), shown, failures.append, Clock())
+    made = Player(shown, failures)
     yield made
     made.stop()
     assert not [t for t in threading.enumerate() if t.name == "replay"]
@@ -145,7 +143,7 @@ def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session
             if isinstance(item, SerialItem):
                 raise ValueError("broken")
 
-    replaying = ReplayPlayer(Chain(Broken), shown, failures.append, Clock())
+    replaying = Player(shown, failures, Broken)
     replaying.start(session, ReplayOptions(1))
     replaying._thread.join(5)
     assert not replaying.is_active
@@ -228,7 +226,7 @@ def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, fail
         made.append(built)
         return built
 
-    replaying = ReplayPlayer(Chain(pipeline), shown, failures.append, Clock(), end_s=0.05)
+    replaying = Player(shown, failures, pipeline, end_s=0.05)
     replaying.start(session, ReplayOptions(100))
     (compiling,) = [thread for thread in threading.enumerate() if thread.name == "replay"]
     replaying.control(seek_s=1.0, paused=True)
@@ -244,10 +242,9 @@ def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, fail
 
 
 def test_a_jump_goes_on_with_what_the_cells_had_shown_before_it(shown, failures, tmp_path, master):
-    """The chain begins so long before the position that every window of the stream has had its turn."""
+    """The pipeline begins so long before the position that every window of the stream has had its turn."""
     path = recorded(tmp_path, master, 100)
-    chain = Chain()
-    replaying = ReplayPlayer(chain, shown, failures.append, Clock())
+    replaying = Player(shown, failures)
     replaying.start(path, ReplayOptions(100))
     shown.wait(lambda s: s.links.rs232.frames == 100)
     shown.snapshots.clear()
@@ -255,16 +252,15 @@ def test_a_jump_goes_on_with_what_the_cells_had_shown_before_it(shown, failures,
     shown.wait(lambda s: s.links.rs232.frames == 29)
     replaying.stop()
     with SessionFile(path) as file:
-        assert chain.begun_at == [None, pytest.approx(file.info.started_wall_ns / 1e9 + 2.0)]
+        assert replaying.begun_at == [None, pytest.approx(file.info.started_wall_ns / 1e9 + 2.0)]
 
 
 def test_the_cause_of_a_trip_is_looked_for_once_and_told_to_the_alarm_that_holds(shown, failures, tmp_path, master):
     master.set("status.flags", [0])  # the master holds the shutdown circuit open
     path = recorded(tmp_path, master, 100)
     cause = TripCause("weak-joint", Message("cause-weak-joint", where="pack 6, cell 4"), 63, 5, 0.9, ())
-    chain = Chain(cause=cause)
-    replaying = ReplayPlayer(chain, shown, failures.append, Clock())
+    replaying = Player(shown, failures, cause=cause)
     replaying.start(path, ReplayOptions(10))
     shown.wait(lambda s: any(alarm.cause == cause for alarm in s.alarms if alarm.severity == "trip"))
     replaying.stop()
-    assert len(chain.asked_at) == 1
+    assert len(replaying.asked_at) == 1

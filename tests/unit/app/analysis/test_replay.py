@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from app.analysis.replay_chain import ReplayChain
+from app.analysis.replay import cause_of_trip_at, pipelines_of
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
-from app.service.pipelines import Pipelines
-from app.service.settings import Settings
+from app.live.pipeline_factory import PipelineFactory
 from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import SESSION_CELL, ReplayOptions
 from tests.recorded.arrays import START_S
@@ -19,23 +18,21 @@ CURRENT_A = np.where(TIME_S > 5, 60 + 50 * np.sin(TIME_S), 0.0)
 
 
 @pytest.fixture
-def pipelines(tmp_path):
-    return Pipelines(Settings(data=tmp_path, filter="coulomb", cell="samsung-25r-10p"))
-
-
-@pytest.fixture
-def make(make_session, pipelines):
-    def chain(options, cell_file=OWN):
+def session(make_session):
+    def session(cell_file=OWN):
         volts = 3.7 - CURRENT_A[:, None] * np.full(96, 0.002)
         volts[TIME_S > 40, 30] = 3.65
-        session = SessionFile(make_session(TIME_S, CURRENT_A, volts, cell_file=cell_file))
-        opened.append(session)
-        return ReplayChain(session, options, pipelines.new)
+        opened.append(SessionFile(make_session(TIME_S, CURRENT_A, volts, cell_file=cell_file)))
+        return opened[-1]
 
     opened = []
-    yield chain
-    for session in opened:
-        session.close()
+    yield session
+    for each in opened:
+        each.close()
+
+
+def pipelines(session, **options):
+    return pipelines_of(PipelineFactory("coulomb", "samsung-25r-10p"), session, ReplayOptions(**options))
 
 
 def capacity_ah(pipeline, master):
@@ -54,25 +51,24 @@ def capacity_ah(pipeline, master):
     ],
 )
 def test_the_cell_is_that_of_then_unless_another_is_chosen_or_none_was_kept(
-    make, master, chosen, cell_file, name, expected
+    session, master, chosen, cell_file, name, expected
 ):
-    pipeline = make(ReplayOptions(cell_name=chosen), cell_file).pipeline()
+    pipeline = pipelines(session(cell_file), cell_name=chosen)(None)
     assert pipeline.cell_name == name
     assert capacity_ah(pipeline, master) == pytest.approx(expected.capacity_ah)
 
 
-def test_a_filter_that_is_none_is_refused(make):
+def test_a_filter_that_is_none_is_refused(session):
     with pytest.raises(ConfigError):
-        make(ReplayOptions(filter_name="kalman")).pipeline()
+        pipelines(session(), filter_name="kalman")
 
 
-def test_after_a_jump_the_findings_of_before_are_known(make, master):
-    chain = make(ReplayOptions())
-    assert [each.code for each in chain.pipeline(START_S + 110.0).feed(master.frame()).snapshot.findings] == [
-        "channel-stuck"
-    ]
-    assert chain.pipeline(START_S + 30.0).feed(master.frame()).snapshot.findings == ()
+def test_after_a_jump_the_findings_of_before_are_known(session, master):
+    pipeline = pipelines(session())
+    (stuck,) = pipeline(START_S + 110.0).feed(master.frame()).snapshot.findings
+    assert stuck.code == "channel-stuck"
+    assert pipeline(START_S + 30.0).feed(master.frame()).snapshot.findings == ()
 
 
-def test_a_session_without_a_trip_has_no_cause(make):
-    assert make(ReplayOptions()).cause(START_S + 100.0) is None
+def test_a_session_without_a_trip_has_no_cause(session):
+    assert cause_of_trip_at(session(), START_S + 100.0) is None
