@@ -140,11 +140,11 @@ class Service:
         self.driver_display.stop()
         self.links.close()
         self.live.stop()
+        self.recorder.close()
         self.learned_state.save()
         self.jobs.shutdown(wait=True, cancel_futures=True)
         self.boxes_of_sessions.close()
         self.black_boxes.close()
-        self.recorder.close()
         if self.mqtt is not None:
             self.mqtt.stop()
         self.write_log.close()
@@ -282,9 +282,6 @@ def make_service(
         if mqtt is not None and output.snapshot is not None:
             mqtt.offer(output.snapshot)
 
-    def keep_black_box(output: Output, t_mono_ns: int) -> None:
-        black_boxes.take(output.events, output.snapshot, t_mono_ns)
-
     load = Load(lambda: recorder.commit_delay_s, clock, recorder.wait_for_commit)
     live = PipelineThread(
         pipeline,
@@ -300,7 +297,7 @@ def make_service(
             record_output,
             in_force.on_output,
             publish_output,
-            keep_black_box,
+            black_boxes.on_output,
         ),
         after_publishing=(learned_state.on_output,),
     )

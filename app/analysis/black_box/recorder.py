@@ -6,7 +6,7 @@ Needs no recording. The pipeline's thread hands everything over and never waits;
 import contextlib
 import logging
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from app.analysis.limits import known_limits, limits_of
 from app.analysis.root_cause.cause import Cause
 from app.battery.battery import Battery
 from app.errors import AppError
+from app.live.pipeline import Output
 from app.sessions.black_box_store import BlackBoxStore
 from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sources.loaded_battery import team_battery
@@ -32,6 +33,7 @@ KEPT_S = BEFORE_S + LONGEST_S + AFTER_S + 2.0
 BUSY_DISK = "not-written-within"  # what the cause is looked for in is not on the disk yet, after some seconds
 TRIES = 12  # about a minute
 SLACK_S = 0.2  # the sample after the last second counts too
+CLOSE_S = 3.0  # for what is still to be written at the end, and for the cause that is being looked for then
 MAX_SAMPLES = 2000  # 50 Hz for so long, and some
 
 
@@ -86,13 +88,13 @@ class BlackBoxRecorder:
         self._limits: ProtectionLimits | None = None  # those that the first trigger was judged by
         self._session: str | None = None
         self._config: tuple[bytes, str | None] | None = None
-        self._is_closing = False
+        self._is_closing = self._is_late = False
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="blackbox")
 
-    def take(self, events: Iterable[Event], snapshot: Snapshot | None, t_mono_ns: int) -> None:
+    def on_output(self, output: Output, t_mono_ns: int) -> None:
         """Take what one item led to, and write what is complete."""
-        now_s = t_mono_ns / 1e9
-        for event in events:
+        now_s, snapshot = t_mono_ns / 1e9, output.snapshot
+        for event in output.events:
             if is_trigger(event.severity, event.code):
                 self._session = self._session_id() if not self._triggers else self._session
                 self._triggers.append(_trigger(event, now_s))
@@ -112,10 +114,17 @@ class BlackBoxRecorder:
             self._finish()
 
     def close(self) -> None:
-        """Write what there is of an incident under way, and close the store."""
+        """Write what there is of an incident under way, and close the store.
+
+        What is not written within some seconds is left to its session, which has all that the box needs; without a
+        recording the box is written without a cause.
+        """
         self._is_closing = True
         if self._triggers:
             self._finish()
+        with contextlib.suppress(TimeoutError, RuntimeError):  # closed already
+            self._writer.submit(int).result(CLOSE_S)
+        self._is_late = True
         self._writer.shutdown(wait=True)
         self.store.close()
 
@@ -137,6 +146,8 @@ class BlackBoxRecorder:
         found: tuple[Finding, ...],
     ) -> None:
         for group in incidents(triggers):
+            if self._is_late and session_id is not None:
+                return
             window = _window(samples, group[0].mono_s - BEFORE_S, group[-1].mono_s + AFTER_S)
             box = build(
                 group,

@@ -2,10 +2,12 @@
 
 import math
 import queue
+import threading
 from dataclasses import asdict, replace
 
 import pytest
 
+from app.analysis.black_box import recorder
 from app.analysis.black_box.from_session import black_boxes, explained, keep_black_boxes, stored_box
 from app.analysis.black_box.recorder import TRIES, BlackBoxRecorder
 from app.analysis.root_cause.from_session import cause_of_trip
@@ -52,7 +54,7 @@ class Car:
             self.recorder.estimates(item.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma)
         if output.snapshot is not None and output.snapshot.config is not None and not self.info.metadata:
             self.recorder.config(item.t_mono_ns, item.t_wall_ns, output.snapshot.config, "in force")
-        self.boxes.take(output.events, output.snapshot, item.t_mono_ns)
+        self.boxes.on_output(output, item.t_mono_ns)
 
     def run(self, seconds):
         for _ in range(round(seconds * 10)):
@@ -224,3 +226,32 @@ def test_a_box_of_nothing_but_an_event_says_what_is_missing(make_session):
     assert not box.is_complete
     assert [found.code for found in box.findings] == ["box-event", "box-no-cell", "box-partial", "box-no-cause"]
     assert box.cells.voltage_at_v == [None] * 96
+
+
+def test_what_is_not_written_in_time_at_the_end_is_left_to_its_session(master, tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder, "CLOSE_S", 0.05)
+    car, begun, released = Car(master, tmp_path), threading.Event(), threading.Event()
+
+    def explain(session_id, trigger):
+        begun.set()
+        released.wait(30)
+
+    car.boxes = BlackBoxRecorder(tmp_path / "boxes.sqlite", lambda: car.info.id, car.made.append, explain)
+    for _ in range(3):
+        car.set_cell(2.3)
+        car.run(1)
+        car.set_cell(3.6)
+        car.run(9)
+    assert begun.wait(30)
+    car.recorder.close()
+    closing = threading.Thread(target=car.boxes.close)
+    closing.start()
+    while not car.boxes._is_late:
+        closing.join(0.01)
+    released.set()
+    closing.join(30)
+    assert len(car.made) == 1
+    store = BlackBoxStore(tmp_path / "boxes.sqlite")
+    with SessionFile(car.info.path) as session:
+        assert len(keep_black_boxes(session, store)) == 3
+    store.close()
