@@ -111,7 +111,7 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    logins = LoginLog(service.write_log, service.events.note, clock)
+    logins = LoginLog(service.configuration.write_log, service.events.note, clock)
     authentication = Authentication(settings, clock, accounts, logins)
     setup = setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery))
     setup.load = lambda name, **named: service.workers.run(DEFINITIONS, load_battery, name, **named)

@@ -4,9 +4,12 @@ import threading
 from pathlib import Path
 
 from app.clock import Clock
-from app.live.learned_state import LearnedState, save_learned_state
+from app.live.learned_state import LearnedState, learned_file, load_learned_state, save_learned_state
 from app.live.pipeline import Output, Pipeline
+from app.live.pipeline_factory import PipelineFactory
 from app.live.prediction import Predictor
+from app.sources.loaded_battery import team_battery
+from app.telemetry import Source
 
 EVERY_S = 300.0
 END_S = 5.0  # for the disk, at the end
@@ -51,3 +54,16 @@ class LearnedStateSaver:
                 target=save_learned_state, args=(self._path, state), name="learned state", daemon=True
             )
             self._writing.start()
+
+
+def learning_pipeline(
+    data: Path, factory: PipelineFactory, clock: Clock, source: Source, serial_url: str | None, can_url: str | None
+) -> tuple[Pipeline, LearnedStateSaver]:
+    """Return the pipeline of the live source, which goes on from what earlier runs learned, and what saves it."""
+    battery = factory.battery.battery
+    path = data / learned_file(battery.name, is_team=battery == team_battery().battery)
+    learned = load_learned_state(path, battery.n_cells)
+    predictor = factory.predictor(None if learned is None else learned.cells)
+    start_soc = None if learned is None else learned.start(clock.wall_ns())
+    pipeline = factory.pipeline(source, serial_url, can_url, predictor=predictor, start_soc=start_soc)
+    return pipeline, LearnedStateSaver(path, pipeline, predictor, clock)

@@ -6,23 +6,32 @@ who it is and what it has stored.
 
 import contextlib
 import logging
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
 
 from app.clock import Clock
+from app.configuration.config_sources import ConfigSources
 from app.configuration.finding import Finding
+from app.configuration.history import ConfigHistory
+from app.configuration.profile_store import Profiles
 from app.configuration.rules import Context, allowed_ranges, review
 from app.configuration.safe_write import ConfigurationWriter
-from app.configuration.write_log import WriteLog
+from app.configuration.slave_check import SlaveCheckLog
+from app.configuration.write_log import Note, WriteLog
 from app.errors import AppError, LinkError
 from app.estimation.cell_model.circuit import CellModel
 from app.live.can_trace import CanTrace
 from app.live.pipeline import Output
 from app.service.events import Events
 from app.service.links import Links
+from app.sessions.catalogue import Catalogue
 from app.sources.items import Item, LinkChange, SerialItem
+from app.sources.loaded_battery import LoadedBattery
 from app.sources.master.client import MasterClient
 from app.words import Message
-from firmware_protocol.config_image import image_hash
+from firmware_protocol.can_tables import ids_of
+from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.framing import BadFrame, Frame
 from firmware_protocol.messages import Command, EventCode, MessageType
 
@@ -72,12 +81,14 @@ NEWS = (bytes([EventCode.BOOT]), bytes([EventCode.CONFIG_STORED]))
 
 
 class MasterIdentification:
-    """Sees every item in the pipeline's thread; asks in a job of its own, since an answer takes its time."""
+    """Sees every item in the pipeline's thread; asks in a thread of its own, since an answer takes its time."""
 
-    def __init__(self, master: MasterClient, configuration: ConfigurationWriter, jobs: Executor, clock: Clock) -> None:
+    def __init__(
+        self, master: MasterClient, configuration: ConfigurationWriter, clock: Clock, jobs: Executor | None = None
+    ) -> None:
         self._master = master
         self._configuration = configuration
-        self._jobs = jobs
+        self._jobs = jobs or ThreadPoolExecutor(max_workers=1, thread_name_prefix="identification")
         self._clock = clock
         self._is_done = False
         self._not_before_ns = 0
@@ -88,6 +99,10 @@ class MasterIdentification:
             self._on_frame(item.frame)
         elif isinstance(item, LinkChange) and item.link == "rs232" and item.state != "open":
             self._start_over()  # the next frame may be another master's
+
+    def stop(self) -> None:
+        """Ask nothing more, once what is being asked has been answered."""
+        self._jobs.shutdown(wait=True, cancel_futures=True)
 
     def _start_over(self) -> None:
         self._is_done, self._not_before_ns = False, 0
@@ -164,3 +179,47 @@ class ConfigurationInForce:
     def _newest(self) -> tuple[int, bytes] | None:
         known = [each for each in (self._received, self._configuration.last_read) if each is not None]
         return max(known, key=lambda each: each[0], default=None)
+
+
+def ids_of_others(trace: CanTrace, battery: LoadedBattery, in_force: ConfigurationInForce) -> set[int]:
+    """Return the CAN ids that the battery's master or BMS sends or listens to, or that anybody else has sent."""
+    received = {can_id for can_id, traced in trace.by_id().items() if not traced.latest.sent}
+    if battery.speaks_dbc is not None:
+        return received | set(battery.definitions.by_id())
+    return received | ids_of(in_force.image() or default_image())
+
+
+@dataclass(frozen=True, slots=True)
+class MasterConfiguration:
+    """The parts around the configuration of a master."""
+
+    writer: ConfigurationWriter
+    in_force: ConfigurationInForce
+    rules: Rules
+    history: ConfigHistory
+    write_log: WriteLog
+    sources: ConfigSources
+    profiles: Profiles
+    slave_checks: SlaveCheckLog
+
+
+def master_configuration(
+    data: Path,
+    master: MasterClient,
+    rules: Rules,
+    catalogue: Catalogue,
+    note: Note,
+    clock: Clock,
+) -> MasterConfiguration:
+    """Return the parts, connected; what they keep is in the data folder.
+
+    Raises:
+        AppError: a file of the data folder cannot be used.
+    """
+    history = ConfigHistory(data)
+    write_log = WriteLog(history, note, clock)
+    writer = ConfigurationWriter(master, rules.context, write_log, clock)
+    in_force = ConfigurationInForce(writer, clock)
+    profiles = Profiles(data / "profiles", clock)
+    sources = ConfigSources(writer, in_force.image, profiles, history, catalogue)
+    return MasterConfiguration(writer, in_force, rules, history, write_log, sources, profiles, SlaveCheckLog(data))

@@ -18,6 +18,7 @@ from app.service.inbox import Inbox
 from app.sessions.replay import ReplayPlayer
 from app.sources.items import Item
 from app.telemetry import Snapshot
+from app.telemetry.aging import aged
 from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)
@@ -119,6 +120,10 @@ class PipelineThread:
     def can_rx_active(self) -> int | None:
         """Mask of the CAN rx messages that are alive."""
         return None if self.snapshot is None else self.snapshot.master.can_rx_active
+
+    def voltage_age_s(self) -> float | None:
+        """Return how old the car's newest cell voltages are [s]; None before the first."""
+        return None if self.snapshot is None else aged(self.snapshot, self._clock.monotonic_ns()).age_s.voltage
 
     def mark_lap(self, ago_s: float) -> None:
         """The car crosses the line now, or did so long ago [s]: laps left counts with it."""

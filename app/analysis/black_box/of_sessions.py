@@ -18,7 +18,7 @@ class BlackBoxesOfSessions:
     """Looks once at each finished session of a catalogue."""
 
     def __init__(
-        self, catalogue: Catalogue, store: BlackBoxStore, *, is_simulated: bool, lost: threading.Event | None = None
+        self, catalogue: Catalogue, store: BlackBoxStore, is_simulated: bool, lost: threading.Event | None = None
     ) -> None:
         """Keep boxes in `store`: of the car's sessions, or of those of the simulated one; all again once `lost`."""
         self._catalogue = catalogue

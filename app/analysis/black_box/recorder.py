@@ -5,6 +5,7 @@ Needs no recording. The pipeline's thread hands everything over and never waits;
 
 import contextlib
 import logging
+import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -76,7 +77,13 @@ class BlackBoxRecorder:
         Raises:
             AppError: the file cannot be used.
         """
-        self.store = BlackBoxStore(path, on_set_aside)
+        self.lost = threading.Event()  # those of earlier runs
+
+        def set_aside(damaged: Path, kept: Path) -> None:
+            self.lost.set()
+            on_set_aside(damaged, kept)
+
+        self.store = BlackBoxStore(path, set_aside)
         self._session_id = session_id
         self._is_simulated = is_simulated
         self._battery = battery or team_battery().battery

@@ -1,5 +1,6 @@
 """What routes are given: the part of the service that they need, and the user. Each is named once, here."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, cast
 
@@ -31,9 +32,9 @@ from app.service.links import Links
 from app.service.master import ConfigurationInForce, MasterCommands, Rules
 from app.service.mqtt.fleet import Fleet
 from app.service.pipeline_thread import PipelineThread
+from app.service.service import Service
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
-from app.service.wiring import Service
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
@@ -76,22 +77,18 @@ def _web(connection: HTTPConnection) -> WebParts:
     return cast(WebParts, connection.app.state.parts)
 
 
-def _from_service(name: str) -> Any:
+def _part(of: Callable[[WebParts], object]) -> Any:
     async def part(connection: HTTPConnection) -> object:
-        return getattr(_web(connection).service, name)
-
-    return Depends(part)
-
-
-def _from_web(name: str) -> Any:
-    async def part(connection: HTTPConnection) -> object:
-        return getattr(_web(connection), name)
+        return of(_web(connection))
 
     return Depends(part)
 
 
 def _season_source(connection: HTTPConnection) -> SeasonSource:
-    return _web(connection).service.season_source()
+    service = _web(connection).service
+    swaps = tuple(service.swaps.read())
+    is_simulated = service.live.source == "simulator"
+    return SeasonSource(service.season.place, service.battery.battery, is_simulated, service.pipelines.cell, swaps)
 
 
 async def _simulator(connection: HTTPConnection) -> SimulatorProcess:
@@ -126,44 +123,44 @@ async def _user(connection: HTTPConnection) -> User:
 
 NEEDS_MASTER = Depends(_writable)  # of a route that reads or writes a master's configuration, or commands it
 
-BatteryPart = Annotated[LoadedBattery, _from_service("battery")]
-BlackBoxesPart = Annotated[BlackBoxRecorder, _from_service("black_boxes")]
-BoxesOfSessionsPart = Annotated[BlackBoxesOfSessions, _from_service("boxes_of_sessions")]
-CanTracePart = Annotated[CanTrace, _from_service("trace")]
-CataloguePart = Annotated[Catalogue, _from_service("catalogue")]
-CommandsPart = Annotated[MasterCommands, _from_service("commands")]
-ClockPart = Annotated[Clock, _from_service("clock")]
-ConfigHistoryPart = Annotated[ConfigHistory, _from_service("config_history")]
-ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
-ConfigurationPart = Annotated[ConfigurationWriter, _from_service("configuration")]
-DriverDisplayPart = Annotated[DriverDisplay, _from_service("driver_display")]
-EventsPart = Annotated[Events, _from_service("events")]
+BatteryPart = Annotated[LoadedBattery, _part(lambda web: web.service.battery)]
+BlackBoxesPart = Annotated[BlackBoxRecorder, _part(lambda web: web.service.black_boxes)]
+BoxesOfSessionsPart = Annotated[BlackBoxesOfSessions, _part(lambda web: web.service.boxes_of_sessions)]
+CanTracePart = Annotated[CanTrace, _part(lambda web: web.service.trace)]
+CataloguePart = Annotated[Catalogue, _part(lambda web: web.service.catalogue)]
+CommandsPart = Annotated[MasterCommands, _part(lambda web: web.service.commands)]
+ClockPart = Annotated[Clock, _part(lambda web: web.service.clock)]
+ConfigHistoryPart = Annotated[ConfigHistory, _part(lambda web: web.service.configuration.history)]
+ConfigSourcesPart = Annotated[ConfigSources, _part(lambda web: web.service.configuration.sources)]
+ConfigurationPart = Annotated[ConfigurationWriter, _part(lambda web: web.service.configuration.writer)]
+DriverDisplayPart = Annotated[DriverDisplay, _part(lambda web: web.service.driver_display)]
+EventsPart = Annotated[Events, _part(lambda web: web.service.events)]
 FleetPart = Annotated[Fleet, Depends(_fleet)]
-FollowersPart = Annotated[Followers, _from_service("followers")]
-FetchesPart = Annotated[FetchJobs, _from_service("fetches")]
-HealthPart = Annotated[Health, _from_service("health")]
-ImportsPart = Annotated[ImportJobs, _from_service("imports")]
-InForcePart = Annotated[ConfigurationInForce, _from_service("in_force")]
-LinksPart = Annotated[Links, _from_service("links")]
-LivePart = Annotated[PipelineThread, _from_service("live")]
-PipelinesPart = Annotated[PipelineFactory, _from_service("pipelines")]
-ProfilesPart = Annotated[Profiles, _from_service("profiles")]
-RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
-ReplayPart = Annotated[ReplayPlayer, _from_service("replay")]
-RulesPart = Annotated[Rules, _from_service("rules")]
+FollowersPart = Annotated[Followers, _part(lambda web: web.service.followers)]
+FetchesPart = Annotated[FetchJobs, _part(lambda web: web.service.fetches)]
+HealthPart = Annotated[Health, _part(lambda web: web.service.health)]
+ImportsPart = Annotated[ImportJobs, _part(lambda web: web.service.imports)]
+InForcePart = Annotated[ConfigurationInForce, _part(lambda web: web.service.configuration.in_force)]
+LinksPart = Annotated[Links, _part(lambda web: web.service.links)]
+LivePart = Annotated[PipelineThread, _part(lambda web: web.service.live)]
+PipelinesPart = Annotated[PipelineFactory, _part(lambda web: web.service.pipelines)]
+ProfilesPart = Annotated[Profiles, _part(lambda web: web.service.configuration.profiles)]
+RecorderPart = Annotated[AutoRecorder, _part(lambda web: web.service.recorder)]
+ReplayPart = Annotated[ReplayPlayer, _part(lambda web: web.service.replay)]
+RulesPart = Annotated[Rules, _part(lambda web: web.service.configuration.rules)]
 SeasonSourcePart = Annotated[SeasonSource, Depends(_season_source)]
-SeasonPart = Annotated[SeasonLake, _from_service("season")]
-SettingsPart = Annotated[Settings, _from_service("settings")]
-SignedPart = Annotated[WriteLog, _from_service("write_log")]
-SwapsPart = Annotated[SwapFile, _from_service("swaps")]
-WorkersPart = Annotated[Workers, _from_service("workers")]
-SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]
+SeasonPart = Annotated[SeasonLake, _part(lambda web: web.service.season)]
+SettingsPart = Annotated[Settings, _part(lambda web: web.service.settings)]
+SignedPart = Annotated[WriteLog, _part(lambda web: web.service.configuration.write_log)]
+SwapsPart = Annotated[SwapFile, _part(lambda web: web.service.swaps)]
+WorkersPart = Annotated[Workers, _part(lambda web: web.service.workers)]
+SlaveChecksPart = Annotated[SlaveCheckLog, _part(lambda web: web.service.configuration.slave_checks)]
 
-AuthenticationPart = Annotated[Authentication, _from_web("authentication")]
-CertificatePart = Annotated[Certificate | None, _from_web("certificate")]
-ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
-EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
-FanOutPart = Annotated[FanOut, _from_web("fan_out")]
-SetupPart = Annotated[Setup, _from_web("setup")]
+AuthenticationPart = Annotated[Authentication, _part(lambda web: web.authentication)]
+CertificatePart = Annotated[Certificate | None, _part(lambda web: web.certificate)]
+ClockWatchPart = Annotated[ClockWatch, _part(lambda web: web.clock_watch)]
+EncoderPart = Annotated[SnapshotEncoder, _part(lambda web: web.encoder)]
+FanOutPart = Annotated[FanOut, _part(lambda web: web.fan_out)]
+SetupPart = Annotated[Setup, _part(lambda web: web.setup)]
 SimulatorPart = Annotated[SimulatorProcess, Depends(_simulator)]
 UserDep = Annotated[User, Depends(_user)]

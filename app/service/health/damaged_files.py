@@ -24,15 +24,6 @@ class DamagedFiles:
         if self._note is not None:
             self._note("warning", "file-set-aside", message)
 
-    def adding(self, then: Callable[[], None]) -> Callable[[Path, Path], None]:
-        """Return a function that adds a file and then does something else."""
-
-        def add(path: Path, kept: Path) -> None:
-            self.add(path, kept)
-            then()
-
-        return add
-
     def note_into(self, note: Note) -> None:
         """Note what there is, and from now on everything."""
         self._note = note

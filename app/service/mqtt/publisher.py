@@ -15,6 +15,7 @@ import orjson
 from app import __version__
 from app.battery.battery import Battery
 from app.clock import Clock, ClockRun
+from app.live.pipeline import Output
 from app.service.host import addresses_of
 from app.service.mqtt.broker import KEEPALIVE_S, Broker, new_client, parse_broker
 from app.service.mqtt.cars import MOST_BYTES
@@ -115,6 +116,11 @@ class MqttPublisher:
     def offer(self, snapshot: Snapshot) -> None:
         """Take a snapshot; the newest one is published at the next period."""
         self._snapshot = snapshot
+
+    def on_output(self, output: Output, t_mono_ns: int) -> None:
+        """Take the snapshot of what the pipeline made."""
+        if output.snapshot is not None:
+            self.offer(output.snapshot)
 
     def offer_event(self, event: Event) -> None:
         """Take an event; it is published as soon as there is a broker."""

@@ -102,6 +102,11 @@ class AutoRecorder:
         return self.status.session
 
     @property
+    def session_id(self) -> str | None:
+        """Of the session being recorded."""
+        return None if (session := self.session) is None else session.id
+
+    @property
     def stall(self) -> Stall | None:
         """Why nothing gets onto the disk although it should, and since when; None where it does, or nothing should."""
         status = self.status

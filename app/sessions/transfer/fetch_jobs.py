@@ -11,6 +11,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
 from app.sessions.transfer.fetch import Remote, RemoteSession
 from app.sessions.transfer.fill import fill_from
+from app.sessions.transfer.session_copy import remove_left_halves
 from app.telemetry import Severity
 from app.words import Message, Text
 
@@ -90,6 +91,8 @@ class FetchJobs:
     def __init__(
         self, folder: Path, catalogue: Catalogue, note: Callable[[Severity, str, Message], None], clock: Clock
     ) -> None:
+        """Prepare; what an earlier run left half copied for too long is deleted."""
+        remove_left_halves(folder, clock.wall_s())
         self._clock = clock
         self._folder = folder
         self._catalogue = catalogue

@@ -5,7 +5,7 @@ What is missing is fetched piece by piece whenever the link allows, and after wh
 
 import threading
 import urllib.error
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +19,7 @@ from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fill import fill_from
 from app.sessions.transfer.session_copy import SessionCopy
 from app.sessions.transfer.trust import context_for
+from app.telemetry.measurement import STALE_S
 from app.words import Message, Text
 
 Order = Literal["oldest", "newest"]
@@ -49,9 +50,8 @@ class Follower:
         remote: Remote,
         folder: Path,
         clock: Clock,
-        *,
         order: Order = "oldest",
-        live_waits: Callable[[], bool] = lambda: False,
+        live_age_s: Callable[[], float | None] = lambda: None,
         note: Callable[[Message], None] = lambda _: None,
         catalogue: Catalogue | None = None,
     ) -> None:
@@ -62,7 +62,7 @@ class Follower:
             folder: of the sessions here.
             clock: of this machine.
             order: which of the missing pieces come first, at the start.
-            live_waits: whether what is shown live is late, so that nothing else may use the link.
+            live_age_s: of what is shown live [s]; where it is late, nothing else may use the link.
             note: told of every session that is whole, and of what was filled from it.
             catalogue: of that folder, which says how sessions are read; None: in this process.
         """
@@ -71,7 +71,7 @@ class Follower:
         self._folder = folder
         self._clock = clock
         self.order: Order = order  # from the next stretch on
-        self._live_waits = live_waits
+        self._live_age_s = live_age_s
         self._note = note
         self._catalogue = catalogue or Catalogue(folder)
         self._copies: dict[str, SessionCopy] = {}  # by the recorder's id; those that are not whole
@@ -194,9 +194,13 @@ class Follower:
 
     def _let_live_pass(self, ending: threading.Event | None) -> None:
         waited_s = 0.0
-        while self._live_waits() and waited_s < MOST_YIELD_S:
+        while self._is_live_late() and waited_s < MOST_YIELD_S:
             (ending or threading.Event()).wait(YIELD_S)
             waited_s += YIELD_S
+
+    def _is_live_late(self) -> bool:
+        age_s = self._live_age_s()
+        return age_s is not None and STALE_S <= age_s < GONE_S
 
     @property
     def _is_newest_first(self) -> bool:
@@ -209,11 +213,12 @@ class Follower:
 class Followers:
     """All recorders of the settings, each followed in a thread of its own."""
 
-    def __init__(self, followers: Sequence[Follower]) -> None:
+    def __init__(self, followers: Iterable[Follower]) -> None:
         self._followers = tuple(followers)
         self._ending = threading.Event()
         self._threads = [
-            threading.Thread(target=each.run, args=(self._ending,), name="follow", daemon=True) for each in followers
+            threading.Thread(target=each.run, args=(self._ending,), name="follow", daemon=True)
+            for each in self._followers
         ]
 
     def start(self) -> None:

@@ -40,7 +40,7 @@ def asked_master():
 
 @pytest.fixture
 def identification(asked_master, clock):
-    return MasterIdentification(asked_master, asked_master, AtOnce(), clock)
+    return MasterIdentification(asked_master, asked_master, clock, AtOnce())
 
 
 def test_the_first_frame_asks_and_the_next_ones_do_not(identification, asked_master, master):

@@ -9,7 +9,8 @@ import pytest
 from app.api.web import dependencies
 from app.api.web.dependencies import FleetPart, SeasonSourcePart, SimulatorPart, WebParts
 from app.api.web.problems import Problem
-from app.service.wiring import Service
+from app.service.master import MasterConfiguration
+from app.service.service import Service
 
 ASKED = (FleetPart, SeasonSourcePart, SimulatorPart)  # made or looked for at each request
 ALIASES = {
@@ -17,14 +18,14 @@ ALIASES = {
     for name, alias in vars(dependencies).items()
     if name.endswith("Part") and get_origin(alias) is Annotated and alias not in ASKED
 }
-FIELDS = get_type_hints(Service) | get_type_hints(WebParts)
+FIELDS = get_type_hints(Service) | get_type_hints(MasterConfiguration) | get_type_hints(WebParts)
 
 
 class Named:
     """Gives the name of the attribute that it is asked for."""
 
     def __getattr__(self, name: str) -> object:
-        return self if name == "service" else name
+        return self if name in ("service", "configuration") else name
 
 
 def connection(parts: object) -> SimpleNamespace:

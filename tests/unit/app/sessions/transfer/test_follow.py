@@ -27,6 +27,7 @@ from app.sessions.transfer.follow import MOST_YIELD_S, Follower, Followers, remo
 from app.sessions.transfer.pieces import PIECE_NS, head_of, n_pieces, parse_piece, read_piece
 from app.sessions.transfer.session_copy import COPIES, SessionCopy
 from app.telemetry import Event
+from app.telemetry.measurement import STALE_S
 from app.words import Message
 from firmware_protocol.framing import encode_frame
 from tests.campaign import campaign, of_size
@@ -276,12 +277,12 @@ def test_the_live_view_goes_first(tmp_path, pit):
             waited.append(timeout or 0.0)
             return False
 
-    late = iter([True] * 7)
-    follower = Follower(Car(tmp_path / "car"), pit, Clock(), live_waits=lambda: next(late, False))
+    late = iter([2 * STALE_S] * 7)
+    follower = Follower(Car(tmp_path / "car"), pit, Clock(), live_age_s=lambda: next(late, None))
     follower.step(Watch())
     assert len(waited) == 7
     waited.clear()
-    Follower(Car(tmp_path / "car"), pit / "b", Clock(), live_waits=lambda: True).step(Watch())
+    Follower(Car(tmp_path / "car"), pit / "b", Clock(), live_age_s=lambda: STALE_S).step(Watch())
     assert sum(waited) == pytest.approx(MOST_YIELD_S, rel=0.1)  # a live view that is gone does not hold it for ever
 
 

@@ -1,0 +1,54 @@
+"""Why the car tripped: looked for in the recording that runs, told to the alarm that holds, and kept as events."""
+
+from app.analysis.black_box.box import BlackBox
+from app.analysis.incidents import Trigger
+from app.analysis.root_cause.cause import Cause, trip_cause
+from app.analysis.root_cause.from_session import cause_of_trip
+from app.clock import Clock
+from app.estimation.cell_model.circuit import CellModel
+from app.live.pipeline import Pipeline
+from app.service.events import Events
+from app.sessions.catalogue import Catalogue
+from app.sessions.recording.auto_recorder import AutoRecorder
+from app.telemetry import Event
+from app.words import Message
+
+
+class TripExplanation:
+    """What a black box asks for and is followed by; in the thread that writes black boxes."""
+
+    def __init__(
+        self,
+        recorder: AutoRecorder,
+        catalogue: Catalogue,
+        pipeline: Pipeline,
+        cell: CellModel,
+        events: Events,
+        clock: Clock,
+    ) -> None:
+        self._recorder = recorder
+        self._catalogue = catalogue
+        self._pipeline = pipeline
+        self._cell = cell
+        self._events = events
+        self._clock = clock
+
+    def cause(self, session_id: str, trip: Trigger) -> Cause | None:
+        """Return what caused a trip, by what is on the disk of the recording that runs.
+
+        Raises:
+            AppError: it cannot be written or read.
+        """
+        self._recorder.flush()
+        with self._catalogue.open(session_id) as session:
+            return cause_of_trip(session, trip, self._cell)
+
+    def on_black_box(self, box: BlackBox) -> None:
+        """Note that there is a black box, and of a trip its cause, which the alarm then shows."""
+        what = box.text if box.text_words is None else box.text_words.message
+        made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
+        self._events.add(Event(self._clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
+        if box.cause is not None and box.severity == "trip":
+            message = Message("trip-cause", cause=box.cause.message_words.message)
+            self._events.add(Event(self._clock.wall_ns(), "info", "trip-cause", message, cell=box.cause.cell))
+            self._pipeline.explain(trip_cause(box.cause))
