@@ -31,7 +31,7 @@ def service(simulator, tmp_path):
     settings = Settings(data=tmp_path / "data", record=False)
     made = make_service(settings, Clock(), source="serial", serial_url=str(port), can_url=None)
     made.start()
-    until(lambda: made.links.master.identity is not None and made.in_force.image() is not None)
+    until(lambda: made.links.master.identity is not None and made.configuration.in_force.image() is not None)
     yield made
     made.stop()
 
@@ -39,8 +39,8 @@ def service(simulator, tmp_path):
 def put(service, values):
     answer = routes.write(
         body=orjson.dumps({"values": values, "reason": "a test"}),
-        configuration=service.configuration,
-        config_sources=service.config_sources,
+        configuration=service.configuration.writer,
+        config_sources=service.configuration.sources,
         user=User("ada", "engineer"),
         request=Request({"type": "http", "headers": []}),
         expected="*",
@@ -60,8 +60,8 @@ def test_a_write_finishes_while_the_pipeline_stands_still(service):
         assert stalled.wait(30)
         answer = put(service, {"telemetry_period": 110})
         assert (answer["written"], answer["verified"]) == (True, True)
-        assert unit_value(service.in_force.image(), "telemetry_period") == 110
-        assert service.configuration.store("ada").counter == 1
+        assert unit_value(service.configuration.in_force.image(), "telemetry_period") == 110
+        assert service.configuration.writer.store("ada").counter == 1
         assert service.links.master.identify().is_compatible
         assert not released.is_set(), "all of it while one item stood in the pipeline"
     finally:
