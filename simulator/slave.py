@@ -14,7 +14,6 @@ from firmware_protocol.ltc6804 import (
     GROUP_SIZE,
     READ_CELLS,
     Command,
-    Configuration,
     decode_command,
     decode_group,
     with_pec,
@@ -32,7 +31,7 @@ PORT_READY_S = 10e-6
 CORE_WAKE_S = 300e-6  # out of sleep, which begins with the watchdog
 _ADC_OPTION, _TIMER_PIN, _REFERENCE_ON = 0x01, 0x02, 0x04  # in CFGR0
 _SWITCHES = 4  # CFGR from here on: the switches and their timer
-_RESET_CFGR = np.frombuffer(Configuration(reference_on=False).to_bytes(), dtype=np.uint8)
+_RESET_CFGR = np.array((0xF8, 0, 0, 0, 0, 0), dtype=np.uint8)  # GPIO pull-downs off, reference off
 _READ_WORDS = {command: (0, 3 * i) for i, command in enumerate(READ_CELLS)} | {
     Command.RDAUXA: (1, 0),
     Command.RDAUXB: (1, 3),

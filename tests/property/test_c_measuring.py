@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.config_image import default_image
-from firmware_protocol.ltc6804 import AdcMode, adcv
+from firmware_protocol.ltc6804 import AdcMode
 from firmware_protocol.memory_map import CONFIG, FIELDS, T_MISSING
 from simulator import sensors
 from simulator.slave import THESIS_SENSOR_INPUTS as INPUTS
@@ -18,6 +18,7 @@ from tests.c_measuring import CMeasuring, Passes
 from tests.c_programs import C_FOLDER, slaves_library
 from tests.c_slaves import PACKETS, DamagedChain, load
 from tests.campaign import examples
+from tests.ltc6804_packets import adcv
 from tests.master_memory import Config
 from tests.property.test_c_slaves import CELLS, EVENTS, befall
 

@@ -20,11 +20,6 @@ from firmware_protocol.ltc6804 import (
     SENSOR_STEP_DEGC,
     AdcMode,
     Command,
-    Configuration,
-    StatusB,
-    adax,
-    adcv,
-    adstat,
     with_pec,
 )
 from firmware_protocol.memory_map import T_MISSING
@@ -34,6 +29,7 @@ from simulator.slave import THESIS_SENSOR_INPUTS as INPUTS
 from tests.c_programs import slaves_library
 from tests.c_slaves import PACKETS, CReader, DamagedChain, load, started
 from tests.campaign import examples
+from tests.ltc6804_packets import Configuration, StatusB, adax, adcv, adstat
 
 HEADER = Path(__file__).parents[2] / "firmware_protocol" / "c" / "master" / "vw_slaves.h"
 PASS_S = 0.1  # long enough for temperatures and all stages of the check

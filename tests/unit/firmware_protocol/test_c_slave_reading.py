@@ -5,21 +5,13 @@ import ctypes
 import numpy as np
 import pytest
 
-from firmware_protocol.ltc6804 import (
-    SENSOR_FIRST_DEGC,
-    SENSOR_POINTS_V,
-    SENSOR_STEP_DEGC,
-    Command,
-    Configuration,
-    StatusB,
-    command_packet,
-    decode_group,
-)
+from firmware_protocol.ltc6804 import SENSOR_FIRST_DEGC, SENSOR_POINTS_V, SENSOR_STEP_DEGC, Command, decode_group
 from firmware_protocol.memory_map import T_MISSING
 from simulator.conversion import decode_conversion
 from simulator.slave import CORE_WAKE_S, PORT_IDLE_S
 from tests.c_programs import slaves_library
 from tests.c_slaves import CReader, cells_of, load, started
+from tests.ltc6804_packets import Configuration, StatusB, command_packet
 
 CFGR_DEFAULT = bytes((0x05, 0x98, 0x46, 0xA4, 0x00, 0x10))  # B.8 of the BMS thesis
 UPDATE_TIMING_US = (500, 4500, 1400, 100)  # B.8

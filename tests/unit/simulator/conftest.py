@@ -7,13 +7,14 @@ import pytest
 
 from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.framing import BadFrame, Frame, FrameDecoder, encode_frame
-from firmware_protocol.ltc6804 import Command, Configuration, write_packet
+from firmware_protocol.ltc6804 import Command
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, EventMessage, Reply, Request, decode_message, encode_request
 from simulator.accumulator import AccumulatorParameters
 from simulator.eeprom import Eeprom
 from simulator.simulation import Simulation
 from simulator.slave import SlaveChain
+from tests.ltc6804_packets import Configuration, write_packet
 from tests.master_memory import MasterMemory
 
 

@@ -1,6 +1,7 @@
-from firmware_protocol.ltc6804 import AdcMode, Command, adax, adcv, adstat
+from firmware_protocol.ltc6804 import AdcMode, Command
 from simulator.conversion import ADOW
 from simulator.self_test import AXST, CVST, STATST, SelfTest, decode_self_test
+from tests.ltc6804_packets import adax, adcv, adstat
 
 
 def test_self_test_commands_are_those_of_the_data_sheet():

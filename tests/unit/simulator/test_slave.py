@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from firmware_protocol.ltc6804 import (
-    READ_CELLS,
-    AdcMode,
-    Command,
+from firmware_protocol.ltc6804 import READ_CELLS, AdcMode, Command, decode_group
+from simulator.conversion import ADOW, REFERENCE_START_S, decode_conversion
+from simulator.self_test import AXST, CVST, STATST, SelfTest
+from simulator.slave import CORE_WAKE_S, PORT_IDLE_S, WATCHDOG_S, SlaveChain
+from tests.ltc6804_packets import (
     Configuration,
     StatusA,
     StatusB,
@@ -12,13 +13,9 @@ from firmware_protocol.ltc6804 import (
     adcv,
     adstat,
     command_packet,
-    decode_group,
     decode_words,
     write_packet,
 )
-from simulator.conversion import ADOW, REFERENCE_START_S, decode_conversion
-from simulator.self_test import AXST, CVST, STATST, SelfTest
-from simulator.slave import CORE_WAKE_S, PORT_IDLE_S, WATCHDOG_S, SlaveChain
 
 LATER_S = 0.3  # longer than any conversion
 

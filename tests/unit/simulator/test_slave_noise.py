@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from firmware_protocol.ltc6804 import Command, Configuration, adcv, command_packet, with_pec, write_packet
+from firmware_protocol.ltc6804 import Command, with_pec
+from tests.ltc6804_packets import Configuration, adcv, command_packet, write_packet
 
 
 def test_noise_damages_packets_at_the_rate_asked_for_and_every_damage_is_seen(chain):
