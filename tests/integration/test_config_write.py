@@ -16,6 +16,7 @@ from app.api.web.authentication import User
 from app.clock import Clock
 from app.service.settings import Settings
 from app.service.wiring import make_service
+from app.sources.items import CanItem
 from firmware_protocol.config_image import unit_value
 from tests.service_process import until
 
@@ -58,6 +59,8 @@ def test_a_write_finishes_while_the_pipeline_stands_still(service):
     service.live._on_item = (stall,)
     try:
         assert stalled.wait(30)
+        for number in range(5000):  # a busy CAN bus fills the inbox
+            service.live._inbox.put(CanItem(number, number, 0x123, bytes(8)))
         answer = put(service, {"telemetry_period": 110})
         assert (answer["written"], answer["verified"]) == (True, True)
         assert unit_value(service.configuration.in_force.image(), "telemetry_period") == 110

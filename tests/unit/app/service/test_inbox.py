@@ -1,8 +1,9 @@
 """The inbox keeps the order, makes the links wait while it is full, and lets go of them when it is closed."""
 
 import threading
+import time
 
-from app.service.inbox import Inbox
+from app.service.inbox import STALL_S, Inbox
 from app.sources.items import CanItem
 
 
@@ -98,3 +99,13 @@ def test_what_has_waited_too_long_makes_room_and_is_recorded_all_the_same():
             assert inbox.get(0.0).can_id == 5
     assert [inbox.get(0.0).can_id for _ in range(2)] == [11, 12]
     assert [each.can_id for each in recorded] == [0, 5, 11, 12]
+
+
+def test_a_reader_that_stands_still_holds_no_link_up():
+    recorded, began_s = [], time.monotonic()
+    inbox = Inbox(size=2, record=recorded.append)
+    for number in range(100):
+        inbox.put(item(number))
+    assert time.monotonic() - began_s < 100 * STALL_S / 5
+    assert [inbox.get(0.0).can_id for _ in range(2)] == [98, 99]
+    assert len(recorded) == 100
