@@ -270,12 +270,6 @@ class Command:
 Request = IdentRequest | Read | Write | Store | Load | Command
 FromMaster = Data | Reply | EventMessage
 
-_EMPTY_REQUESTS: dict[int, type[IdentRequest] | type[Store] | type[Load]] = {
-    MessageType.IDENT: IdentRequest,
-    MessageType.STORE: Store,
-    MessageType.LOAD: Load,
-}
-
 
 def encode_request(request: Request) -> tuple[MessageType, bytes]:
     """Return a request's frame type and body.
@@ -302,32 +296,6 @@ def encode_request(request: Request) -> tuple[MessageType, bytes]:
             return MessageType.STORE, b""
         case Load():
             return MessageType.LOAD, b""
-
-
-def decode_request(frame: Frame) -> Request:
-    """Return the request in a frame from the host.
-
-    Raises:
-        DecodeError: unknown type, or a body that does not fit it. Bounds are the master's to judge.
-    """
-    body = frame.body
-    if (empty := _EMPTY_REQUESTS.get(frame.type)) is not None:
-        if body:
-            raise DecodeError(MessageType(frame.type).name, f"{len(body)} bytes, not 0")
-        return empty()
-    if frame.type == MessageType.READ:
-        if len(body) != _WINDOW.size:
-            raise DecodeError("READ", f"{len(body)} bytes, not {_WINDOW.size}")
-        return Read(*_WINDOW.unpack(body))
-    if frame.type == MessageType.WRITE:
-        if len(body) < _WINDOW.size or _WINDOW.unpack_from(body)[1] != len(body) - _WINDOW.size:
-            raise DecodeError("WRITE", "length does not match the data")
-        return Write(_WINDOW.unpack_from(body)[0], body[_WINDOW.size :])
-    if frame.type == MessageType.COMMAND:
-        if len(body) != _COMMAND.size:
-            raise DecodeError("COMMAND", f"{len(body)} bytes, not {_COMMAND.size}")
-        return Command(*_COMMAND.unpack(body))
-    raise DecodeError("request", f"unknown type {frame.type:#04x}")
 
 
 def decode_message(frame: Frame) -> FromMaster:

@@ -14,7 +14,7 @@ from app.api.web.problems import invalid
 from app.api.web.request_body import Body, FileText
 from app.battery.shape import TEAM_PROFILE
 from app.sources.connections import BATTERIES, Connections, Setup
-from app.sources.links.connected import LOOK_S, Look, can_adapters, look_at_can, look_at_serial, serial_ports
+from app.sources.links.connected import CHECK_S, LinkCheck, can_adapters, check_can, check_serial, serial_ports
 from app.telemetry.events import LinkName
 from app.words import Message, Text
 
@@ -86,9 +86,9 @@ def look(body: LookIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
     elif body.can is not None and body.can == in_force.can:
         found = _at_own(live, "can")
     else:
-        found = look_at_can(body.can) if body.can is not None else look_at_serial(body.serial or "")
+        found = check_can(body.can) if body.can is not None else check_serial(body.serial or "")
     return {
-        "seconds": LOOK_S,
+        "seconds": CHECK_S,
         "bytes": found.bytes,
         "frames": found.frames,
         **message_json("error", found.error),
@@ -96,7 +96,7 @@ def look(body: LookIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
     }
 
 
-def _at_own(live: LivePart, name: LinkName) -> Look:
+def _at_own(live: LivePart, name: LinkName) -> LinkCheck:
     """What the link of the service counts meanwhile: two readers would each get half of the bytes."""
 
     def counted() -> tuple[int, int, Text | None]:
@@ -106,11 +106,11 @@ def _at_own(live: LivePart, name: LinkName) -> Look:
         return link.bytes, link.frames, link.error
 
     before = counted()
-    time.sleep(LOOK_S)
+    time.sleep(CHECK_S)
     after = counted()
     frames = after[1] - before[1]
     silent = Message("advice-silent") if name == "rs232" else Message("advice-can-silent")
-    return Look(after[0] - before[0], frames, after[2], None if frames else silent)
+    return LinkCheck(after[0] - before[0], frames, after[2], None if frames else silent)
 
 
 @router.put("", status_code=202, response_model=SetupOut)

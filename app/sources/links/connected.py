@@ -1,4 +1,4 @@
-"""What is plugged into this machine, and whether it speaks: serial ports, CAN adapters, and a look at one of them."""
+"""Serial ports and CAN adapters of this machine, and what arrives when one of them is opened."""
 
 import contextlib
 import time
@@ -13,7 +13,7 @@ from app.sources.links.serial_url import check_url, open_port
 from app.words import Message, Text
 from firmware_protocol.framing import START_STREAM, STOP_STREAM, Frame, FrameDecoder
 
-LOOK_S = 1.5
+CHECK_S = 1.5
 _POLL_S = 0.1
 _NO_ADAPTERS = ("virtual", "udp_multicast", "serial")  # that python-can finds on every machine
 _SEARCH_S = 3.0
@@ -28,8 +28,8 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What arrived in LOOK_S, and what to do where that is not right."""
+class LinkCheck:
+    """What arrived in CHECK_S, and what to do where that is not right."""
 
     bytes: int
     frames: int
@@ -58,61 +58,61 @@ def can_adapters() -> list[Found]:
     return found + [Found(f"slcan:{port.device}", _described(port.description)) for port in usb]
 
 
-def look_at_serial(url: str) -> Look:
+def check_serial(url: str) -> LinkCheck:
     """Open a port that a request names as the service would, and count what arrives.
 
     Raises:
         ConfigError: it is none that a request may name.
     """
     check_url(url)
-    decoder, heard, frames = FrameDecoder(), 0, 0
+    decoder, received, frames = FrameDecoder(), 0, 0
     try:
         port = open_port(url, _POLL_S)
     except Exception as error:  # noqa: BLE001  drivers raise their own
         reason = reason_of(error)
         code = reason.code if isinstance(reason, Message) else ""
-        return Look(0, 0, reason, _ADVICE.get(code, Message("advice-no-port")))
+        return LinkCheck(0, 0, reason, _ADVICE.get(code, Message("advice-no-port")))
     try:
         port.write(bytes([START_STREAM]))
-        end = time.monotonic() + LOOK_S
+        end = time.monotonic() + CHECK_S
         while time.monotonic() < end:
             data = bytes(port.read(max(1, port.in_waiting)))
-            heard += len(data)
+            received += len(data)
             frames += sum(isinstance(each, Frame) for each in decoder.feed(data))
         with contextlib.suppress(Exception):
             port.write(bytes([STOP_STREAM]))
     except Exception as error:  # noqa: BLE001  drivers raise their own
-        return Look(heard, frames, reason_of(error), Message("advice-no-port"))
+        return LinkCheck(received, frames, reason_of(error), Message("advice-no-port"))
     finally:
         port.close()
-    return Look(heard, frames, None, _on_serial(heard, frames))
+    return LinkCheck(received, frames, None, _on_serial(received, frames))
 
 
-def _on_serial(heard: int, frames: int) -> Message | None:
+def _on_serial(received: int, frames: int) -> Message | None:
     if frames:
         return None
-    return Message("advice-no-frame") if heard else Message("advice-silent")
+    return Message("advice-no-frame") if received else Message("advice-silent")
 
 
 _ADVICE = {"port-denied": Message("advice-denied"), "port-in-use": Message("advice-in-use")}
 
 
-def look_at_can(url: str) -> Look:
+def check_can(url: str) -> LinkCheck:
     """Open a bus that a request names as the service would, and count its frames.
 
     Raises:
         ConfigError: it is none that a request may name.
     """
     arguments = parse_bus(url)
-    heard = frames = 0
+    received = frames = 0
     try:
         with open_bus(arguments) as bus:
-            end = time.monotonic() + LOOK_S
+            end = time.monotonic() + CHECK_S
             while time.monotonic() < end:
                 message = bus.recv(_POLL_S)
                 if message is not None and not message.is_error_frame:
                     frames += 1
-                    heard += len(message.data)
+                    received += len(message.data)
     except Exception as error:  # noqa: BLE001  every driver raises its own
-        return Look(heard, frames, message_of(error), Message("advice-can-open"))
-    return Look(heard, frames, None, None if frames else Message("advice-can-silent"))
+        return LinkCheck(received, frames, message_of(error), Message("advice-can-open"))
+    return LinkCheck(received, frames, None, None if frames else Message("advice-can-silent"))

@@ -12,12 +12,14 @@ from firmware_protocol.framing import Frame
 from firmware_protocol.memory_map import CONFIG_FIELDS
 from firmware_protocol.messages import MAX_READ, NO_OFFSET, MessageType, Read, Result, Write
 from tests.c_programs import build_program, require_gcc
+from tests.host_requests import decode_request
 
 C_FOLDER = Path(framing.__file__).parent / "c"
 VECTORS = Path(__file__).parents[2] / "vectors"
 SOURCES = tuple(
     sorted(str(path.relative_to(C_FOLDER)) for part in (".", "master") for path in C_FOLDER.glob(f"{part}/vw_*.c"))
 )
+
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 
 
@@ -116,7 +118,7 @@ def random_bodies(rng, n):
 def expected_request(kind, body):
     """Return the result word and the body that a request comes to, judged by the Python side and SPEC's bounds."""
     try:
-        request = messages.decode_request(Frame(kind, 0, 0, body))
+        request = decode_request(Frame(kind, 0, 0, body))
     except DecodeError as error:
         unknown = error.what == "request"
         return Result.UNKNOWN_REQUEST if unknown else Result.BAD_LENGTH, NO_OFFSET, b""

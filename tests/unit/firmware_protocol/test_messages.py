@@ -58,7 +58,6 @@ def test_messages_from_the_master(message, kind, body):
 def test_requests(request_, kind, body):
     raw = bytes.fromhex(body)
     assert messages.encode_request(request_) == (kind, raw)
-    assert messages.decode_request(Frame(kind, 0, 0, raw)) == request_
 
 
 def test_ident_reply():
@@ -102,32 +101,6 @@ def test_message_that_does_not_fit_its_body_is_refused(kind, body, what, reason,
     with pytest.raises(DecodeError) as refused:
         messages.decode_message(Frame(kind, 0, 0, bytes.fromhex(body)))
     assert (refused.value.what, refused.value.reason, refused.value.offset) == (what, reason, offset)
-
-
-@pytest.mark.parametrize(
-    ("kind", "body", "what", "reason"),
-    [
-        (MessageType.IDENT, "00", "IDENT", "1 bytes, not 0"),
-        (MessageType.STORE, "00", "STORE", "1 bytes, not 0"),
-        (MessageType.LOAD, "0000", "LOAD", "2 bytes, not 0"),
-        (MessageType.READ, "000040", "READ", "3 bytes, not 4"),
-        (MessageType.READ, "0000400000", "READ", "5 bytes, not 4"),
-        (MessageType.WRITE, "000001", "WRITE", "length does not match the data"),
-        (MessageType.WRITE, "0000 0200 01", "WRITE", "length does not match the data"),
-        (MessageType.WRITE, "0000 0100 0102", "WRITE", "length does not match the data"),
-        (MessageType.COMMAND, "06000000", "COMMAND", "4 bytes, not 5"),
-        (MessageType.DATA, "", "request", "unknown type 0x01"),
-        (0x21, "", "request", "unknown type 0x21"),
-    ],
-)
-def test_request_that_does_not_fit_its_body_is_refused(kind, body, what, reason):
-    with pytest.raises(DecodeError) as refused:
-        messages.decode_request(Frame(kind, 0, 0, bytes.fromhex(body)))
-    assert (refused.value.what, refused.value.reason) == (what, reason)
-
-
-def test_a_write_without_data_is_the_masters_to_judge():
-    assert messages.decode_request(Frame(MessageType.WRITE, 0, 0, bytes(4))) == Write(0, b"")
 
 
 @pytest.mark.parametrize(

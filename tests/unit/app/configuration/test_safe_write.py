@@ -38,10 +38,10 @@ from firmware_protocol.messages import (
     Result,
     Store,
     Write,
-    decode_request,
 )
 from tests.fake_clock import FakeClock
 from tests.fake_write_log import FakeWriteLog
+from tests.host_requests import decode_request
 
 SAME_MAP = Identity("1.0.0", 1, "00", is_compatible=True, boots=1)
 

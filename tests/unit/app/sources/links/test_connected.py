@@ -16,13 +16,13 @@ from serial.tools import list_ports
 from app.errors import ConfigError
 from app.sources.links import connected
 from app.sources.links.can_bus import parse_bus
-from app.sources.links.connected import Found, can_adapters, look_at_can, look_at_serial, serial_ports
+from app.sources.links.connected import Found, can_adapters, check_can, check_serial, serial_ports
 from firmware_protocol.framing import encode_frame
 
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    monkeypatch.setattr(connected, "LOOK_S", 0.4)
+    monkeypatch.setattr(connected, "CHECK_S", 0.4)
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def speaking(data: bytes) -> Iterator[str]:
 
 
 def test_a_port_that_is_not_there_says_what_to_do():
-    look = look_at_serial("/dev/ttyUSB77")
+    look = check_serial("/dev/ttyUSB77")
     assert (look.bytes, look.frames) == (0, 0)
     assert look.error is not None
     assert look.advice.code == "advice-no-port"
@@ -55,39 +55,39 @@ def test_a_port_that_is_not_there_says_what_to_do():
 
 def test_a_silent_port_says_what_to_do():
     with speaking(b"") as url:
-        look = look_at_serial(url)
+        look = check_serial(url)
     assert (look.bytes, look.error, look.advice.code) == (0, None, "advice-silent")
 
 
 def test_a_port_of_another_device_says_so():
     with speaking(b"$GPGGA,hello\r\n") as url:
-        look = look_at_serial(url)
+        look = check_serial(url)
     assert look.bytes > 0
     assert (look.frames, look.advice.code) == (0, "advice-no-frame")
 
 
 def test_a_master_is_counted_in_frames():
     with speaking(encode_frame(1, 0, 7, b"12345678")) as url:
-        look = look_at_serial(url)
+        look = check_serial(url)
     assert look.frames > 0
     assert look.advice is None
 
 
 def test_what_is_no_url_is_an_error_that_names_it():
     with pytest.raises(ConfigError, match="serial"):
-        look_at_serial("foo://bar")
+        check_serial("foo://bar")
     with pytest.raises(ConfigError, match="can"):
-        look_at_can("can0")
+        check_can("can0")
 
 
 def test_a_bus_that_cannot_be_opened_says_what_to_do():
-    look = look_at_can("socketcan:no_such_bus")
+    look = check_can("socketcan:no_such_bus")
     assert look.error is not None
     assert look.advice.code == "advice-can-open"
 
 
 def test_a_silent_bus_says_what_to_do():
-    look = look_at_can("virtual:nobody-speaks")
+    look = check_can("virtual:nobody-speaks")
     assert (look.frames, look.error, look.advice.code) == (0, None, "advice-can-silent")
 
 
@@ -141,7 +141,7 @@ def test_a_bus_that_speaks_is_counted_in_frames_and_bytes():
     with can.Bus("speaks", interface="virtual") as node:
         thread = threading.Thread(target=speak, args=(node,), daemon=True)
         thread.start()
-        look = look_at_can("virtual:speaks")
+        look = check_can("virtual:speaks")
         stopped.set()
         thread.join()
     assert look.frames > 0
@@ -157,7 +157,7 @@ def test_what_to_do_depends_on_why_the_port_cannot_be_opened(monkeypatch, number
         raise serial.SerialException(number, os.strerror(number))
 
     monkeypatch.setattr(serial, "serial_for_url", refuse)
-    look = look_at_serial("/dev/ttyUSB0")
+    look = check_serial("/dev/ttyUSB0")
     assert look.error is not None
     assert (look.bytes, look.frames, look.advice.code) == (0, 0, advice)
 
@@ -177,7 +177,7 @@ def test_a_port_that_is_lost_while_it_is_looked_at_says_so_and_is_closed(monkeyp
 
     port = Pulled()
     monkeypatch.setattr(serial, "serial_for_url", lambda *_, **__: port)
-    look = look_at_serial("/dev/ttyUSB0")
+    look = check_serial("/dev/ttyUSB0")
     assert (look.frames, look.advice.code) == (0, "advice-no-port")
     assert look.error is not None
     assert not port.is_open

@@ -25,9 +25,9 @@ from firmware_protocol.messages import (
     Result,
     Store,
     Write,
-    decode_request,
 )
 from tests.fake_clock import FakeClock
+from tests.host_requests import decode_request
 
 
 def frame_with(reply: Reply) -> Frame:
