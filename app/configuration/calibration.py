@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from app.errors import ConfigError, NotNow
-from app.sources.master.client import MasterClient
+from app.sources.master.client import MasterClient, read_field
 from app.words import Message, Quantity
 from firmware_protocol.memory_map import CONFIG, FIELDS, STATUS_FLAGS
 
@@ -51,13 +51,12 @@ def measure(master: MasterClient, *, sleep: Callable[[float], None] = time.sleep
     Raises:
         LinkError: the master cannot be asked.
     """
-    current, flags = FIELDS["i_fs"], FIELDS["status.flags"]
     values = []
     for _ in range(SAMPLES):
-        (raw,) = current.unpack(master.read(current.offset, current.size), -current.offset)
-        values.append(raw * current.scale)
+        (raw,) = read_field(master, "i_fs")
+        values.append(raw * FIELDS["i_fs"].scale)
         sleep(PERIOD_S)
-    (bits,) = flags.unpack(master.read(flags.offset, flags.size), -flags.offset)
+    (bits,) = read_field(master, "status.flags")
     mean_a = sum(values) / len(values)
     sigma_a = math.sqrt(sum((value - mean_a) ** 2 for value in values) / (len(values) - 1))
     return Measured(mean_a, sigma_a, len(values), bool(bits >> STATUS_FLAGS.index("load") & 1))

@@ -15,7 +15,7 @@ from app.configuration.history import Action
 from app.configuration.rules import Context, review_change
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
-from app.sources.master.client import MasterClient
+from app.sources.master.client import MasterClient, read_field
 from app.words import Message, Quantity, render
 from firmware_protocol.can_tables import RxMessage, TxMessage, with_rx_messages, with_tx_messages
 from firmware_protocol.config_image import Change, difference, image_hash, with_raw, with_value
@@ -342,16 +342,15 @@ class ConfigurationWriter:
 
         With relays open no current flows, whatever a sensor says that is about to be calibrated.
         """
-        flags_field, current = FIELDS["status.flags"], FIELDS["i_fs"]
-        (bits,) = flags_field.unpack(self._master.read(flags_field.offset, flags_field.size), -flags_field.offset)
+        (bits,) = read_field(self._master, "status.flags")
         flags = {name for bit, name in enumerate(STATUS_FLAGS) if bits >> bit & 1}
-        (raw,) = current.unpack(self._master.read(current.offset, current.size), -current.offset)
+        current_a = read_field(self._master, "i_fs")[0] * FIELDS["i_fs"].scale
         if "charging" in flags:
             return Message("being-charged")
         if "load" in flags:
             return Message("relays-are-closed")
-        if abs(raw * current.scale) > REST_A and not sensor_only:
-            return Message("current-flows", current=Quantity(raw * current.scale, "A", 1))
+        if abs(current_a) > REST_A and not sensor_only:
+            return Message("current-flows", current=Quantity(current_a, "A", 1))
         return None
 
     def _require_same_map(self) -> None:

@@ -15,7 +15,7 @@ from typing import Literal
 from app.configuration.history import JsonLines
 from app.errors import ConfigError, NotNow
 from app.sources.data_file import checked, parse_object
-from app.sources.master.client import MasterClient
+from app.sources.master.client import MasterClient, read_field
 from app.words import Message
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, FIELDS, N_PACKS, T_MISSING
 
@@ -175,9 +175,9 @@ def _averaged(cell: int, values: list[float]) -> Reading:
 
 def _sample(master: MasterClient, pack: int, quantity: QuantityName) -> list[float | None]:
     if quantity == "voltage":
-        field = FIELDS[f"slave[{pack}].cvr"]
-        raws = field.unpack(master.read(field.offset, field.size), -field.offset)
-        return [None if raw in (0, CHIP_MISSING) else raw * field.scale for raw in raws]
+        name = f"slave[{pack}].cvr"
+        raws = read_field(master, name)
+        return [None if raw in (0, CHIP_MISSING) else raw * FIELDS[name].scale for raw in raws]
     field, start = FIELDS["t"], FIELDS["t"].offset + pack * CELLS_PER_PACK
     signed = [raw - 256 if raw > 127 else raw for raw in master.read(start, CELLS_PER_PACK)]
     return [None if raw == T_MISSING else raw * field.scale for raw in signed]
@@ -186,16 +186,14 @@ def _sample(master: MasterClient, pack: int, quantity: QuantityName) -> list[flo
 def _require_rest(master: MasterClient, pack: int) -> None:
     if not 0 <= pack < N_PACKS:
         raise ConfigError("pack", pack, f"0..{N_PACKS - 1}")
-    status, register = FIELDS[f"slave[{pack}].status"], FIELDS[f"slave[{pack}].cfgr"]
-    if master.read(status.offset, status.size)[0] != _ACTIVE:
+    if read_field(master, f"slave[{pack}].status")[0] != _ACTIVE:
         raise NotNow(Message("slave-silent", pack=pack + 1))
-    bits = master.read(register.offset, register.size)
+    bits = read_field(master, f"slave[{pack}].cfgr")
     if bits[4] or bits[5] & 0x0F:
         raise NotNow(Message("pack-being-bled", pack=pack + 1))
-    current = FIELDS["i_fs"]
-    (raw,) = current.unpack(master.read(current.offset, current.size), -current.offset)
-    if abs(raw * current.scale) > REST_A:
-        raise NotNow(Message("slave-at-rest", current=f"{raw * current.scale:.1f} A"))
+    current_a = read_field(master, "i_fs")[0] * FIELDS["i_fs"].scale
+    if abs(current_a) > REST_A:
+        raise NotNow(Message("slave-at-rest", current=f"{current_a:.1f} A"))
 
 
 @dataclass(frozen=True, slots=True)

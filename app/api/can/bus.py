@@ -118,8 +118,8 @@ def export(
 
 
 def _require_may_transmit(links: LinksPart) -> None:
-    if (hindrance := links.transmit_block_reason) is not None:
-        raise Problem(409, "not-on-this-bus", hindrance)
+    if (reason := links.transmit_block_reason) is not None:
+        raise Problem(409, "not-on-this-bus", reason)
 
 
 def _ids_of_master(live: LivePart, in_force: InForcePart) -> set[int]:
@@ -132,10 +132,10 @@ def _ids_of_master(live: LivePart, in_force: InForcePart) -> set[int]:
 
 
 def _status(links: LinksPart) -> dict[str, Any]:
-    status, hindrance = links.can_sender.status, links.transmit_block_reason
+    status, reason = links.can_sender.status, links.transmit_block_reason
     return (
         {
-            "allowed": hindrance is None,
+            "allowed": reason is None,
             "running": links.can_sender.is_busy,
             "what": status.what,
             "who": status.who,
@@ -143,7 +143,7 @@ def _status(links: LinksPart) -> dict[str, Any]:
             "total": status.total,
         }
         | message_json("error", status.error)
-        | message_json("hindrance", hindrance)
+        | message_json("hindrance", reason)
     )
 
 

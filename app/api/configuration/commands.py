@@ -77,12 +77,12 @@ COMMANDS: dict[str, tuple[CommandId, Callable[[float | None], int]]] = {
 @router.get("/commands", response_model=CommandsOut)
 def names(live: LivePart, settings: SettingsPart) -> dict[str, Any]:
     """The commands there are, and why some would be refused by this service now."""
-    hindrance = _against_balancing(live, settings)
-    hindrances = {} if hindrance is None else dict.fromkeys(BALANCING, hindrance)
+    reason = _balancing_block_reason(live, settings)
+    reasons = {} if reason is None else dict.fromkeys(BALANCING, reason)
     return {
         "commands": [*COMMANDS, "balance-cells", *STREAM],
-        "hindrances": {name: render(why) for name, why in hindrances.items()},
-        "hindrances_words": {name: words(why) for name, why in hindrances.items()},
+        "hindrances": {name: render(why) for name, why in reasons.items()},
+        "hindrances_words": {name: words(why) for name, why in reasons.items()},
     }
 
 
@@ -101,8 +101,8 @@ def command(
         raise invalid("duration_s", asked.duration_s, Message("only-with-fan-duty"))
     if asked.cells is not None and name != "balance-cells":
         raise invalid("cells", len(asked.cells), Message("only-with-balance-cells"))
-    if name in BALANCING and (hindrance := _against_balancing(live, settings)) is not None:
-        raise Problem(409, "rules", hindrance)
+    if name in BALANCING and (reason := _balancing_block_reason(live, settings)) is not None:
+        raise Problem(409, "rules", reason)
     if name in STREAM:
         _none(asked.argument)
         commands.stream(user.name, on=name == "stream-start")
@@ -123,7 +123,7 @@ def _in_words(asked: Argument) -> str:
     return "" if asked.argument is None else f"{asked.argument:g}{duration}"
 
 
-def _against_balancing(live: LivePart, settings: SettingsPart) -> Message | None:
+def _balancing_block_reason(live: LivePart, settings: SettingsPart) -> Message | None:
     """Why the competition's rules forbid balancing now: the relays are open, or not known to be closed."""
     snapshot = live.snapshot
     flags = None if snapshot is None else snapshot.master.flags

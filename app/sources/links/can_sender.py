@@ -75,13 +75,10 @@ class CanSender:
         """
         counts = [1 if frame.period_s is None else frame.count for frame in frames]
         total = None if 0 in counts else sum(counts)
-        self._start(f"list of {len(frames)}", who, _schedule(frames), total)
+        self.start_frames(f"list of {len(frames)}", _schedule(frames), total, who)
 
-    def start_frames(self, what: str, frames: Iterator[tuple[float, int, bytes]], total: int, who: str) -> None:
+    def start_frames(self, what: str, frames: Iterator[tuple[float, int, bytes]], total: int | None, who: str) -> None:
         """Send (seconds from the start, id, data) in their own time; NotNow as start_list."""
-        self._start(what, who, frames, total)
-
-    def _start(self, what: str, who: str, frames: Iterator[tuple[float, int, bytes]], total: int | None) -> None:
         with self._lock:
             if self.is_busy:
                 raise NotNow(Message("being-sent", what=self._status.what, who=self._status.who))

@@ -14,6 +14,7 @@ from app.telemetry import Identity
 from app.words import Message
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, Frame, encode_frame
+from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import (
     MAX_READ,
     NO_OFFSET,
@@ -134,6 +135,12 @@ class MasterClient:
                 raise MasterSilent(Message("short-read", count=len(reply.data), expected=part))
             data += reply.data
         return data
+
+
+def read_field(master: MasterClient, name: str) -> tuple[int, ...]:
+    """Return the counts of a field of the struct, read now."""
+    field = FIELDS[name]
+    return field.unpack(master.read(field.offset, field.size), -field.offset)
 
 
 def identity_of(ident: Ident) -> Identity:
