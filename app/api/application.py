@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from fastapi import APIRouter, FastAPI
 from starlette.routing import BaseRoute
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
 from app.api import balancing, simulator
@@ -34,7 +33,7 @@ from app.api.web import openapi, people, problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
 from app.api.web.fan_out import FanOut
-from app.api.web.limits import BodyLimit, HeadAsGet, RequestFraming
+from app.api.web.middleware import BodyLimit, HeadAsGet, RequestFraming, SecurityHeaders
 from app.api.web.static import serve_front_end
 from app.clock import Clock
 from app.service.host import ClockWatch
@@ -50,11 +49,6 @@ from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
 
 STATIC = Path(__file__).parents[1] / "static"
-_CSP = b"content-security-policy"
-_POLICY = (
-    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
-)
 
 
 class Replay(NamedTuple):
@@ -208,32 +202,3 @@ def api_routes() -> APIRouter:
         api.include_router(module.router, prefix="/api/v1", dependencies=[NEEDS_MASTER])
     api.include_router(metrics.router)
     return api
-
-
-class SecurityHeaders:
-    """ASGI middleware: nothing foreign is loaded, nothing is framed, nothing is guessed, no data stays in a cache."""
-
-    def __init__(self, app: ASGIApp, *, has_name: bool) -> None:
-        self._app = app
-        self._has_name = has_name  # beyond loopback: "localhost" is every program's of a computer
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Add the headers to every HTTP response."""
-
-        async def with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                given = {name for name, _ in message["headers"]}
-                own = [] if _CSP in given else [(_CSP, _POLICY.encode())]
-                if b"cache-control" not in given:
-                    own.append((b"cache-control", b"no-store"))
-                if scope["scheme"] == "https" and self._has_name:
-                    own.append((b"strict-transport-security", b"max-age=31536000"))
-                message["headers"] = [
-                    *message["headers"],
-                    *own,
-                    (b"x-content-type-options", b"nosniff"),
-                    (b"referrer-policy", b"same-origin"),
-                ]
-            await send(message)
-
-        await self._app(scope, receive, with_headers if scope["type"] == "http" else send)

@@ -18,8 +18,7 @@ from app.live.pipeline_factory import PipelineFactory
 from app.season.season_lake import SeasonLake
 from app.service.events import Events
 from app.service.failures import Failures
-from app.service.health.checks import Health
-from app.service.health.damaged_files import DamagedFiles
+from app.service.health.checks import DamagedFiles, Health
 from app.service.host import is_clock_synchronised
 from app.service.inbox import Inbox
 from app.service.learned_state_saver import learning_pipeline

@@ -4,9 +4,9 @@ from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
-from pydantic import Field
+from pydantic import BaseModel, Field
 
-from app.api.schemas.slave_check import SlaveCheckResultOut, SlaveChecksOut
+from app.api.schemas.page import PageOut
 from app.api.web.dependencies import ClockPart, EventsPart, LinksPart, SlaveChecksPart, UserDep
 from app.api.web.paging import CursorQuery, page_of
 from app.api.web.problems import Problem
@@ -19,6 +19,44 @@ from app.words import Message
 router = APIRouter(prefix="/calibration/slave", tags=["commands"])
 MAX_CHECKS = 200
 Pack = Annotated[int | None, Query(ge=0, lt=N_PACKS)]
+
+
+class SlaveCheckOut(BaseModel):
+    """A check that was kept."""
+
+    number: int
+    time: float
+    who: str
+    pack: int
+    quantity: QuantityName
+    unit: str
+    meter: str
+    meter_error: float
+    note: str
+    verdict: Verdict
+
+
+class SlaveLimitsOut(BaseModel):
+    """What a slave may be off, and a meter at most, to judge it."""
+
+    unit: str
+    tolerance: float
+    meter_error_max: float
+
+
+class SlaveCheckResultOut(BaseModel):
+    """What was read; with a meter's readings also the check, and the one before it."""
+
+    readings: list[Reading]
+    limits: SlaveLimitsOut
+    check: SlaveCheckOut | None
+    before: SlaveCheckOut | None
+
+
+class SlaveChecksOut(PageOut):
+    """Newest first."""
+
+    checks: list[SlaveCheckOut]
 
 
 class SlaveCheckIn(Body):

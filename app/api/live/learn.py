@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from app.api.encoding.words import message_json, words
-from app.api.schemas.setup import LearnedOut
+from app.api.schemas.snapshot import Number
+from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import ImportsPart, SetupPart, WorkersPart
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body, FileText
@@ -31,6 +32,68 @@ from app.words import Message, Text, render
 router = APIRouter(prefix="/setup", tags=["setup"])
 _MOST_CELLS = 1000
 Name = Annotated[str, Field(max_length=200)]
+
+
+class LearnedCandidateOut(BaseModel):
+    """A signal that may carry what a line says, and what was heard of it [in the line's unit]."""
+
+    signal: str
+    low: Number
+    high: Number
+    reasons: list[str]
+    reasons_words: list[WordsOut | None]
+
+
+class LearnedRunningOut(BaseModel):
+    """What a line reads now: one value a cell or sensor, or one; of a state also its raw number and what that means."""
+
+    values: list[Number]
+    age_s: Number
+    raw: int | None
+    text: str
+
+
+class LearnedLineOut(BaseModel):
+    """One thing that the profile says: which of the candidates it is, whether it is taken, and what it reads."""
+
+    key: str
+    taken: bool
+    signal: str
+    candidates: list[LearnedCandidateOut]
+    display_unit: str
+    unit: str
+    units: list[str]
+    positive: str | None
+    equals: list[int] | None
+    running: LearnedRunningOut | None
+
+
+class LearnedCheckOut(BaseModel):
+    """A doubt about the profile, or an error with which it cannot work."""
+
+    field: str
+    is_error: bool
+    what: str
+    what_words: WordsOut | None
+
+
+class LearnedOut(BaseModel):
+    """A suggested profile; `profile` null where no cell voltages are recognised."""
+
+    id: str
+    frames: int
+    messages: int
+    heard: int
+    cells: int
+    segments: list[int]
+    parallel: int
+    sensors: int
+    name: str
+    lines: list[LearnedLineOut]
+    doubts: list[str]
+    doubts_words: list[WordsOut | None]
+    checks: list[LearnedCheckOut]
+    profile: str | None
 
 
 class LearnIn(Body):

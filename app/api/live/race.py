@@ -6,10 +6,10 @@ What the driver is shown changes what the car does, so it is in the signed log; 
 from typing import Any, Literal
 
 from fastapi import APIRouter
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from app.api.encoding.words import message_json
-from app.api.schemas.race import DriverCanOut, RacePlanOut
+from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import DriverDisplayPart, EventsPart, LinksPart, LivePart, SignedPart, UserDep
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
@@ -22,6 +22,38 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 router = APIRouter(tags=["race"])
 MAX_LAPS = 500
 MAX_RESERVE = 0.5
+
+
+class RacePlanOut(BaseModel):
+    """What was asked for; what a lap may take is in the snapshot."""
+
+    laps_to_go: int
+    reserve_soc: float
+
+
+class DriverFrameOut(BaseModel):
+    """A frame that is sent."""
+
+    id: int
+    extended: bool
+    length: int
+    start_byte: int
+    byte_order: Literal["little", "big"]
+    period_ms: int
+
+
+class DriverCanOut(BaseModel):
+    """The two frames, null where not sent; what stands in them now."""
+
+    target: DriverFrameOut | None
+    message: DriverFrameOut | None
+    shown: DriverMessage
+    target_wh: float | None
+    sent: int
+    error: str | None
+    error_words: WordsOut | None
+    hindrance: str | None
+    hindrance_words: WordsOut | None
 
 
 class RacePlanIn(Body):

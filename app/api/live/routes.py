@@ -9,9 +9,8 @@ from fastapi import APIRouter, Query, Response, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
 from app import __version__
-from app.api.encoding.battery import battery_json
 from app.api.encoding.words import messages_json
-from app.api.schemas.battery import BatteryOut
+from app.api.schemas.battery import BatteryOut, battery_json
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
 from app.api.web.dependencies import (

@@ -5,10 +5,10 @@ from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from app.api.encoding.words import message_json
-from app.api.schemas.setup import LookOut, PluggedOut, SetupOut, UploadedOut
+from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import EventsPart, LivePart, SetupPart, SignedPart, UserDep
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body, FileText
@@ -20,6 +20,67 @@ from app.words import Message, Text
 
 router = APIRouter(prefix="/setup", tags=["setup"])
 Url = Annotated[str | None, Field(min_length=1, max_length=300)]
+
+
+class ConnectionsOut(BaseModel):
+    """With neither link the battery is simulated."""
+
+    serial: str | None
+    can: str | None
+    battery: str
+
+
+class FoundOut(BaseModel):
+    """A port or an adapter, by the URL that the choice takes."""
+
+    url: str
+    description: str
+
+
+class BatteryChoiceOut(BaseModel):
+    """A battery that can be chosen by its id."""
+
+    id: str
+    name: str
+    cells: int
+    reads: str  # master or dbc
+    uploaded: bool
+
+
+class SetupOut(BaseModel):
+    """`instance` is another one after each start; `fixed`: command line or environment say what is read."""
+
+    instance: str
+    needed: bool
+    fixed: bool
+    chosen: ConnectionsOut | None
+    in_force: ConnectionsOut
+    batteries: list[BatteryChoiceOut]
+
+
+class PluggedOut(BaseModel):
+    """What is plugged into the machine of the service."""
+
+    serial: list[FoundOut]
+    can: list[FoundOut]
+
+
+class LookOut(BaseModel):
+    """What arrived, and what to do where that is not right."""
+
+    seconds: float
+    bytes: int
+    frames: int
+    error: str | None
+    error_words: WordsOut | None
+    advice: str | None
+    advice_words: WordsOut | None
+
+
+class UploadedOut(BaseModel):
+    """The id by which an uploaded battery can be chosen."""
+
+    id: str
 
 
 class ConnectionsIn(Body):

@@ -1,12 +1,16 @@
 """The battery that is served, or that a session was recorded of: shape, drawing, sensors, limits."""
 
-from typing import Literal
+from dataclasses import asdict
+from typing import Any, Literal
 
 from pydantic import BaseModel
 
+from app.api.encoding.words import message_json
 from app.api.schemas.snapshot import Number, model_of
 from app.api.schemas.words import WordsOut
-from app.battery.battery import Drawing
+from app.battery.battery import LIMITS, Battery, Drawing, SignalName
+from app.telemetry import ProtectionLimits
+from app.words import Message
 
 
 class BatteryOut(BaseModel):
@@ -24,3 +28,54 @@ class BatteryOut(BaseModel):
     can_write: bool
     why_not: str | None
     why_not_words: WordsOut | None
+
+
+def battery_json(
+    battery: Battery,
+    source: Literal["master", "dbc", "recording"],
+    why_not: Message | None,
+    limits: ProtectionLimits | None = None,
+) -> dict[str, Any]:
+    """Return the body of `GET battery`.
+
+    Args:
+        battery: drawn on the pages.
+        source: how it is heard.
+        why_not: why nothing can be written to it; None where it can.
+        limits: in force, for those that the profile does not state as numbers.
+    """
+    return {
+        "name": battery.name,
+        "segments": battery.segments,
+        "parallel": battery.parallel,
+        "cell": battery.cell,
+        "drawing": asdict(battery.drawing),
+        "sensors": battery.sensors,
+        "limits": {name: _limit(battery, name, limits) for name in LIMITS},
+        "rules": battery.rules,
+        "source": source,
+        "can_write": why_not is None,
+    } | message_json("why_not", why_not)
+
+
+def _limit(battery: Battery, name: str, limits: ProtectionLimits | None) -> float | None:
+    stated = battery.limits.get(name)
+    if stated is not None and not isinstance(stated, SignalName):
+        return stated
+    limits_in_force = {} if limits is None else in_force(limits)
+    value = limits_in_force.get(name)
+    return None if value is None or value != value else value
+
+
+def in_force(limits: ProtectionLimits) -> dict[str, float]:
+    """Return protection limits by the names that profiles use; NaN where one is not told."""
+    return {
+        "cell_voltage_min_v": limits.cell_voltage_min_v,
+        "cell_voltage_max_v": limits.cell_voltage_max_v,
+        "temperature_min_degc": limits.temperature_min_degc,
+        "temperature_max_degc": limits.temperature_max_degc,
+        "discharge_current_max_a": limits.discharge_max_a,
+        "charge_current_max_a": -limits.discharge_min_a,
+        "pack_voltage_max_v": limits.accumulator_voltage_max_v,
+        "segment_voltage_max_v": limits.pack_voltage_max_v,
+    }

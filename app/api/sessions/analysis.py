@@ -1,7 +1,9 @@
 """Looking back: laps of a session, black boxes, reports, comparisons."""
 
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import asdict
+from hashlib import sha256
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
@@ -10,14 +12,14 @@ from pydantic import Field
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import explained, keep_black_boxes, stored_box
+from app.analysis.document import Subject, document
 from app.analysis.evidence.evidence import Evidence, NoEvidence
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, settle_laps
 from app.analysis.limits import by_names_of_profiles, limits_of
 from app.analysis.report.report import Report, SessionComparison
-from app.api.encoding.battery import battery_json
 from app.api.encoding.words import message_json
-from app.api.schemas.battery import BatteryOut
+from app.api.schemas.battery import BatteryOut, battery_json
 from app.api.schemas.sessions import BoxList
 from app.api.sessions.jobs import comparison_at, evidence_at, laps_at, overlay_at, report_at
 from app.api.sessions.routes import MAX_UNIX_S
@@ -30,7 +32,6 @@ from app.api.web.dependencies import (
     UserDep,
     WorkersPart,
 )
-from app.api.web.document import document_response
 from app.api.web.paging import CursorQuery, LimitQuery, page_of
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
@@ -41,6 +42,27 @@ from app.sessions.worker import REPORT
 from app.words import Message, languages
 
 router = APIRouter(tags=["debrief"])
+
+
+_SCRIPT = '<script type="module">'
+_POLICY = (
+    "default-src 'none'; script-src {}; style-src 'unsafe-inline'; font-src data:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+
+
+def document_response(subject: Subject, language: str) -> HTMLResponse:
+    """Return a report, a black box or a reaction test as one HTML file.
+
+    Raises:
+        NotBuilt: the front end was not built.
+    """
+    page = document(subject, language)
+    script = page.partition(_SCRIPT)[2].partition("</script>")[0]
+    allowed = f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'"
+    return HTMLResponse(page, headers={"Content-Security-Policy": _POLICY.format(allowed)})
+
+
 SourceQuery = Annotated[Source | None, Query(description="none: settled, else markers, else the power's pattern")]
 CanId = Annotated[int | None, Query(ge=0, lt=1 << 32, description="frame that counts laps; bit 31 marks a 29-bit id")]
 CanByte = Annotated[int, Query(ge=0, le=63)]

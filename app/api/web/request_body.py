@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import Depends, Request
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.web.limits import MAX_BODY_BYTES
+from app.api.web.middleware import MAX_BODY_BYTES
 
 
 class Body(BaseModel):

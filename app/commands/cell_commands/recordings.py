@@ -13,7 +13,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import Recording
-from app.sessions.export.csv_row import csv_row
+from app.sessions.export.csv_file import csv_row
 from app.sources.recordings.dataset import load_recording, parse_map
 
 

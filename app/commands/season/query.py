@@ -11,7 +11,7 @@ from app.errors import ConfigError
 from app.season.lake.place import Place
 from app.season.store import Answer, Limits, SeasonStore
 from app.season.store.questions import ask, find_question, json_of, parameters_of, questions
-from app.sessions.export.csv_row import csv_row
+from app.sessions.export.csv_file import csv_row
 
 
 def answer_question(args: argparse.Namespace) -> int:

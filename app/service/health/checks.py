@@ -1,15 +1,42 @@
 """Whether the service does its work."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 from app.clock import Clock
 from app.live.load import Load
 from app.service.events import Events
-from app.service.health.damaged_files import DamagedFiles
 from app.service.links import Links
 from app.service.mqtt.publisher import MqttPublisher
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
+from app.sources.data_file import encodable
+from app.telemetry import Severity
 from app.telemetry.link_messages import link_trouble
 from app.words import Message
+
+Note = Callable[[Severity, str, Message], None]
+
+
+class DamagedFiles:
+    """Any thread; the event log itself may be one of them, so events wait until there is one."""
+
+    def __init__(self) -> None:
+        self.problems: list[Message] = []
+        self._note: Note | None = None
+
+    def add(self, path: Path, kept: Path) -> None:
+        """Note that a file was renamed to `kept`."""
+        message = Message("file-set-aside", file=encodable(path.name), kept=encodable(kept.name))
+        self.problems.append(message)
+        if self._note is not None:
+            self._note("warning", "file-set-aside", message)
+
+    def note_into(self, note: Note) -> None:
+        """Note what there is, and from now on everything."""
+        self._note = note
+        for message in self.problems:
+            note("warning", "file-set-aside", message)
 
 
 class Health:

@@ -1,16 +1,36 @@
 """CSV: one header line, one row an instant, empty where nothing was sampled, the time in ISO 8601 at the end."""
 
+import csv
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
+from io import StringIO
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
-from app.sessions.export.csv_row import csv_row
 from app.sessions.export.table import SignalTable
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
+
+_RUNS = ("=", "+", "-", "@", "\t", "\r", "\n")  # what a formula begins with, also behind what is skipped
+_NUMBER = re.compile(r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+
+
+def csv_row(cells: Iterable[object]) -> str:
+    """Return a line with its end; None is empty, numbers stay numbers, a text like a formula gets a leading '."""
+    line = StringIO()
+    csv.writer(line).writerow([_safe(cell) for cell in cells])  # its own line end: a CR in a cell is quoted, too
+    return line.getvalue()[:-2] + "\n"
+
+
+def _safe(cell: object) -> object:
+    if cell is None or isinstance(cell, int | float):
+        return cell
+    text = str(cell)
+    return f"'{text}" if text.startswith(_RUNS) and not _NUMBER.fullmatch(text) else text
+
 
 _CLOSE_TOGETHER = 1 << 20
 Bytes = NDArray[np.uint8]  # (rows, bytes), texts filled up with zeros

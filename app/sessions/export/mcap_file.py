@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.log import log_lines
 from app.sessions.export.mcap_messages import LOG, NUMBER, NUMBERS, McapMessages
-from app.sessions.export.table import Rows, SignalTable, source_of
+from app.sessions.export.table import Rows, SignalTable, log_lines, source_of
 
 _LEVELS = {"info": 2, "watch": 2, "warning": 3, "trip": 5}
 

@@ -10,8 +10,7 @@ from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.log import log_lines
-from app.sessions.export.table import Rows, SignalTable
+from app.sessions.export.table import Rows, SignalTable, log_lines
 
 _PROPERTIES = {"driver": "author", "vehicle": "subject", "event": "project"}  # what ASAM calls them
 _SAME_NS = 1_000_000  # a lap's time is told as a float

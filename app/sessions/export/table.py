@@ -250,3 +250,25 @@ def _as_slice(index: NDArray[np.intp]) -> slice | NDArray[np.intp]:
     """The same index as a slice where it is one row after the other: far quicker."""
     is_slice = len(index) > 0 and index[-1] - index[0] == len(index) - 1 and (np.diff(index) == 1).all()
     return slice(int(index[0]), int(index[-1]) + 1) if is_slice else index
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class LogLine:
+    """An event or a marker."""
+
+    t_mono_ns: int
+    severity: str  # of an event; "" of a marker
+    name: str  # an event's code, or a marker's kind
+    text: str
+
+
+def log_lines(table: SignalTable) -> list[LogLine]:
+    """Return what happened in the range of a table, in order of time."""
+    session = table.session
+    lines = [
+        LogLine(each["t_mono_ns"], str(each["severity"]), str(each["code"]), str(each["text"]))
+        for each in session.events()
+    ]
+    lines += [LogLine(each.t_mono_ns, "", each.kind, each.text) for each in session.markers()]
+    first_s, last_s = table.t_from_s or 0.0, np.inf if table.t_to_s is None else table.t_to_s
+    return sorted(line for line in lines if first_s <= session.unix_s(line.t_mono_ns) <= last_s)

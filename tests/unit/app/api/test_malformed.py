@@ -5,7 +5,7 @@ import json
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.web.limits import MAX_BODY_BYTES
+from app.api.web.middleware import MAX_BODY_BYTES
 from app.words import message_from_json, render
 
 JSON = {"Content-Type": "application/json"}

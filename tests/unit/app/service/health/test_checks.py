@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.service import pipeline_thread
-from app.service.health.checks import Health
-from app.service.health.damaged_files import DamagedFiles
+from app.service.health.checks import DamagedFiles, Health
 from app.sources.items import LinkChange
 from app.words import Message, Quantity
 

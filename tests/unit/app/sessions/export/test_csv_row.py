@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from app.commands.season import query
 from app.season.store import Answer
-from app.sessions.export.csv_row import csv_row
+from app.sessions.export.csv_file import csv_row
 
 FORMULAS = [
     "=1+1",

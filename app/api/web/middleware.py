@@ -1,4 +1,4 @@
-"""What a request may be: small, or it is refused before it fills the memory; with one end, stated once; HEAD as GET."""
+"""What every request passes: how much a client may send, HEAD as GET, headers against foreign content."""
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as HttpMessage
@@ -6,6 +6,11 @@ from starlette.types import Message as HttpMessage
 from app.api.web.problems import HttpRefusal, Problem
 from app.words import Message
 
+_CSP = b"content-security-policy"
+_POLICY = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+)
 MAX_BODY_BYTES = 1 << 20  # a configuration is 420 bytes, all CAN tables as JSON a few kilobytes
 
 
@@ -68,7 +73,7 @@ class RequestFraming:
 
 
 class HeadAsGet:
-    """ASGI middleware: HEAD for every route that has GET, as HTTP requires; the server leaves the body out."""
+    """ASGI middleware: the route is run as for GET; the server leaves the body out."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -77,3 +82,32 @@ class HeadAsGet:
         """Hand the request on."""
         is_head = scope["type"] == "http" and scope["method"] == "HEAD"
         await self._app({**scope, "method": "GET"} if is_head else scope, receive, send)
+
+
+class SecurityHeaders:
+    """ASGI middleware: nothing foreign is loaded, nothing is framed, nothing is guessed, no data stays in a cache."""
+
+    def __init__(self, app: ASGIApp, *, has_name: bool) -> None:
+        self._app = app
+        self._has_name = has_name  # beyond loopback: "localhost" is every program's of a computer
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Add the headers to every HTTP response."""
+
+        async def with_headers(message: HttpMessage) -> None:
+            if message["type"] == "http.response.start":
+                given = {name for name, _ in message["headers"]}
+                own = [] if _CSP in given else [(_CSP, _POLICY.encode())]
+                if b"cache-control" not in given:
+                    own.append((b"cache-control", b"no-store"))
+                if scope["scheme"] == "https" and self._has_name:
+                    own.append((b"strict-transport-security", b"max-age=31536000"))
+                message["headers"] = [
+                    *message["headers"],
+                    *own,
+                    (b"x-content-type-options", b"nosniff"),
+                    (b"referrer-policy", b"same-origin"),
+                ]
+            await send(message)
+
+        await self._app(scope, receive, with_headers if scope["type"] == "http" else send)
