@@ -153,8 +153,8 @@ def _relays(bms: Operated | None) -> str:
 
 
 def _notice_json(notice: Notice) -> dict[str, Any]:
-    words = {"code": notice.code, "args": {"action": notice.action, "planned_s": notice.planned_s}}
-    return {"at_s": round(notice.at_s, 3), "text": notice.text, "text_words": words}
+    args = {"action": notice.action, "planned_s": notice.planned_s}
+    return {"at_s": round(notice.at_s, 3), "message": {"code": notice.code, "args": args, "text": notice.text}}
 
 
 def _fault_json(fault: ActiveFault, shape: Shape) -> dict[str, Any]:

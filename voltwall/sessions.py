@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.analysis.cell_findings import cell_findings
-from app.analysis.finding import english, message_of_event
 from app.analysis.laps.from_session import lap_table
 from app.analysis.session_cell import cell_of
 from app.errors import ConfigError, ExtraMissing
@@ -28,7 +27,7 @@ from app.sessions.export.table import SignalTable
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.fetch import Remote
 from app.telemetry.cell_findings import finding_of
-from app.words import naming_cells, render
+from app.words import message_or_text, render
 from voltwall.records import Event, Finding, Lap
 from voltwall.tables import Closing, Table, over_time
 
@@ -202,40 +201,38 @@ class Session(Closing):
     @property
     def events(self) -> list[Event]:
         """Its events, in order."""
-        with naming_cells(self.segments):
-            return [
-                Event(
-                    _utc(self._file.unix_s(row["t_mono_ns"])),
-                    row["code"],
-                    row["severity"],
-                    english(message_of_event(row)),
-                    row["cell"],
-                    row["value"],
-                    row["limit_value"],
-                    row["unit"],
-                )
-                for row in self._file.events()
-            ]
+        return [
+            Event(
+                _utc(self._file.unix_s(row["t_mono_ns"])),
+                row["code"],
+                row["severity"],
+                render(message_or_text(row["text"], row.get("message")), self.segments),
+                row["cell"],
+                row["value"],
+                row["limit_value"],
+                row["unit"],
+            )
+            for row in self._file.events()
+        ]
 
     @property
     def findings(self) -> list[Finding]:
         """What is wrong with its cells at its end, the surest first, judged by this version; takes seconds."""
         found = [finding_of(each) for each in cell_findings(self._file)]
-        with naming_cells(self.segments):
-            return [
-                Finding(
-                    each.code,
-                    each.cell,
-                    each.size,
-                    each.low,
-                    each.high,
-                    each.unit,
-                    _utc(each.since),
-                    each.confidence,
-                    render(each.message),
-                )
-                for each in found
-            ]
+        return [
+            Finding(
+                each.code,
+                each.cell,
+                each.size,
+                each.low,
+                each.high,
+                each.unit,
+                _utc(each.since),
+                each.confidence,
+                render(each.message, self.segments),
+            )
+            for each in found
+        ]
 
     def estimate(self, cell: str | Path | None = None, filter: str = "fused") -> Estimate:
         """Run a filter over the session again.

@@ -15,7 +15,6 @@ from app.estimation.arrays import BoolArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
-from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 
 SPACED_S: Final = 0.09  # nothing is gained from quicker samples
@@ -100,7 +99,6 @@ class WatchAlong:
         return judge.watch
 
 
-@in_its_words
 def cell_findings(session: SessionFile, cell: CellModel | None = None) -> tuple[CellFinding, ...]:
     """Read a session and return what is wrong with its cells at its end, the surest first."""
     judge = CellJudge(cell or cell_of(session)[0], session.battery.segments)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from app.analysis.finding import message_of_event
 from app.telemetry import Severity
-from app.words import Text
+from app.words import Text, message_or_text
 
 BEFORE_S: Final = 10.0
 AFTER_S: Final = 5.0
@@ -35,7 +34,8 @@ class Trigger:
 def trigger_of_event(row: Mapping[str, Any], at_s: float, mono_s: float) -> Trigger:
     """Return an event of a session, a row of its table `events`, as what may have triggered a black box."""
     about = (row[name] for name in ("cell", "value", "limit_value", "unit"))
-    return Trigger(at_s, mono_s, row["code"], row["severity"], message_of_event(row), *about)
+    message = message_or_text(row["text"], row.get("message"))
+    return Trigger(at_s, mono_s, row["code"], row["severity"], message, *about)
 
 
 def is_trigger(severity: str, code: str) -> bool:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from app import __version__
-from app.analysis.finding import AnalysisFinding, finding
 from app.analysis.limits import limits_of_profile, limits_over_time, names_of_signals
 from app.errors import AppError, NotNow
 from app.estimation.cell_model.cell_file import load_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.sessions.reading.reader import SessionFile
-from app.words import Message
+from app.words import Message, RenderedMessage, sentence
 
 
 def cell_of(session: SessionFile) -> tuple[CellModel, bool]:
@@ -26,7 +25,7 @@ def cell_of(session: SessionFile) -> tuple[CellModel, bool]:
     return load_cell(), False
 
 
-def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[AnalysisFinding]:
+def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[RenderedMessage]:
     """Return what of then judges a session, and what of today; `chosen_cell` takes the place of the one of then."""
     n_configs = len(session.configs())
     messages = [Message("report-versions", recorded=session.info.voltwall, judged=__version__)]
@@ -39,10 +38,10 @@ def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[Anal
         messages.append(Message("judged-cell-chosen", cell=chosen_cell))
     else:
         messages.append(Message("report-cell-of-then") if cell_of(session)[1] else Message("report-cell-of-today"))
-    return [finding(each) for each in messages]
+    return [sentence(each) for each in messages]
 
 
-def unlike(first: SessionFile, second: SessionFile) -> list[AnalysisFinding]:
+def unlike(first: SessionFile, second: SessionFile) -> list[RenderedMessage]:
     """Return in what two sessions were not judged alike when they were recorded."""
     messages = []
     if (first.battery.name, first.battery.segments) != (second.battery.name, second.battery.segments):
@@ -62,7 +61,7 @@ def unlike(first: SessionFile, second: SessionFile) -> list[AnalysisFinding]:
         for name in limits[0]
         if name in limits[1] and limits[0][name] != limits[1][name]
     ]
-    return [finding(each) for each in messages]
+    return [sentence(each) for each in messages]
 
 
 def _last_limits(session: SessionFile) -> dict[str, float]:

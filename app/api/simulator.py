@@ -6,12 +6,11 @@ from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
 from app.api.schemas.snapshot import Number
-from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import EventsPart, SimulatorPart, UserDep
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.service.simulator_control import SimulatorRefused
-from app.words import Message
+from app.words import Message, RenderedMessage
 
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 
@@ -36,8 +35,7 @@ class NoticeOut(BaseModel):
     """Something of the scenario that did not happen as it was planned, and when it should have."""
 
     at_s: float
-    text: str
-    text_words: WordsOut | None = None
+    message: RenderedMessage
 
 
 class SimulatorStatusOut(BaseModel):

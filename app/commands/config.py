@@ -231,9 +231,9 @@ def _print_answer(answer: Any) -> None:
     _print_changes(answer["difference"])
     for warning in answer["warnings"]:
         if not warning["standing"]:
-            print(f"{warning['level']}: {warning['message']}", file=sys.stderr)
+            print(f"{warning['level']}: {warning['message']['text']}", file=sys.stderr)
     if answer["hindrance"]:
-        print(f"not now: {answer['hindrance']}", file=sys.stderr)
+        print(f"not now: {answer['hindrance']['text']}", file=sys.stderr)
 
 
 def _print_changes(changes: list[dict[str, Any]]) -> None:

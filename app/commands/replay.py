@@ -27,7 +27,6 @@ from app.sessions.info import RecordedConfig
 from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import item_of, prepare
 from app.telemetry.service_state import ServiceState
-from app.words import naming_cells
 
 DEFAULT_FILTER = "fused"
 NO_SERVICE = ServiceState(recording=None, replay=None, last_event_id=0, config_stored_hash=None)
@@ -63,7 +62,7 @@ def _pipeline(session: SessionFile, filter_name: str, chosen: str | None) -> Pip
 
 
 def _print_snapshots(path: Path, filter_name: str, cell_name: str | None) -> int:
-    with SessionFile(path) as file, naming_cells(file.battery.segments):
+    with SessionFile(path) as file:
         pipeline = _pipeline(file, filter_name, cell_name)
         prepare(pipeline, file)
         for received in file.received():
@@ -81,7 +80,7 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
         text = expected.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError("--assert", expected, f"a file that can be read: {error}") from error
-    with SessionFile(path) as session, naming_cells(session.battery.segments):
+    with SessionFile(path) as session:
         expectations = Expectations(text, session.battery)
         chosen = filter_name or expectations.filter_name or DEFAULT_FILTER
         pipeline = _pipeline(session, chosen, cell_name or expectations.cell_name)

@@ -35,7 +35,7 @@ from app.sources.connections import NAMES as CONNECTIONS
 from app.sources.connections import Connections, Setup, load_connections
 from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
-from app.words import Message, name_cells_by
+from app.words import Message
 
 logger = logging.getLogger(__name__)
 AGAIN = -1  # instead of an exit code
@@ -105,7 +105,6 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
         listener = stack.enter_context(_bind(settings))
         if settings.fleet is not None:
             return _run(create_fleet_app(settings), listener, settings, certificate)
-        name_cells_by(load_battery(settings.battery).battery.segments)
         source, serial_url, can_url, car = _source(settings, stack, replay, by_operator=is_fixed)
         in_force = Connections(settings.serial, settings.can, settings.battery)
         setup = Setup(settings.data, in_force, fixed=is_fixed)

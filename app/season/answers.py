@@ -11,7 +11,6 @@ from app.season.overview import SeasonOverview, overview_of
 from app.season.report import SeasonCell, cell_of, season_document, season_report
 from app.sessions.info import SessionInfo
 from app.sessions.worker import Limits
-from app.words import naming_cells
 
 LIMITS: Final = Limits(120)
 
@@ -24,11 +23,10 @@ def overviews_at(source: SeasonSource, chosen: set[str], car: str) -> tuple[dict
         chosen: ids of sessions.
         car: of this car alone; empty: of all, each by itself.
     """
-    with naming_cells(source.battery.segments):
-        found = source.histories()
-        car_of = {session: history.car for history in found for session in history.sessions}
-        wanted = [history for history in found if car in ("", history.car)]
-        return car_of, [overview_of(history, source.battery.segments) for history in _only(wanted, chosen)]
+    found = source.histories()
+    car_of = {session: history.car for history in found for session in history.sessions}
+    wanted = [history for history in found if car in ("", history.car)]
+    return car_of, [overview_of(history, source.battery.segments) for history in _only(wanted, chosen)]
 
 
 def cell_at(source: SeasonSource, chosen: set[str], car: str, cell: int) -> list[SeasonCell]:
@@ -52,9 +50,8 @@ def report_at(source: SeasonSource, infos: list[SessionInfo], car: str, made_s: 
         ConfigError: there is no such car.
         NotBuilt: the front end was not built.
     """
-    with naming_cells(source.battery.segments):
-        report = season_report(source.battery, source.histories(car), infos, made_s, __version__)
-        return season_document(report, language)
+    report = season_report(source.battery, source.histories(car), infos, made_s, __version__)
+    return season_document(report, language)
 
 
 def _only(histories: Sequence[CellHistory], chosen: set[str]) -> list[CellHistory]:

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.finding import AnalysisFinding, finding
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.season.cells.history import DAY_S, CellHistory, newest_median, row_median
@@ -21,7 +20,7 @@ from app.season.trends import (
     tells_month,
     trend_of,
 )
-from app.words import Message, Quantity
+from app.words import Message, Quantity, RenderedMessage, sentence
 
 CAPACITY_LOW: Final = -0.05  # against the median cell
 RESISTANCE_HIGH: Final = 0.2
@@ -44,7 +43,7 @@ class CellRank:
     resistance_trend: SeasonTrend | None
     capacity_trend: SeasonTrend | None
     self_discharge_trend: SeasonTrend | None
-    reasons: list[AnalysisFinding]
+    reasons: list[RenderedMessage]
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,7 @@ def _rank(
         trend_of(found[0]),
         trend_of(found[1]),
         trend_of(found[2]),
-        [finding(message) for message in messages],
+        [sentence(message) for message in messages],
     )
 
 

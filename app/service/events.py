@@ -1,6 +1,5 @@
 """What the service tells: every event goes into the event log, onto the console, and to whoever subscribed."""
 
-import logging
 from collections.abc import Callable
 
 from app.clock import Clock
@@ -8,8 +7,6 @@ from app.live.pipeline import Output
 from app.sessions.event_log import EventLog
 from app.telemetry import Event, Severity
 from app.words import Message
-
-log = logging.getLogger(__name__)
 
 
 class Events:
@@ -27,7 +24,6 @@ class Events:
 
     def add(self, event: Event) -> None:
         """Log an event and pass it on."""
-        log.log(logging.INFO if event.severity == "info" else logging.WARNING, "%s: %s", event.code, event.text)
         self.store.append(event, self._uptime_ms)
         for subscriber in self._subscribers:
             subscriber(event)

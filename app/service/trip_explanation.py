@@ -45,10 +45,10 @@ class TripExplanation:
 
     def on_black_box(self, box: BlackBox) -> None:
         """Note that there is a black box, and of a trip its cause, which the alarm then shows."""
-        what = box.text if box.text_words is None else box.text_words.message
+        what = box.message.message
         made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
         self._events.add(Event(self._clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
         if box.cause is not None and box.severity == "trip":
-            message = Message("trip-cause", cause=box.cause.message_words.message)
+            message = Message("trip-cause", cause=box.cause.message.message)
             self._events.add(Event(self._clock.wall_ns(), "info", "trip-cause", message, cell=box.cause.cell))
             self._pipeline.explain(trip_cause(box.cause))

@@ -61,9 +61,9 @@ def make_service(
 
     # Events, and what is recorded
     damaged = DamagedFiles()
-    events = Events(EventLog(data / "events.sqlite", clock, damaged.add), clock)
-    damaged.note_into(events.note)
     battery = load_battery(settings.battery)
+    events = Events(EventLog(data / "events.sqlite", clock, damaged.add, battery.battery.segments), clock)
+    damaged.note_into(events.note)
     pipelines = PipelineFactory(settings.filter, settings.cell, battery, stopwatch_ns=time.perf_counter_ns)
     recorder = AutoRecorder(
         sessions_folder,

@@ -1,7 +1,7 @@
 """Black boxes on the disk: one file of their own in the data folder, so that they outlive their sessions."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from app.sessions.storage.migrate import BLACKBOXES
 from app.sessions.storage.own_database import OnSetAside, nobody_asks
 from app.sessions.storage.small_store import Store, packed
 from app.telemetry import Severity
-from app.words import Message, Text, message_or_text, render
+from app.words import RenderedMessage, rendered_as_stored
 
 _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete, message"
 
@@ -24,7 +24,7 @@ class StoredBox:
     code: str
     severity: Severity
     cell: int | None
-    message: Text  # what the event tells; English text alone in boxes of earlier versions
+    message: RenderedMessage  # of the event
     is_complete: bool
 
 
@@ -57,9 +57,9 @@ class BlackBoxStore:
             box.code,
             box.severity,
             box.cell,
-            render(box.message),
+            box.message.text,
             int(box.is_complete),
-            json.dumps(asdict(box.message)) if isinstance(box.message, Message) else None,
+            json.dumps({"code": box.message.code, "args": box.message.args}),
             packed(body),
         )
         changed = self._store.change(
@@ -78,7 +78,14 @@ class BlackBoxStore:
         rows = self._store.rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
         return [
             StoredBox(
-                box_id, time_ns / 1e9, session, code, severity, cell, message_or_text(text, message), bool(is_complete)
+                box_id,
+                time_ns / 1e9,
+                session,
+                code,
+                severity,
+                cell,
+                rendered_as_stored(text, message),
+                bool(is_complete),
             )
             for box_id, time_ns, session, code, severity, cell, text, is_complete, message in rows
         ]

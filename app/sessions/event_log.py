@@ -21,7 +21,7 @@ from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.storage.migrate import EVENTS
 from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Event
-from app.words import Message, Quantity
+from app.words import Message, Quantity, render
 
 T = TypeVar("T")
 
@@ -57,14 +57,17 @@ class LoggedEvent:
 class EventLog:
     """An append-only list of events. All methods may be called from any thread."""
 
-    def __init__(self, path: Path, clock: Clock, on_set_aside: OnSetAside = nobody_asks) -> None:
-        """Open the log, or begin one; a damaged one is set aside.
+    def __init__(
+        self, path: Path, clock: Clock, on_set_aside: OnSetAside = nobody_asks, segments: Sequence[int] = ()
+    ) -> None:
+        """Open the log, or begin one; a damaged one is set aside. English texts name cells by `segments`.
 
         Raises:
             SchemaTooNew: the file is a newer program's.
             SessionError: it cannot be created.
         """
         self._clock = clock
+        self._segments = segments
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._database = OwnDatabase(path, EVENTS, on_set_aside)
@@ -92,7 +95,8 @@ class EventLog:
 
     def append(self, event: Event, uptime_ms: int | None = None) -> int:
         """Add an event and return its id; ids grow over all restarts."""
-        message = _message_json(event)
+        text, message = render(event.message, self._segments), _message_json(event)
+        log.log(logging.INFO if event.severity == "info" else logging.WARNING, "%s: %s", event.code, text)
         event_id = next(self._ids)
         self._last_id = max(self._last_id, event_id)
         logged = LoggedEvent(
@@ -101,7 +105,7 @@ class EventLog:
             uptime_ms,
             event.severity,
             event.code,
-            event.text,
+            text,
             event.cell,
             event.value,
             event.limit,
@@ -115,7 +119,7 @@ class EventLog:
                 del self._unwritten[0]
                 self._dropped += 1
         if not self._queue_write():  # whoever still has something to say at the end must not fail by it
-            log.warning("came after the event log was closed: %s", event.text)
+            log.warning("came after the event log was closed: %s", text)
         return event_id
 
     def query(

@@ -23,7 +23,7 @@ from app.sessions.replay_schedule import LEAD_S, MIN_LOOP_S, Pacer
 from app.sources.items import CanItem, Item, LinkChange, SerialItem
 from app.telemetry import FloatArray, Snapshot, TripCause
 from app.telemetry.service_state import Replay, ReplayCompared
-from app.words import Message, naming_cells
+from app.words import Message
 from firmware_protocol.framing import decode_chunk
 
 log = logging.getLogger(__name__)
@@ -231,7 +231,7 @@ class ReplayPlayer:
 
     def _run(self, replay: _Replay, orders: Orders, started: "Future[None]") -> None:
         try:
-            with replay.file, naming_cells(replay.file.battery.segments):
+            with replay.file:
                 prepare(replay.pipeline, replay.file)
                 self._publish_state(replay, self._clock.monotonic_s())
                 started.set_result(None)

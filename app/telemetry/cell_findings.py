@@ -8,7 +8,7 @@ from math import isfinite, isnan
 from typing import Annotated
 
 from app.estimation.health.cell_finding import CellFinding, FindingCode
-from app.telemetry.fields import MESSAGE, SentAs, Unit
+from app.telemetry.fields import Unit
 from app.words import Cell, Message, Quantity
 
 Number = float | None
@@ -22,8 +22,8 @@ class Finding:
 
     code: FindingCode
     cell: int
-    message: Annotated[Message, SentAs("text"), MESSAGE]
-    evidence: Annotated[Message, MESSAGE]  # when, at which current, against which neighbours
+    message: Message
+    evidence: Message  # when, at which current, against which neighbours
     size: Annotated[Number, Unit("", "how much, in `unit`; missing where it has no size", None)]
     low: Annotated[Number, Unit("", "lower end of its band, in `unit`", None)]
     high: Annotated[Number, Unit("", "upper end of its band, in `unit`", None)]

@@ -3,7 +3,7 @@
 Missing values (None, NaN, infinity) become null. What needs no change is left to orjson, which reads dataclasses.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from functools import cache
 from operator import attrgetter
@@ -15,9 +15,10 @@ import orjson
 from numpy.typing import NDArray
 
 from app.telemetry.fields import Described, SentAs, Unit, described
-from app.words import Message, Text, render
+from app.words import rendered
 
-_Convert = Callable[[Any], Any]
+Segments = Sequence[int]
+_Convert = Callable[[Any, Segments], Any]
 
 
 def encode(body: object) -> bytes:
@@ -25,11 +26,14 @@ def encode(body: object) -> bytes:
     return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
-def plain(value: Any) -> Any:
-    """Return a dataclass as what orjson can write: a dict with the names, decimals and units of JSON."""
+def plain(value: Any, segments: Segments = ()) -> Any:
+    """Return a dataclass as what orjson can write: a dict with the names, decimals and units of JSON.
+
+    `segments` are the cells of each pack of its battery: its messages name cells by them.
+    """
     owner: type = type(value)
     convert = _converter(owner)
-    return value if convert is None else convert(value)
+    return value if convert is None else convert(value, segments)
 
 
 def alternatives(hint: Any) -> tuple[Any, ...]:
@@ -55,21 +59,16 @@ def _converter(owner: type) -> _Convert | None:
     sent = [field for field in described(owner) if not field.is_internal]
     converters = [_field_converter(field) for field in sent]
     names = [field.json_name for field in sent]
-    messages = [field.json_name for field in sent if field.is_message]
-    if not any(converters) and not messages and names == [field.name for field in described(owner)]:
+    if not any(converters) and names == [field.name for field in described(owner)]:
         return None
     read = attrgetter(*(field.name for field in sent))
     plan = list(zip(names, converters, strict=True))
     left_out = [field.json_name for field in sent if field.may_be_left_out]
     arrays = [field.json_name for field in sent if any(is_array(member) for member in alternatives(field.type))]
 
-    def convert(value: Any) -> dict[str, Any]:
+    def convert(value: Any, segments: Segments) -> dict[str, Any]:
         values = zip(plan, read(value), strict=True)
-        body = {name: each if change is None else change(each) for (name, change), each in values}
-        for name in messages:
-            message: Text | None = body[name]
-            body[name] = None if message is None else render(message)
-            body[f"{name}_words"] = message if isinstance(message, Message) else None
+        body = {name: each if change is None else change(each, segments) for (name, change), each in values}
         for name in left_out:
             if body[name] is None:
                 del body[name]
@@ -85,11 +84,11 @@ def _field_converter(field: Described) -> _Convert | None:
     sent: SentAs | None = field.mark(SentAs)
     unit: Unit | None = field.mark(Unit)
     if field.is_message:
-        return None
+        return lambda message, segments: None if message is None else rendered(message, segments)
     (kind, *others) = alternatives(field.type)
     if sent is not None and sent.divisor is not None:
         divisor = sent.divisor
-        return lambda value: None if value is None else value / divisor
+        return lambda value, _: None if value is None else value / divisor
     if unit is not None and unit.decimals is not None and kind is not int:
         return _rounding(unit.decimals, of_array=is_array(kind))
     if others:
@@ -99,14 +98,14 @@ def _field_converter(field: Described) -> _Convert | None:
         each = _converter(element)  # type: ignore[arg-type]
         if each is None:
             return None
-        return lambda values: None if values is None else [each(value) for value in values]
+        return lambda values, segments: None if values is None else [each(value, segments) for value in values]
     if is_dataclass(kind):
         whole = _converter(kind)  # type: ignore[arg-type]
-        return None if whole is None else lambda value: None if value is None else whole(value)
+        return None if whole is None else lambda value, segments: None if value is None else whole(value, segments)
     return None
 
 
 def _rounding(decimals: int, *, of_array: bool) -> _Convert:
     if of_array:
-        return lambda values: None if values is None else np.round(values, decimals)
-    return lambda value: round(value, decimals) if isinstance(value, float) else value
+        return lambda values, _: None if values is None else np.round(values, decimals)
+    return lambda value, _: round(value, decimals) if isinstance(value, float) else value

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from app.telemetry.fields import MESSAGE, SentAs, Unit
-from app.words import Message, Text, render
+from app.telemetry.fields import SentAs, Unit
+from app.words import Message, Text
 
 LinkName = Literal["rs232", "can"]
 LinkState = Literal["off", "connecting", "silent", "late", "live", "lost"]
@@ -29,7 +29,7 @@ class LinkStatus:
     bytes_per_s: Annotated[float, Unit("B/s", "in the last two seconds")] = 0.0
     line_load: Annotated[float | None, Unit("1", "share of the line's capacity, with the most stuffing on CAN")] = None
     reconnects: int = 0
-    error: Annotated[Text | None, MESSAGE] = None
+    error: Text | None = None
     errors: int | None = None  # error frames of a CAN adapter, None where it passes none on
     tx_errors: int | None = None  # its controller's error counters
     rx_errors: int | None = None
@@ -66,17 +66,12 @@ class Event:
     time_ns: Annotated[int, SentAs("time", 1e9)]
     severity: Severity
     code: str
-    message: Annotated[Message, SentAs("text"), MESSAGE]
+    message: Message
     cell: int | None = None
     value: float | None = None
     limit: float | None = None
     unit: str = ""
     who: str | None = None
-
-    @property
-    def text(self) -> str:
-        """The message in English."""
-        return render(self.message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +79,7 @@ class PossibleCause:
     """What a trip may have been caused by; cell and pack count from 0."""
 
     code: str
-    message: Annotated[Message, MESSAGE]
+    message: Message
     cell: int | None
     pack: int | None
     confidence: Annotated[float, Unit("1", "share among what it may be", 3)]
@@ -104,7 +99,7 @@ class Alarm:
     id: int
     code: str
     severity: AlarmSeverity
-    message: Annotated[Message, SentAs("text"), MESSAGE]
+    message: Message
     since_ns: Annotated[int, SentAs("since", 1e9)]
     active: bool
     cell: int | None = None
@@ -115,11 +110,6 @@ class Alarm:
     cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
     cause: TripCause | None = None  # of a trip, once it was looked for
     ended_ns: Annotated[int | None, SentAs("ended", 1e9)] = None  # when it was last seen to hold
-
-    @property
-    def text(self) -> str:
-        """The message in English."""
-        return render(self.message)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
+from app.words import Message
+
 Part = Literal["current", "voltage", "temperature", "status", "soc", "charger", "slaves", "config"]
 
 
@@ -43,7 +45,6 @@ class _Mark:
 TREND = _Mark("trend")  # changes slowly: kept for hours
 INTERNAL = _Mark("internal")  # not sent
 LEFT_OUT = _Mark("left out")  # not sent where it is None: most batteries have no such value
-MESSAGE = _Mark("message")  # a message: sent in English, and beside it as NAME_words with its code and arguments
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +71,8 @@ class Described:
 
     @property
     def is_message(self) -> bool:
-        """The field is a message."""
-        return MESSAGE in self.marks
+        """The field is a message: its code and arguments are sent, and its English text."""
+        return Message in (self.type, *get_args(self.type))
 
     @property
     def json_name(self) -> str:

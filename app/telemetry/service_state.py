@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from app.telemetry.fields import LEFT_OUT, MESSAGE, SentAs, Unit
+from app.telemetry.fields import LEFT_OUT, SentAs, Unit
 from app.telemetry.snapshot import Number
 from app.words import Message
 
@@ -23,7 +23,7 @@ class Stall:
     """What should be recorded does not get onto the disk."""
 
     since_ns: Annotated[int, SentAs("since", 1e9)]
-    reason: Annotated[Message, MESSAGE]
+    reason: Message
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from app.estimation.prediction.energy_target import EnergyTarget
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.cell_findings import Finding
 from app.telemetry.events import Alarm, Disagreement, Links
-from app.telemetry.fields import INTERNAL, LEFT_OUT, MESSAGE, TREND, Kept, SentAs, Unit
+from app.telemetry.fields import INTERNAL, LEFT_OUT, TREND, Kept, SentAs, Unit
 from app.words import Message, Text
 
 Source = Literal["simulator", "serial", "can", "replay"]
@@ -134,10 +134,10 @@ class Prediction:
     age_s: Annotated[Number, Unit("s", "since all of this was judged", 3)]
     load_a: Annotated[Number, Unit("A", "mean current of the last seconds, which `to_trip` counts with", 3)]
     measured_current_max_a: Annotated[Number, Unit("A", "largest current the cell file was measured with", None)]
-    power_condition: Annotated[Message, MESSAGE]  # under which each of them holds, or why there is none
-    to_trip_condition: Annotated[Message, MESSAGE]
-    energy_condition: Annotated[Message, MESSAGE]
-    laps_condition: Annotated[Message, MESSAGE]
+    power_condition: Message  # under which each of them holds, or why there is none
+    to_trip_condition: Message
+    energy_condition: Message
+    laps_condition: Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ class Master:
     """What the master says of itself."""
 
     state: MasterState
-    why: Annotated[Message, MESSAGE]
+    why: Message
     fit: bool | None
     flags: Flags | None
     soc: Annotated[Number, Unit("1", "the master's own count", None)]
@@ -174,7 +174,7 @@ class Master:
     map_hash: str | None
     map_matches: bool | None
     boots: int | None
-    restarted: Annotated[Text | None, MESSAGE]  # why, within a minute of a restart; else None
+    restarted: Text | None  # why, within a minute of a restart; else None
     implausible: tuple[str, ...]  # fields of the memory map whose values cannot be, and are left out
 
 

@@ -1,21 +1,24 @@
 """What the service tells a person: codes with arguments, and the tables that turn them into text."""
 
-from app.words.message import Argument, Cell, Message, Quantity, Text, message_from_json
-from app.words.places import name_cells_by, naming_cells
-from app.words.render import languages, render, table
-from app.words.stored import message_or_text
+from app.words.message import Argument, Cell, Message, Quantity, RenderedMessage, Text, message_from_json
+from app.words.render import languages, place_of, render, rendered, rendered_or_none, sentence, table
+from app.words.stored import message_or_text, rendered_as_stored
 
 __all__ = [
     "Argument",
     "Cell",
     "Message",
     "Quantity",
+    "RenderedMessage",
     "Text",
     "languages",
     "message_from_json",
     "message_or_text",
-    "name_cells_by",
-    "naming_cells",
+    "place_of",
     "render",
+    "rendered",
+    "rendered_as_stored",
+    "rendered_or_none",
+    "sentence",
     "table",
 ]

@@ -1,30 +1,20 @@
 """A message is a code with arguments. It holds no sentence: `render` makes one, in the language of whoever reads it.
 
-`dataclasses.asdict` gives its JSON form, `message_from_json` takes that back.
+`dataclasses.asdict` gives its JSON form, `message_from_json` takes that back. What is sent is a `RenderedMessage`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
-
-from app.words.places import TEAM, place_of
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell by its index from 0; people read its pack and number, both from 1, of the battery that is spoken of."""
+    """A cell by its index from 0; `render` names its pack and number, both from 1."""
 
     index: int
-    pack: int = 0
-    cell: int = 0
-
-    def __post_init__(self) -> None:
-        if not self.pack:
-            pack, cell = place_of(self.index)
-            object.__setattr__(self, "pack", pack)
-            object.__setattr__(self, "cell", cell)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +46,31 @@ Text = Message | str  # what other programs say, an operating system for one, ha
 Argument = str | int | float | None | Cell | Quantity | Message | tuple["Argument", ...]
 
 
+@dataclass(frozen=True, slots=True)
+class RenderedMessage:
+    """A message as it is sent: code and arguments, and its English text with the cells of its battery."""
+
+    code: str
+    args: Mapping[str, Any]
+    text: str
+
+    @property
+    def message(self) -> Message:
+        """The message, to be part of another one."""
+        return message_from_json({"code": self.code, "args": self.args})
+
+
+def coded(text: Text) -> Message:
+    """Return a text without a code as a message of its own."""
+    return Message("verbatim", text=text) if isinstance(text, str) else text
+
+
+def json_args(message: Message) -> Mapping[str, Any]:
+    """Return the arguments of a message as JSON holds them."""
+    args: Mapping[str, Any] = asdict(message)["args"]
+    return args
+
+
 def message_from_json(value: Mapping[str, Any]) -> Message:
     """Return the message of which `value` is the JSON form.
 
@@ -73,8 +88,6 @@ def _argument(value: Any) -> Argument:
         return plain
     if "code" in value:
         return message_from_json(value)
-    if "index" not in value:
-        return Quantity(**value)
-    if "pack" not in value:  # of a version that knew the team's battery only
-        return Cell(value["index"], *place_of(value["index"], TEAM))
-    return Cell(**value)
+    if "index" in value:  # earlier versions stored its pack and number, too
+        return Cell(value["index"])
+    return Quantity(**value)

@@ -1,18 +1,20 @@
 """Turn a message into text with the table of one language. `frontend/src/words/render.ts` does the same on the page.
 
 A template holds `{name}` for each argument. Where a number decides between two wordings, the template is an object
-with `one` and `other`, chosen by the argument `n`.
+with `one` and `other`, chosen by the argument `n`. A cell is named by the battery that whoever renders has.
 """
 
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from decimal import ROUND_HALF_UP, Context, Decimal
 from functools import cache
 from importlib.resources import files
+from itertools import accumulate
 
-from app.words.message import Argument, Cell, Message, Quantity, Text
+from app.words.message import Argument, Cell, Message, Quantity, RenderedMessage, Text, coded, json_args
 
 Template = str | Mapping[str, str]
 UNITS = {"degC": "°C", "mohm": "mΩ", "ohm": "Ω", "uohm": "µΩ"}
@@ -39,28 +41,63 @@ def table(language: str) -> dict[str, Template]:
     return found
 
 
-def render(message: Text, language: str = "en") -> str:
-    """Return a message as text; one whose code the table lacks, of a newer version, is its code."""
+def render(message: Text, segments: Sequence[int] = (), language: str = "en") -> str:
+    """Return a message as text; one whose code the table lacks, of a newer version, is its code.
+
+    Args:
+        message: what is rendered.
+        segments: cells of each pack of its battery; empty: not known, a cell is named by its number alone.
+        language: of the table.
+    """
     if isinstance(message, str):
         return message
     template = table(language).get(message.code, message.code)
     if not isinstance(template, str):
         template = template["one" if message.args.get("n") == 1 else "other"]
     return _NAME.sub(
-        lambda found: _text(message.args[found[1]], language) if found[1] in message.args else found[0], template
+        lambda found: _text(message.args[found[1]], segments, language) if found[1] in message.args else found[0],
+        template,
     )
 
 
-def _text(argument: Argument, language: str) -> str:
+def rendered(message: Text, segments: Sequence[int] = ()) -> RenderedMessage:
+    """Return a message as it is sent; `segments` as for `render`."""
+    sent = coded(message)
+    return RenderedMessage(sent.code, json_args(sent), render(sent, segments))
+
+
+def rendered_or_none(message: Text | None) -> RenderedMessage | None:
+    """Return a message as it is sent, None without one."""
+    return None if message is None else rendered(message)
+
+
+def sentence(message: Text, segments: Sequence[int] = ()) -> RenderedMessage:
+    """Return a message as it is sent, its English text with a capital letter."""
+    sent = rendered(message, segments)
+    return replace(sent, text=sent.text[:1].upper() + sent.text[1:])
+
+
+def place_of(cell: int, segments: Sequence[int]) -> tuple[int, int] | None:
+    """Return pack and number in it, both from 1, of a cell's index from 0; None where the battery has no such cell."""
+    for pack, (size, end) in enumerate(zip(segments, accumulate(segments), strict=True), 1):
+        if cell < end:
+            return pack, cell - end + size + 1
+    return None
+
+
+def _text(argument: Argument, segments: Sequence[int], language: str) -> str:
     match argument:
         case Message():
-            return render(argument, language)
-        case Cell():
-            return render(Message("cell", pack=argument.pack, cell=argument.cell), language)
+            return render(argument, segments, language)
+        case Cell(index):
+            place = place_of(index, segments)
+            if place is None:
+                return render(Message("cell-number", cell=index + 1), (), language)
+            return render(Message("cell", pack=place[0], cell=place[1]), (), language)
         case Quantity(value, unit, digits):
             return f"{number(value, digits)} {UNITS.get(unit, unit)}".rstrip()
         case tuple():
-            return ", ".join(_text(each, language) for each in argument)
+            return ", ".join(_text(each, segments, language) for each in argument)
         case str():
             return argument
     return number(argument)

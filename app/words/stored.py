@@ -2,7 +2,7 @@
 
 import json
 
-from app.words.message import Argument, Message, Text, message_from_json
+from app.words.message import Argument, Message, RenderedMessage, Text, coded, json_args, message_from_json
 from app.words.render import render, table
 
 
@@ -16,6 +16,12 @@ def message_or_text(text: str, stored: str | None) -> Text:
         return message if _has_template(message) else text
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
         return text
+
+
+def rendered_as_stored(text: str, stored: str | None) -> RenderedMessage:
+    """Return a stored message as it is sent, with the English text that was stored."""
+    message = coded(message_or_text(text, stored))
+    return RenderedMessage(message.code, json_args(message), text)
 
 
 def _has_template(argument: Argument) -> bool:

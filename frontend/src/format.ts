@@ -1,7 +1,8 @@
 // Every number that a page shows goes through here: units, decimals, signs, and counting from one.
 
 import { shapes } from './store/shapes.svelte';
-import { t } from './words/words.svelte';
+import type { RenderedMessage } from './generated/api';
+import { messageText, t } from './words/words.svelte';
 
 export const DASH = '–';
 export const MINUS = '−';
@@ -184,3 +185,14 @@ export function decimalsOf(scale: number): number {
   if (scale >= 1) return 0;
   return Math.min(4, Math.ceil(-Math.log10(scale) - 1e-9));
 }
+
+/** A number stays beside its unit, and a minus is one. */
+export const whole = (text: string): string =>
+  text
+    .replace(/(?<![\p{L}\d])-(?=\d)/gu, MINUS)
+    .replace(/(\d) (%|A|V|Ah|mV|K|s|min|h|kWh|°C|mΩ)(?![\p{L}])/gu, '$1\u00a0$2');
+
+export const capitalised = (text: string): string => text.slice(0, 1).toUpperCase() + text.slice(1);
+
+/** A finding as a sentence: it begins with a capital letter. */
+export const sentence = (message: RenderedMessage): string => capitalised(whole(messageText(message)));

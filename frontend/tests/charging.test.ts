@@ -1,4 +1,5 @@
 import { describe, expect, it } from 'vitest';
+import { message } from '../fixtures/battery';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Snapshot } from '../src/link/types';
 import { secondsToFull, whyNot } from '../src/store/charging';
@@ -41,7 +42,7 @@ describe('whyNot', () => {
   it('names what is missing, the worst first', () => {
     const s = charging(0);
     s.master.fit = false;
-    s.master.why = 'cell too hot';
+    s.master.why = message('cell too hot');
     s.master.flags = { ...s.master.flags!, charger: false };
     s.charger.flags = ['input voltage'];
     s.charger.state = 'off';

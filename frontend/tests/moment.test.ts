@@ -15,8 +15,7 @@ const event = (over: Partial<LogEvent>): LogEvent =>
     unit: '',
     who: null,
     acknowledged_by: null,
-    text: '',
-    text_words: null,
+    message: { code: '', args: {}, text: '' },
     ...over,
   }) as LogEvent;
 const box = (

@@ -1,5 +1,6 @@
 import { render } from 'svelte/server';
 import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import { message } from '../fixtures/battery';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Snapshot } from '../src/link/types';
 
@@ -70,7 +71,7 @@ describe('the strip over every page', () => {
     expect(over('#/overview')).not.toContain('not-recording');
     live.snapshot = {
       ...DRIVING,
-      not_recording: { since: 1000, reason: 'disk nearly full', reason_words: null },
+      not_recording: { since: 1000, reason: message('disk nearly full') },
     };
     for (const hash of ['#/overview', '#/sessions/run-1', '#/events']) {
       expect(over(hash), hash).toContain('NOT RECORDING since');

@@ -5,6 +5,7 @@ import { join } from 'node:path';
 import { parse } from 'svelte/compiler';
 import { describe, expect, it } from 'vitest';
 import vectors from '../../tests/vectors/words.json';
+import { Shape } from '../src/store/shape';
 import { render, type Message, type Table } from '../src/words/render';
 import { chosen, fill, load, named, t, messageText } from '../src/words/words.svelte';
 
@@ -121,17 +122,21 @@ describe('words', () => {
 
   it('renders every message of the shared vectors as the service does', () => {
     for (const { message, en, nb } of vectors.cases) {
-      expect(render(message as Message, vectors.tables.en as Table)).toBe(en);
-      expect(render(message as Message, vectors.tables.nb as Table)).toBe(nb);
+      expect(render(message as Message, vectors.tables.en as Table, vectors.segments)).toBe(en);
+      expect(render(message as Message, vectors.tables.nb as Table, vectors.segments)).toBe(nb);
     }
   });
 
   it('tells a message in the chosen language, and without one the English text', async () => {
-    const message = { code: 'cell', args: { pack: 3, cell: 7 } };
-    expect(messageText(message, 'pack 3, cell 7')).toBe('pack 3, cell 7');
+    const message = { code: 'at-cell', args: { cell: { index: 30 } }, text: 'pack 3, cell 7' };
+    const unknown = { code: 'no-code-of-this-version', args: {}, text: 'a sentence' };
+    const packs = (size: number): Shape => new Shape({ segments: [size, size, size, size] });
+    expect(messageText(message, packs(12))).toBe('pack 3, cell 7');
     chosen.words = await load('nb');
-    expect(messageText(message, 'pack 3, cell 7')).toBe('pakke 3, celle 7');
-    expect(messageText(null, 'a sentence of an old session')).toBe('a sentence of an old session');
+    expect(messageText(message, packs(12))).toBe('pakke 3, celle 7');
+    expect(messageText(message, packs(10))).toBe('pakke 4, celle 1');
+    expect(messageText(unknown)).toBe('a sentence');
+    expect(messageText(null)).toBe('');
     chosen.words = null;
   });
 

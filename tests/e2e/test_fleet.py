@@ -8,7 +8,7 @@ from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
 from tests.service_process import Service
 
 pytestmark = pytest.mark.skipif(MOSQUITTO is None and not IS_CI, reason="no mosquitto: apt-get install mosquitto")
-TRIP = {"severity": "trip", "text": "cell too hot", "text_words": {"code": "cell-hot", "args": {}}, "cell": 30,
+TRIP = {"severity": "trip", "message": {"code": "cell-hot", "args": {}, "text": "cell too hot"}, "cell": 30,
         "active": True}  # fmt: skip
 
 

@@ -114,7 +114,7 @@ def test_a_charger_played_by_hand_is_heard_by_the_master(client, service):
     service.wait_for(lambda s: s["charger"]["voltage_v"] == 370.0 and s["master"]["flags"]["charger"])
     assert client.post("/can/transmit", json={"frames": [status]}).status_code == 409, "one list at a time"
     assert client.delete("/can/transmit").json()["running"] is False
-    codes = [e["text"] for e in client.get("/events").json()["events"]]
+    codes = [e["message"]["text"] for e in client.get("/events").json()["events"]]
     assert "CAN: 0x18ff50e5 sent" in codes
 
 
@@ -144,7 +144,7 @@ def test_a_car_is_not_sent_to(make_service):
     frames = {"frames": [{"id": 1, "data": "00"}]}
     with car.client() as client:
         assert client.post("/can/transmit", json=frames).json()["type"] == "urn:voltwall:not-on-this-bus"
-        assert "--bench" in client.get("/can/transmit").json()["hindrance"]
+        assert "--bench" in client.get("/can/transmit").json()["hindrance"]["text"]
     with bench.client() as client:
         assert client.get("/can/transmit").json()["allowed"]
 

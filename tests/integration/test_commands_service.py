@@ -23,7 +23,7 @@ def test_cells_are_balanced_by_hand(client, service):
     service.wait_for(lambda s: [i for i, b in enumerate(s["cells"]["balancing"]) if b] == [5])
     client.post("/commands/balance-stop")
     service.wait_for(lambda s: not any(s["cells"]["balancing"]))
-    texts = [e["text"] for e in client.get("/events").json()["events"]]
+    texts = [e["message"]["text"] for e in client.get("/events").json()["events"]]
     assert "balance-cells pack 6, cells 2, 12" in texts
     for body in ({}, {"cells": [96]}, {"cells": [-1]}, {"cells": [1], "argument": 1}):
         assert client.post("/commands/balance-cells", json=body).status_code == 422
@@ -111,7 +111,7 @@ def test_a_slave_is_checked_against_a_meter_before_and_after_its_repair(client, 
     assert after["before"]["number"] == found["check"]["number"]
     kept = client.get("/calibration/slave", params={"pack": 4}).json()["checks"]
     assert [check["note"] for check in kept] == ["board replaced", ""]
-    texts = [e["text"] for e in client.get("/events").json()["events"] if e["code"] == "slave-check"]
+    texts = [e["message"]["text"] for e in client.get("/events").json()["events"] if e["code"] == "slave-check"]
     assert "2 cells compared" in texts[0]
     assert texts[0].endswith("all in tolerance")
     assert "out of tolerance: cells 1, 2, 3" in texts[1]

@@ -79,7 +79,13 @@ def test_what_is_no_broker_or_unsafe_is_refused(tmp_path):
         create_fleet_app(Settings(data=tmp_path, fleet="http://pit"))
 
 
-LARGE_ALARM = {"severity": "trip", "text": "t" * 190, "text_words": None, "cell": 7, "active": True, "more": "m" * 5000}
+LARGE_ALARM = {
+    "severity": "trip",
+    "message": {"code": "cell-hot", "args": {}, "text": "t" * 190},
+    "cell": 7,
+    "active": True,
+    "more": "m" * 5000,
+}
 
 
 def resident_mb(fleet_service) -> float:
@@ -110,8 +116,8 @@ def test_a_member_of_the_broker_does_not_fill_the_memory(tmp_path):
             until(lambda: client.get("/fleet").json()["notice"])
             assert resident_mb(service) - before_mb < 60
             answer = client.get("/fleet").json()
-            assert answer["notice_words"]["code"] == "fleet-left-out"
-            assert answer["notice_words"]["args"]["n"] > 1000
+            assert answer["notice"]["code"] == "fleet-left-out"
+            assert answer["notice"]["args"]["n"] > 1000
             until(lambda: cars(client)["red"]["state"] == "live")
             red.vanish()
     finally:

@@ -58,7 +58,7 @@ def test_what_was_done_to_read_a_file_is_said_in_either_language(service):
         upload = client.post("/imports", params={"filename": "rig.csv"}, content=text.encode()).json()
         asked = {"profile": profile}
         found = client.post(f"/imports/{upload['id']}/preview", json=asked).json()["understood"]
-        assert found["notes"] == [
+        assert [each["text"] for each in found["notes"]] == [
             "decimal commas read as points",
             "2 lines above the table left out",
             "1 rows are not 5 columns of numbers: read as missing or left out; line 11: 'OVERLOAD' is no number",
@@ -73,27 +73,27 @@ def test_what_was_done_to_read_a_file_is_said_in_either_language(service):
             "I regner lading som positiv: fortegnet er snudd",
             "1 temperaturer for 2 celler: hver gjelder for cellene ved siden av",
         ]
-        assert [render(message_from_json(each), "nb") for each in found["notes_words"]] == norwegian
+        assert [render(message_from_json(each), language="nb") for each in found["notes"]] == norwegian
         client.post(f"/imports/{upload['id']}", json=asked)
         state = done(client)
-        assert (state["notes"], state["notes_words"]) == (found["notes"], found["notes_words"])
+        assert state["notes"] == found["notes"]
 
 
 def test_what_is_wrong_is_said(service, csv):
     with service.client() as client:
         nothing = client.post("/imports", params={"filename": "x.csv"}, content=b"no table at all")
         assert (nothing.status_code, nothing.json()["title"]) == (422, "Cannot be imported")
-        assert nothing.json()["detail_words"]["args"]["reason"]["code"] == "no-row-of-numbers"
+        assert nothing.json()["message"]["args"]["reason"]["code"] == "no-row-of-numbers"
         upload = client.post("/imports", params={"filename": "x.csv"}, content=csv).json()
         unknown = client.post(f"/imports/{upload['id']}", json={"profile": {"wheels": 4}})
         assert "no such field" in unknown.json()["detail"]
         wrong = {"profile": {**upload["guessed"], "current": "Strom"}}
         preview = client.post(f"/imports/{upload['id']}/preview", json=wrong).json()
-        assert preview["error_words"]["code"] == "no-such-column"
+        assert preview["error"]["code"] == "no-such-column"
         client.post(f"/imports/{upload['id']}", json=wrong)
         failed = done(client)
-        assert "no such column" in failed["error"]
-        assert failed["error_words"]["args"]["reason"]["code"] == "no-such-column"
+        assert "no such column" in failed["error"]["text"]
+        assert failed["error"]["args"]["reason"]["code"] == "no-such-column"
 
 
 def test_an_upload_larger_than_other_requests_is_taken(service):

@@ -25,7 +25,7 @@ def test_a_port_that_goes_away_is_said_and_comes_back_by_itself(make_service, si
     first.stop(signal.SIGKILL)
     link.unlink()  # as the device of an adapter that is unplugged; its number may be another test's soon
     lost = service.wait_for(lambda s: s["links"]["rs232"]["state"] == "lost")
-    assert lost["links"]["rs232"]["error"]
+    assert lost["links"]["rs232"]["error"]["text"]
     service.wait_for(lambda s: any(a["code"] == "rs232-lost" for a in s["alarms"]))
     simulator("--serial", f"pty:{link}")
     again = service.wait_for(live)
@@ -42,7 +42,7 @@ def test_a_socket_is_as_good_as_a_port(make_service, simulator):
 def test_a_port_that_does_not_exist_is_said_in_words(make_service, tmp_path):
     service = make_service("--serial", str(tmp_path / "nothing"))
     snapshot = service.wait_for(lambda s: s["links"]["rs232"]["state"] == "lost")
-    assert "no such port" in snapshot["links"]["rs232"]["error"]
+    assert "no such port" in snapshot["links"]["rs232"]["error"]["text"]
     assert snapshot["accumulator"]["voltage_v"] is None
     with service.client() as client:
         health = client.get("/health").json()

@@ -170,8 +170,9 @@ def test_events_are_published_as_they_happen_and_not_retained(broker, closing):
     )
     listener.wait(lambda x: x.events)
     assert listener.events[0] == {
-        "time": 1e9, "severity": "trip", "code": "cell-hot", "text": "cell too hot", "cell": 7, "value": 61.0,
-        "limit": 60.0, "unit": "degC", "who": None, "text_words": {"code": "cell-hot", "args": {}}, "simulated": False,
+        "time": 1e9, "severity": "trip", "code": "cell-hot", "cell": 7, "value": 61.0,
+        "message": {"code": "cell-hot", "args": {}, "text": "cell too hot"},
+        "limit": 60.0, "unit": "degC", "who": None, "simulated": False,
     }  # fmt: skip
     late = closing(Listener(broker.port))
     late.wait(lambda x: "voltwall/status" in x.heard)

@@ -114,7 +114,7 @@ def test_a_bad_value_is_refused_with_field_and_limit(service, values, field, wor
     assert answer.headers["content-type"] == "application/problem+json"
     error = answer.json()["errors"][0]
     assert error["field"] == field
-    assert words in error["message"]
+    assert words in error["message"]["text"]
 
 
 def test_a_write_without_the_right_hash_is_refused(service):

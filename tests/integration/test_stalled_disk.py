@@ -105,7 +105,7 @@ class Bench:
         return self.client.get("/snapshot").json()
 
     def reasons(self):
-        return [each["code"] for each in self.client.get("/health").json()["reasons_words"]]
+        return [each["code"] for each in self.client.get("/health").json()["reasons"]]
 
     @contextmanager
     def stalled(self):

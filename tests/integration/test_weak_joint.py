@@ -50,11 +50,11 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
         assert [event["cell"] for event in told] == [CELL]
         assert [(cause.code, cause.cell) for cause in causes_of(session)][:1] == [("weak-joint", CELL)]
         report = report_of(session)
-        assert f"weak joint at p{PLACE}" in report.why[0]
-        assert any(f"P{PLACE}: the joint has grown by" in each for each in report.why)
-        assert not any("like the others" in each for each in report.why)
+        assert f"weak joint at p{PLACE}" in report.findings.why[0].text
+        assert any(f"P{PLACE}: the joint has grown by" in each.text for each in report.findings.why)
+        assert not any("like the others" in each.text for each in report.findings.why)
         box = next(each for each in black_boxes(session) if each.severity == "trip")
-        assert any(PLACE in each and "joint has grown" in each for each in box.summary)
+        assert any(PLACE in each.text and "joint has grown" in each.text for each in box.findings)
 
 
 @campaign(400, 400, 400)
@@ -67,7 +67,7 @@ def test_the_service_shows_a_joint_that_parts_and_keeps_it_while_the_car_stands(
         assert client.post("/simulator/faults", json=fault).status_code == 201
         found = service.wait_for(lambda s: s["findings"], seconds=DRIVEN_S)["findings"][0]
         assert (found["code"], found["cell"], found["unit"]) == ("joint-grown", CELL, "ohm")
-        assert PLACE in found["text"]
+        assert PLACE in found["message"]["text"]
         alarmed = service.wait_for(lambda s: any(alarm["code"] == "joint-loose" for alarm in s["alarms"]))
         assert next(alarm for alarm in alarmed["alarms"] if alarm["code"] == "joint-loose")["cells"] == [CELL]
         excess_ohm = alarmed["cells"]["joint_excess_ohm"][CELL]

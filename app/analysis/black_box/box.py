@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from app.analysis.finding import AnalysisFinding
 from app.analysis.root_cause.cause import Cause, cause_from_json
+from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.telemetry import Severity
-from app.words.places import TEAM
+from app.words import RenderedMessage, rendered
 
 Quantity = Literal["voltage", "temperature", "current"]
 Side = Literal["low", "high"]
@@ -21,8 +21,7 @@ class BoxEvent:
     t_s: float
     severity: Severity
     code: str
-    text: str
-    text_words: AnalysisFinding | None
+    message: RenderedMessage
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,7 @@ class BlackBox:
     at: float
     code: str
     severity: Severity
-    text: str
-    text_words: AnalysisFinding | None
+    message: RenderedMessage
     cell: int | None
     value: float | None
     limit: float | None
@@ -99,11 +97,12 @@ class BlackBox:
     peers: Peers | None
     cells: CellsAround
     samples: Samples
-    findings: list[AnalysisFinding]
-    summary: list[str]
+    findings: list[RenderedMessage]
     simulated: bool = False  # the car was the simulator
     cause: Cause | None = None  # None: nothing that can be explained, or not looked for yet
-    segments: list[int] = field(default_factory=lambda: list(TEAM))  # cells of each pack
+    segments: list[int] = field(
+        default_factory=lambda: [CELLS_PER_PACK] * N_PACKS
+    )  # cells of each; earlier versions kept none
 
 
 def box_from_json(body: dict[str, Any]) -> BlackBox:
@@ -113,17 +112,20 @@ def box_from_json(body: dict[str, Any]) -> BlackBox:
         KeyError, TypeError: it is not one.
     """
     parts = {
-        "text_words": _finding(body.get("text_words")),
-        "events": [BoxEvent(**event | {"text_words": _finding(event.get("text_words"))}) for event in body["events"]],
+        "events": [BoxEvent(**_with_message(event)) for event in body["events"]],
         "beyond": None if body["beyond"] is None else Beyond(**body["beyond"]),
         "peers": None if body["peers"] is None else Peers(**body["peers"]),
         "cells": CellsAround(**body["cells"]),
         "samples": Samples(**body["samples"]),
-        "findings": [AnalysisFinding(**found) for found in body.get("findings", [])],
+        "findings": [RenderedMessage(**found) for found in body.get("findings", [])],
         "cause": cause_from_json(body.get("cause")),
     }
-    return BlackBox(**body | parts)
+    return BlackBox(**_with_message({name: value for name, value in body.items() if name != "summary"}) | parts)
 
 
-def _finding(body: dict[str, Any] | None) -> AnalysisFinding | None:
-    return None if body is None else AnalysisFinding(**body)
+def _with_message(body: dict[str, Any]) -> dict[str, Any]:
+    """A stored box or event with its message; earlier versions kept `text` and beside it `text_words`, or no code."""
+    body = dict(body)
+    text, words = body.pop("text", None), body.pop("text_words", None)
+    message = rendered(text) if words is None and text is not None else RenderedMessage(**(words or body["message"]))
+    return body | {"message": message}

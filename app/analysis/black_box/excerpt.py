@@ -10,12 +10,11 @@ import numpy as np
 
 from app.analysis.black_box.box import Beyond, BlackBox, BoxEvent, CellsAround, Peers, Quantity, Samples, Side
 from app.analysis.black_box.findings import findings_of
-from app.analysis.finding import english, finding_or_none
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incident_id, main_trigger
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.telemetry.cell_findings import Finding
-from app.words.places import TEAM
+from app.words import rendered
 
 _QUANTITIES: Final[dict[str, Quantity]] = {"V": "voltage", "degC": "temperature", "A": "current"}
 
@@ -42,7 +41,7 @@ def build(
     limits: dict[str, float],
     found: Sequence[Finding] = (),
     is_simulated: bool = False,
-    segments: tuple[int, ...] = TEAM,
+    segments: Sequence[int],
 ) -> BlackBox:
     """Return the black box of an incident.
 
@@ -66,8 +65,7 @@ def build(
         at=main.at_s,
         code=main.code,
         severity=main.severity,
-        text=english(main.message),
-        text_words=finding_or_none(main.message),
+        message=rendered(main.message, segments),
         cell=main.cell,
         value=main.value,
         limit=main.limit,
@@ -78,13 +76,7 @@ def build(
         limits=limits,
         segments=list(segments),
         events=[
-            BoxEvent(
-                each.mono_s - main.mono_s,
-                each.severity,
-                each.code,
-                english(each.message),
-                finding_or_none(each.message),
-            )
+            BoxEvent(each.mono_s - main.mono_s, each.severity, each.code, rendered(each.message, segments))
             for each in group
         ],
         is_complete=bool(time_s.size and time_s[0] <= -0.8 * BEFORE_S and time_s[-1] >= 0.9 * AFTER_S),
@@ -94,11 +86,9 @@ def build(
         cells=_cells(time_s, window),
         samples=_samples(time_s, window),
         findings=[],
-        summary=[],
         simulated=is_simulated,
     )
-    findings = findings_of(box, found)
-    return replace(box, findings=findings, summary=[each.text for each in findings])
+    return replace(box, findings=findings_of(box, found))
 
 
 def _side(value: float, limit: float) -> Side:

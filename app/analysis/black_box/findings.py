@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from app.analysis.black_box.box import BlackBox
-from app.analysis.finding import AnalysisFinding, finding
 from app.analysis.root_cause.cause import Cause
 from app.telemetry.cell_findings import Finding
-from app.words import Cell, Message, Quantity
+from app.words import Cell, Message, Quantity, RenderedMessage, sentence
 
 
-def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[AnalysisFinding]:
+def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[RenderedMessage]:
     """Return what happened in a few sentences; `found`: what was known against cells then, its own cell first."""
-    messages = [
-        Message("box-event", event=box.text if box.text_words is None else box.text_words.message),
-        *_beyond(box),
-        *_peers(box),
-    ]
+    messages = [Message("box-event", event=box.message.message), *_beyond(box), *_peers(box)]
     own_first = sorted(found, key=lambda each: each.cell != box.cell)
     messages += [Message("box-finding", finding=each.message, evidence=each.evidence) for each in own_first]
     current_a, opened_s = box.cells.current_at_trip_a, box.cells.opened_s
@@ -32,25 +27,24 @@ def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[AnalysisFi
         messages.append(Message("box-no-cell"))
     if not box.is_complete:
         messages.append(Message("box-partial"))
-    return [finding(message) for message in messages]
+    return [sentence(message, box.segments) for message in messages]
 
 
-def cause_findings(cause: Cause | None) -> list[AnalysisFinding]:
+def cause_findings(cause: Cause | None, segments: Sequence[int]) -> list[RenderedMessage]:
     """Return the likeliest cause, what speaks for it, what it cannot be told apart from, and what else it could be."""
     if cause is None:
         return []
     if cause.code == "unknown":
-        return [finding(Message("box-no-cause"))]
+        return [sentence(Message("box-no-cause"))]
     share = Quantity(100 * cause.confidence, "%", 0)
-    findings = [finding(Message("box-cause", cause=cause.message_words.message, share=share))]
+    messages = [Message("box-cause", cause=cause.message.message, share=share)]
     if cause.evidence:
-        findings.append(finding(Message("box-evidence", evidence=tuple(each.message for each in cause.evidence))))
+        messages.append(Message("box-evidence", evidence=tuple(each.message for each in cause.evidence)))
     if cause.same:
-        findings.append(finding(Message("box-cause-same", causes=tuple(each.message for each in cause.same))))
+        messages.append(Message("box-cause-same", causes=tuple(each.message for each in cause.same)))
     if cause.others:
-        others = tuple(each.message_words.message for each in cause.others)
-        findings.append(finding(Message("box-cause-others", causes=others)))
-    return findings
+        messages.append(Message("box-cause-others", causes=tuple(each.message.message for each in cause.others)))
+    return [sentence(message, segments) for message in messages]
 
 
 def _beyond(box: BlackBox) -> list[Message]:

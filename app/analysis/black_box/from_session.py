@@ -19,7 +19,6 @@ from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
 from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
-from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import sensors_of, told_findings
 from firmware_protocol.config_image import image_hash
@@ -37,7 +36,6 @@ def _triggers(session: SessionFile) -> list[Trigger]:
     ]
 
 
-@in_its_words
 def black_boxes(session: SessionFile) -> list[BlackBox]:
     """Return a black box for every incident of a session, in order."""
     triggers = _triggers(session)
@@ -74,11 +72,9 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
 
 def with_cause(box: BlackBox, cause: Cause | None) -> BlackBox:
     """Return a box that tells its cause."""
-    findings = [*box.findings, *cause_findings(cause)]
-    return replace(box, cause=cause, findings=findings, summary=[each.text for each in findings])
+    return replace(box, cause=cause, findings=[*box.findings, *cause_findings(cause, box.segments)])
 
 
-@in_its_words
 def explained(session: SessionFile, box: BlackBox) -> BlackBox:
     """Return a box with the cause that its session tells; as it is where the session does not hold its event."""
     for trigger in _triggers(session):
@@ -105,8 +101,7 @@ def store_box(store: BlackBoxStore, box: BlackBox) -> bool:
     Raises:
         RecordingFailed: the disk does not take it.
     """
-    message = box.text if box.text_words is None else box.text_words.message
-    listed = StoredBox(box.id, box.at, box.session_id, box.code, box.severity, box.cell, message, box.is_complete)
+    listed = StoredBox(box.id, box.at, box.session_id, box.code, box.severity, box.cell, box.message, box.is_complete)
     return store.add(listed, asdict(box))
 
 
@@ -120,7 +115,7 @@ def stored_box(store: BlackBoxStore, box_id: str) -> BlackBox | None:
     if body is None:
         return None
     box = box_from_json(body)
-    return box if box.findings else replace(box, findings=[*findings_of(box), *cause_findings(box.cause)])
+    return box if box.findings else replace(box, findings=[*findings_of(box), *cause_findings(box.cause, box.segments)])
 
 
 def read_window(session: SessionFile, group: Sequence[Trigger]) -> Window:

@@ -8,11 +8,10 @@ from typing import Final, Literal
 
 import numpy as np
 
-from app.analysis.finding import AnalysisFinding, finding, json_args
 from app.analysis.survey import Survey
 from app.analysis.totals import number
 from app.estimation.arrays import FloatArray
-from app.words import Argument, Cell, Message, Quantity, render
+from app.words import Argument, Cell, Message, Quantity, RenderedMessage, render, rendered
 
 MAD_TO_SIGMA: Final = 1.4826
 ODD_SIGMAS: Final = 5.0  # beyond so many robust standard deviations a cell is unlike the others
@@ -58,9 +57,10 @@ class Margin:
 
 
 @dataclass(frozen=True)
-class Odd(AnalysisFinding):
+class Odd:
     """A cell that is unlike the others in one respect."""
 
+    message: RenderedMessage
     cell: int
     what: Literal["sag", "resistance", "temperature", "lowest", "missing"]
     value: float
@@ -134,10 +134,10 @@ def odd_cells(survey: Survey) -> list[Odd]:
     return found
 
 
-def headline(survey: Survey, n_laps: int) -> AnalysisFinding:
+def headline(survey: Survey, n_laps: int) -> Message:
     """Return the run in one sentence."""
     if not survey.samples:
-        return finding(Message("report-nothing-measured"))
+        return Message("report-nothing-measured")
     run: list[Argument] = [_length(survey.end_s - survey.start_s)]
     if survey.driving_s >= 30:
         run.append(Message("report-with-current", length=_length(survey.driving_s)))
@@ -158,12 +158,12 @@ def headline(survey: Survey, n_laps: int) -> AnalysisFinding:
     if hottest is not None:
         degrees = float(survey.temperature_max_degc[hottest])
         found.append(Message("report-hottest", temperature=Quantity(degrees, "degC", 0)))
-    return finding(Message("report-headline", run=tuple(run), found=tuple(found)))
+    return Message("report-headline", run=tuple(run), found=tuple(found))
 
 
-def what_limited(found: Sequence[Margin], trips: Sequence[Argument]) -> list[AnalysisFinding]:
+def what_limited(found: Sequence[Margin], trips: Sequence[Argument]) -> list[Message]:
     """Return what ended or held back the run: trips, limits that came near, else the one that was nearest."""
-    findings = [finding(Message("report-tripped", event=event)) for event in trips]
+    findings = [Message("report-tripped", event=event) for event in trips]
     near = [each for each in found if each.margin < NEAR[each.limit]]
     for each in near or found[:1]:
         what = _LIMITS[each.limit]
@@ -174,29 +174,27 @@ def what_limited(found: Sequence[Margin], trips: Sequence[Argument]) -> list[Ana
         margin = Quantity(abs(each.margin), step, _DIGITS[step])
         allowed = Quantity(each.allowed, each.unit)
         if not near:
-            findings.append(finding(Message("report-nearest", what=what, seen=seen, margin=margin, allowed=allowed)))
+            findings.append(Message("report-nearest", what=what, seen=seen, margin=margin, allowed=allowed))
         elif each.margin < 0:
-            findings.append(finding(Message("report-beyond", what=what, seen=seen, margin=margin, allowed=allowed)))
+            findings.append(Message("report-beyond", what=what, seen=seen, margin=margin, allowed=allowed))
         else:
-            findings.append(finding(Message("report-near", what=what, seen=seen, margin=margin, allowed=allowed)))
-    return findings or [finding(Message("report-no-limits"))]
+            findings.append(Message("report-near", what=what, seen=seen, margin=margin, allowed=allowed))
+    return findings or [Message("report-no-limits")]
 
 
-def what_to_look_at(
-    survey: Survey, odd: Sequence[Odd], warnings: Sequence[Argument], bad_frames: int
-) -> list[AnalysisFinding]:
+def what_to_look_at(survey: Survey, odd: Sequence[Odd], warnings: Sequence[Argument], bad_frames: int) -> list[Message]:
     """Return what deserves a look before the next run."""
-    findings: list[AnalysisFinding] = []
+    findings: list[Message] = []
     by_kind: dict[str, list[Odd]] = {}
     for each in odd:
         by_kind.setdefault(each.what, []).append(each)
     for kind in by_kind.values():
         findings += [
-            finding(Message("report-odd", cell=Cell(each.cell), what=each.message)) for each in kind[:ODD_NAMED]
+            Message("report-odd", cell=Cell(each.cell), what=each.message.message) for each in kind[:ODD_NAMED]
         ]
         others = tuple(Cell(each.cell) for each in kind[ODD_NAMED:])
         if others:
-            findings.append(finding(Message("report-odd-more", n=len(others), cells=others)))
+            findings.append(Message("report-odd-more", n=len(others), cells=others))
     lowest = _extreme(survey.soc_last, lowest=True)
     apart = _spread(survey.soc_last)
     if lowest is not None and apart > SPREAD_SOC:
@@ -204,15 +202,15 @@ def what_to_look_at(
         spread, cell = percent(apart, 1), Cell(lowest)
         if before < apart - SPREAD_SOC:
             began = percent(before, 1)
-            findings.append(finding(Message("report-spread-grown", spread=spread, cell=cell, before=began)))
+            findings.append(Message("report-spread-grown", spread=spread, cell=cell, before=began))
         else:
-            findings.append(finding(Message("report-spread", spread=spread, cell=cell)))
-    findings += [finding(Message("report-warned", event=event)) for event in warnings]
+            findings.append(Message("report-spread", spread=spread, cell=cell))
+    findings += [Message("report-warned", event=event) for event in warnings]
     if survey.gap_s > 0.0:
-        findings.append(finding(Message("report-gap", length=Quantity(survey.gap_s, "s", 0))))
+        findings.append(Message("report-gap", length=Quantity(survey.gap_s, "s", 0)))
     if bad_frames:
-        findings.append(finding(Message("report-damaged", n=bad_frames)))
-    return findings or [finding(Message("report-nothing-odd"))]
+        findings.append(Message("report-damaged", n=bad_frames))
+    return findings or [Message("report-nothing-odd")]
 
 
 def key_figures(survey: Survey) -> dict[str, float | None]:
@@ -311,7 +309,7 @@ def _odd(
     usual: float,
     unit: str,
 ) -> Odd:
-    return Odd(message.code, json_args(message), render(message), cell, what, value, usual, unit)
+    return Odd(rendered(message), cell, what, value, usual, unit)
 
 
 def _length(seconds: float) -> Quantity:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.analysis.cell_findings import CellJudge
-from app.analysis.finding import AnalysisFinding, finding, message_of_event, with_cell
 from app.analysis.incidents import is_trigger
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
@@ -33,10 +32,9 @@ from app.analysis.session_cell import cell_of, judged_by, unlike
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Histogram, Piece
 from app.analysis.totals import listed
-from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import Finding, sensors_of, told_findings
-from app.words import Argument, Message
+from app.words import Argument, Cell, Message, RenderedMessage, Text, message_or_text, render, sentence
 from firmware_protocol.config_image import image_hash
 
 _OF_OTHER_TRIPS = ("master-fault", "bms-fault")  # told beside what caused them
@@ -55,13 +53,13 @@ class ReportedSession:
 
 @dataclass(frozen=True)
 class Findings:
-    """What is said of a session, as codes with arguments."""
+    """What a session shows; `why`: which cell failed, and why."""
 
-    headline: AnalysisFinding
-    why: list[AnalysisFinding]
-    limited: list[AnalysisFinding]
-    look_at: list[AnalysisFinding]
-    judged: list[AnalysisFinding]  # what of then judges it, and what of today
+    headline: RenderedMessage
+    why: list[RenderedMessage]
+    limited: list[RenderedMessage]
+    look_at: list[RenderedMessage]
+    judged: list[RenderedMessage]  # what of then judges it, and what of today
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,6 @@ class Report:
         segments: cells of each segment of its battery.
         findings: what is said of it.
         causes: of each trip, then of what is wrong without one; the first is the main one.
-        headline, why, limited, look_at: the findings in English; `why`: which cell failed, and why.
         margins: how near each limit came, the nearest first.
         odd: the cells that are unlike the others.
         figures: what two sessions are compared by; the unit is in the name.
@@ -89,10 +86,6 @@ class Report:
     segments: list[int]
     findings: Findings
     causes: list[Cause]
-    headline: str
-    why: list[str]
-    limited: list[str]
-    look_at: list[str]
     margins: list[Margin]
     odd: list[Odd]
     figures: dict[str, float | None]
@@ -116,7 +109,7 @@ class ComparedSession:
     started: float
     figures: dict[str, float | None]
     histograms: dict[str, Histogram]
-    judged: list[AnalysisFinding]
+    judged: list[RenderedMessage]
 
 
 @dataclass(frozen=True)
@@ -126,10 +119,9 @@ class SessionComparison:
     a: ComparedSession
     b: ComparedSession
     cells: list[CellChange]
-    unlike: list[AnalysisFinding]
+    unlike: list[RenderedMessage]
 
 
-@in_its_words
 def report_of(session: SessionFile) -> Report:
     """Read a session and judge it."""
     info, collector = session.info, TotalsCollector(session.battery.n_cells)
@@ -155,13 +147,15 @@ def report_of(session: SessionFile) -> Report:
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     loose = [event for event in warned if event["code"] == "joint-loose"]
     causes = causes_of(session, cell)
+    segments = session.battery.segments
+    why = [*_cause_findings(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))]
+    warnings = [*_ended(ended), *_event_arguments(warned, segments)]
+    look_at = what_to_look_at(survey, _unexplained(odd, found), warnings, session.bad_frames())
     findings = Findings(
-        headline(survey, len(found_laps)),
-        [*_cause_findings(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))],
-        what_limited(near, _event_arguments(trips)),
-        what_to_look_at(
-            survey, _unexplained(odd, found), [*_ended(ended), *_event_arguments(warned)], session.bad_frames()
-        ),
+        sentence(headline(survey, len(found_laps)), segments),
+        [sentence(each, segments) for each in why],
+        [sentence(each, segments) for each in what_limited(near, _event_arguments(trips, segments))],
+        [sentence(each, segments) for each in look_at],
         judged_by(session),
     )
     return Report(
@@ -172,13 +166,9 @@ def report_of(session: SessionFile) -> Report:
             info.voltwall,
             info.metadata.get("source") == "simulator",
         ),
-        segments=list(session.battery.segments),
+        segments=list(segments),
         findings=findings,
         causes=causes,
-        headline=findings.headline.text,
-        why=_texts(findings.why),
-        limited=_texts(findings.limited),
-        look_at=_texts(findings.look_at),
         margins=near,
         odd=odd,
         figures=key_figures(survey),
@@ -194,21 +184,21 @@ def report_of(session: SessionFile) -> Report:
     )
 
 
-def _cause_findings(causes: Sequence[Cause]) -> list[AnalysisFinding]:
+def _cause_findings(causes: Sequence[Cause]) -> list[Message]:
     """Each cause once, with the first thing that speaks for it."""
-    by_place: dict[tuple[str, int | None, int | None], AnalysisFinding] = {}
+    by_place: dict[tuple[str, int | None, int | None], Message] = {}
     for cause in causes:
         if cause.code == "unknown":
             continue
         evidence = tuple(each.message for each in cause.evidence)
         same = tuple(each.message for each in cause.same)
-        others = tuple(each.message_words.message for each in cause.others)
-        message = Message("report-cause", cause=cause.message_words.message, evidence=evidence)
+        others = tuple(each.message.message for each in cause.others)
+        message = Message("report-cause", cause=cause.message.message, evidence=evidence)
         if same:
-            message = Message("report-cause-same", cause=cause.message_words.message, evidence=evidence, causes=same)
+            message = Message("report-cause-same", cause=cause.message.message, evidence=evidence, causes=same)
         elif others:
-            message = Message("report-cause-or", cause=cause.message_words.message, evidence=evidence, causes=others)
-        by_place.setdefault((cause.code, cause.cell, cause.pack), finding(message))
+            message = Message("report-cause-or", cause=cause.message.message, evidence=evidence, causes=others)
+        by_place.setdefault((cause.code, cause.cell, cause.pack), message)
     return list(by_place.values())
 
 
@@ -218,7 +208,6 @@ def _blamed(causes: Sequence[Cause]) -> set[int]:
     return {cell for cell in first | others if cell is not None}
 
 
-@in_its_words
 def compare_sessions(first: SessionFile, second: SessionFile) -> SessionComparison:
     """Read two sessions and lay them side by side."""
     surveys = survey_session(first), survey_session(second)
@@ -237,10 +226,6 @@ def _compared(
     return ComparedSession(info.id, info.name, info.started_wall_ns / 1e9, figures, histograms, judged_by(session))
 
 
-def _texts(findings: Sequence[AnalysisFinding]) -> list[str]:
-    return [each.text for each in findings]
-
-
 def _cells(events: Sequence[dict[str, Any]]) -> list[int]:
     return [event["cell"] for event in events if event["cell"] is not None]
 
@@ -255,6 +240,14 @@ def _ended(found: Sequence[Finding]) -> list[Argument]:
     return [Message("finding-ended", finding=each.message) for each in found]
 
 
-def _event_arguments(events: Sequence[dict[str, Any]]) -> list[Argument]:
+def _event_arguments(events: Sequence[dict[str, Any]], segments: Sequence[int]) -> list[Argument]:
     """The events with their places, each once."""
-    return list({with_cell(message_of_event(event), event["cell"]): None for event in events})
+    found = [(message_or_text(event["text"], event.get("message")), event["cell"]) for event in events]
+    return list({with_cell(message, cell, segments): None for message, cell in found})
+
+
+def with_cell(event: Text, cell: int | None, segments: Sequence[int]) -> Argument:
+    """Return an event's message, with the cell's place where it does not name it."""
+    if cell is None or render(Message("at-cell", cell=Cell(cell)), segments) in render(event, segments):
+        return event
+    return Message("reported-at-cell", event=event, cell=Cell(cell))

@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.finding import AnalysisFinding, finding
 from app.analysis.report.findings import LEAST_GROWTH, MISSING_SHARE, SPREAD_SOC, Odd, percent
 from app.analysis.survey import Survey
 from app.estimation.arrays import FloatArray
@@ -30,7 +29,7 @@ def verdicts(
     loose: Sequence[int],
     found: Sequence[Finding] = (),
     blamed: Collection[int] = (),
-) -> list[AnalysisFinding]:
+) -> list[Message]:
     """Return why, of each cell that tripped, was reported, or has more resistance than the others.
 
     Args:
@@ -43,11 +42,10 @@ def verdicts(
     """
     resisting = [each.cell for each in odd if each.what == "resistance"]
     by_cell = {each.cell: [other for other in found if other.cell == each.cell] for each in found}
-    findings = []
+    findings: list[Message] = []
     for cell in dict.fromkeys([*tripped, *by_cell, *loose, *resisting]):
         if cell in by_cell:
-            messages = [Message("why-finding", finding=each.message, evidence=each.evidence) for each in by_cell[cell]]
-            findings += [finding(each) for each in messages]
+            findings += [Message("why-finding", finding=each.message, evidence=each.evidence) for each in by_cell[cell]]
         else:
             verdict = _verdict(survey, cell, is_loose=cell in loose, resists=cell in resisting)
             if verdict.code != "why-like-others" or cell not in blamed:
@@ -55,7 +53,7 @@ def verdicts(
     return findings
 
 
-def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> AnalysisFinding:
+def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> Message:
     cell = Cell(index)
     used_by_cell = survey.soc_first - survey.soc_last
     usual_used, usual_ohm = _median(used_by_cell), _median(survey.resistance_ohm)
@@ -66,21 +64,19 @@ def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> An
         holds = percent(usual_used / float(used_by_cell[index]))
         if growth > LEAST_GROWTH:
             more = percent(growth)
-            return finding(
-                Message("why-capacity-and-resistance", cell=cell, used=used, usual=usual, holds=holds, more=more)
-            )
-        return finding(Message("why-capacity", cell=cell, used=used, usual=usual, holds=holds))
+            return Message("why-capacity-and-resistance", cell=cell, used=used, usual=usual, holds=holds, more=more)
+        return Message("why-capacity", cell=cell, used=used, usual=usual, holds=holds)
     if resists or (is_loose and growth > LEAST_GROWTH):
         more = Quantity(1000 * float(survey.resistance_ohm[index] - usual_ohm), "mohm", 2)
         if tells_charge:
-            return finding(Message("why-joint", cell=cell, more=more, used=used, usual=usual))
-        return finding(Message("why-resistance", cell=cell, more=more))
+            return Message("why-joint", cell=cell, more=more, used=used, usual=usual)
+        return Message("why-resistance", cell=cell, more=more)
     behind = _median(survey.soc_first) - survey.soc_first[index]
     if behind > SPREAD_SOC:
-        return finding(Message("why-began-lower", cell=cell, below=percent(float(behind))))
+        return Message("why-began-lower", cell=cell, below=percent(float(behind)))
     if survey.missing[index] > MISSING_SHARE * max(survey.samples, 1):
-        return finding(Message("why-not-measured", cell=cell))
-    return finding(Message("why-like-others", cell=cell))
+        return Message("why-not-measured", cell=cell)
+    return Message("why-like-others", cell=cell)
 
 
 def _median(values: FloatArray) -> float:

@@ -56,7 +56,7 @@ def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
     if not recording.tells_at_once:  # what comes later in the first round is awaited
         missing &= np.logical_or.accumulate(~missing, axis=0) | missing.all(axis=0)
     tested = (np.nan_to_num(recording.boards.failed_tests) != 0).any(axis=0)
-    packs = {pack_of(event.cell) for event in lost if event.cell is not None}
+    packs = {pack for event in lost if (pack := pack_of(event.cell, recording.segments)) is not None}
     if not missing.all(axis=1).any():
         packs |= {int(pack) for pack in np.flatnonzero(missing.sum(axis=0) >= 5) if not tested[pack]}
     for pack in sorted(packs):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -103,7 +103,7 @@ def cell_suspicions(recording: Recording, model: CellModel, at_s: float) -> Iter
     for cell in _suspects(recording):
         warmth = None if cell in jumped else _warmth(recording, cell)
         found += _of_cell(recording, model, voltages, cell, warmth)
-    yield from _warmest_of_pack(found)
+    yield from _warmest_of_pack(found, recording.segments)
 
 
 def _suspects(recording: Recording) -> list[int]:
@@ -186,15 +186,19 @@ def _seen(law: Law, fit: CellFit, index: int) -> Message:
     return Message("seen-stuck", cell=cell, size=Quantity(fit.size, "V", 3))
 
 
-def _warmest_of_pack(found: list[Suspicion]) -> Iterator[Suspicion]:
+def _warmest_of_pack(found: list[Suspicion], segments: Sequence[int]) -> Iterator[Suspicion]:
     """A hot cell warms its neighbours: of each pack only the one that speaks the loudest is taken for heated."""
-    loudest: dict[int, float] = {}
+    loudest: dict[int | None, float] = {}
     for each in found:
         if each.cell is not None:
-            pack = pack_of(each.cell)
+            pack = pack_of(each.cell, segments)
             loudest[pack] = max(loudest.get(pack, -np.inf), each.weight)
     for each in found:
-        if each.code != "heated-cell" or each.cell is None or each.weight >= 0.3 * loudest[pack_of(each.cell)]:
+        if (
+            each.code != "heated-cell"
+            or each.cell is None
+            or each.weight >= 0.3 * loudest[pack_of(each.cell, segments)]
+        ):
             yield each
 
 

@@ -20,7 +20,6 @@ from app.analysis.root_cause.recording import Recording, Suspicion
 from app.analysis.root_cause.relays import relay_suspicions
 from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.circuit import CellModel
-from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 
 BACK_S = 900.0  # that much before an instant is looked at
@@ -28,7 +27,6 @@ SETTLED_S = AFTER_S  # and that much after it: what recovers when the current st
 MOST_TRIPS = 12  # of a session; more are the same again
 
 
-@in_its_words
 def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause]:
     """Return what explains each trip of a session, in order, then what is wrong without having tripped anything."""
     model, info = cell or cell_of(session)[0], session.info
@@ -46,10 +44,9 @@ def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause
         new = [each for each in rest if each.ranked and not _is_known(each, explained)]
         explained |= _places(new)
         found += new
-    return [cause_of(each) for each in found]
+    return [cause_of(each, session.battery.segments) for each in found]
 
 
-@in_its_words
 def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None = None) -> Cause | None:
     """Return what explains the trip or warning of a black box; None where it is nothing that has a cause here."""
     trip = replace(trigger, at_s=session.unix_s(round(trigger.mono_s * 1e9)))
@@ -60,10 +57,9 @@ def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None
         session, cell or cell_of(session)[0], trip if is_trip else None, trip.at_s - BACK_S, trip.at_s + SETTLED_S
     )
     about = [each for each in judgements if is_trip or trip.cell in (None, each.ranked[0].cell)]
-    return cause_of(about[0]) if about else None
+    return cause_of(about[0], session.battery.segments) if about else None
 
 
-@in_its_words
 def cause_at(session: SessionFile, at_s: float) -> Cause | None:
     """Return what explains the last trip that was recorded before a unix time; None where there was none."""
     start_s = session.info.started_wall_ns / 1e9
@@ -72,7 +68,7 @@ def cause_at(session: SessionFile, at_s: float) -> Cause | None:
         return None
     trip = trips[-1]
     judgements = _judged(session, cell_of(session)[0], trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
-    return cause_of(judgements[0]) if judgements else None
+    return cause_of(judgements[0], session.battery.segments) if judgements else None
 
 
 def _judged(
@@ -80,8 +76,8 @@ def _judged(
 ) -> list[Judgement]:
     recording = read_recording(session, from_s, to_s)
     if trip is None:
-        return judge([], _suspicions(recording, model, recording.end_s))
-    return judge([trip], _suspicions(recording, model, trip.at_s))
+        return judge([], _suspicions(recording, model, recording.end_s), recording.segments)
+    return judge([trip], _suspicions(recording, model, trip.at_s), recording.segments)
 
 
 def _trips(events: Sequence[Trigger]) -> list[Trigger]:

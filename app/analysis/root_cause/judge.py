@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -91,9 +91,13 @@ def trip_kind(code: str) -> str | None:
     return _KINDS.get(code, code.removeprefix("trip-") if code.startswith("trip-") else None)
 
 
-def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion]) -> list[Judgement]:
-    """Return what explains each trip, then what is wrong without having tripped anything; trips in order."""
-    left = _without_consequences(_strongest_each(suspicions))
+def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion], segments: Sequence[int]) -> list[Judgement]:
+    """Return what explains each trip, then what is wrong without having tripped anything; trips in order.
+
+    `segments` are the cells of each pack.
+    """
+    placed = (each if each.cell is None else replace(each, pack=pack_of(each.cell, segments)) for each in suspicions)
+    left = _without_consequences(_strongest_each(placed))
     found: list[Judgement] = []
     explained: set[int | None] = set()  # cells of which it is known what they have
     used: set[tuple[str, int | None, int | None]] = set()
@@ -102,8 +106,9 @@ def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion]) -> list[Jud
         if kind is None:
             continue
         able = [each for each in left if each.code in EXPLAINS.get(kind, ()) and each.at_s <= trip.at_s + LATE_S]
-        named = [each for each in able if _fits_place(each, trip)]
-        ranked = _ranked(named or [each for each in able if _is_of_pack(each, trip)])
+        pack = pack_of(trip.cell, segments)
+        named = [each for each in able if _fits_place(each, trip.cell, pack)]
+        ranked = _ranked(named or [each for each in able if pack is None or each.pack in (None, pack)])
         found.append(Judgement(trip.at_s, trip, ranked, confidences(ranked)))
         used |= {_key(each) for each in ranked}
         explained |= {each.cell for each in ranked[:1]} - {None}
@@ -139,16 +144,11 @@ def _without_consequences(found: list[Suspicion]) -> list[Suspicion]:
     return [each for each in found if not follows(each)]
 
 
-def _fits_place(each: Suspicion, trip: Trigger) -> bool:
+def _fits_place(each: Suspicion, cell: int | None, pack: int | None) -> bool:
     """The suspicion is about the cell that tripped, or about its pack, or about no place."""
-    if trip.cell is None or each.place[1] is None:
+    if cell is None or each.pack is None:
         return True
-    return each.cell == trip.cell if each.cell is not None else each.pack == pack_of(trip.cell)
-
-
-def _is_of_pack(each: Suspicion, trip: Trigger) -> bool:
-    """A cell of another pack is no cause of what one cell did."""
-    return trip.cell is None or each.place[1] in (None, pack_of(trip.cell))
+    return each.cell == cell if each.cell is not None else each.pack == pack
 
 
 def _places(rest: list[Suspicion]) -> list[list[Suspicion]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from app.analysis.incidents import Trigger
 from app.estimation.arrays import FloatArray
 from app.words import Message
-from app.words.places import place_of
 
 IntArray = NDArray[np.int64]
 UNKNOWN = -1  # of a byte that was not received
@@ -138,7 +138,7 @@ class Suspicion:
         at_s: since when, unix time.
         weight: log of the odds against nothing being wrong with it.
         evidence: what was seen, the strongest first.
-        cell, pack: where, by index from 0.
+        cell, pack: where, by index from 0; `judge` completes the pack of a cell.
     """
 
     code: str
@@ -151,12 +151,12 @@ class Suspicion:
     @property
     def place(self) -> tuple[int | None, int | None]:
         """Cell and pack."""
-        return self.cell, pack_of(self.cell) if self.cell is not None else self.pack
+        return self.cell, self.pack
 
 
-def pack_of(cell: int) -> int:
-    """Return the pack of a cell, from 0, of the battery that is spoken of."""
-    return place_of(cell)[0] - 1
+def pack_of(cell: int | None, segments: Sequence[int]) -> int | None:
+    """Return the pack of a cell, from 0, of a battery with these segments."""
+    return None if cell is None else bisect_right([*accumulate(segments)], cell)
 
 
 def row_median(values: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from starlette.responses import FileResponse
 
 from app.api.configuration.routes import OCTETS
 from app.api.encoding.can import bus_json
-from app.api.encoding.words import message_json
 from app.api.schemas.can import CanBusOut, TransmitOut
 from app.api.web.dependencies import (
     BatteryPart,
@@ -31,7 +30,7 @@ from app.api.web.request_body import Body
 from app.sessions.export.can_log import LOG_FORMATS, write_items
 from app.sources.links.can_bus import bit_rate_of
 from app.sources.links.can_sender import Outgoing
-from app.words import Message
+from app.words import Message, rendered, rendered_or_none
 from firmware_protocol.can_tables import tx_messages
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CAN_DATA_BYTES, CAN_ID_EXTENDED
@@ -61,8 +60,8 @@ class FrameIn(Body):
                     {
                         "field": "id",
                         "value": self.id,
-                        "limit": "0..0x7ff",
-                        **message_json("message", Message("short-id-ends")),
+                        "limit": rendered("0..0x7ff"),
+                        "message": rendered(Message("short-id-ends")),
                     }
                 ],
             )
@@ -133,18 +132,16 @@ def _ids_of_master(live: LivePart, in_force: InForcePart) -> set[int]:
 
 def _status(links: LinksPart) -> dict[str, Any]:
     status, reason = links.can_sender.status, links.transmit_block_reason
-    return (
-        {
-            "allowed": reason is None,
-            "running": links.can_sender.is_busy,
-            "what": status.what,
-            "who": status.who,
-            "sent": status.sent,
-            "total": status.total,
-        }
-        | message_json("error", status.error)
-        | message_json("hindrance", reason)
-    )
+    return {
+        "allowed": reason is None,
+        "running": links.can_sender.is_busy,
+        "what": status.what,
+        "who": status.who,
+        "sent": status.sent,
+        "total": status.total,
+        "error": rendered_or_none(status.error),
+        "hindrance": rendered_or_none(reason),
+    }
 
 
 @router.get("/transmit", response_model=TransmitOut)

@@ -6,7 +6,6 @@ from typing import Any, Literal
 from fastapi import APIRouter
 from pydantic import Field
 
-from app.api.encoding.words import words
 from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut
 from app.api.web.dependencies import (
     CommandsPart,
@@ -22,7 +21,7 @@ from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_CELLS
 from app.configuration.calibration import measure, propose_gain, propose_zero
 from app.telemetry import Identity
-from app.words import Message, Quantity, render
+from app.words import Message, Quantity, rendered
 from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
 router = APIRouter(tags=["commands"])
@@ -81,8 +80,7 @@ def names(live: LivePart, settings: SettingsPart) -> dict[str, Any]:
     reasons = {} if reason is None else dict.fromkeys(BALANCING, reason)
     return {
         "commands": [*COMMANDS, "balance-cells", *STREAM],
-        "hindrances": {name: render(why) for name, why in reasons.items()},
-        "hindrances_words": {name: words(why) for name, why in reasons.items()},
+        "hindrances": {name: rendered(why) for name, why in reasons.items()},
     }
 
 

@@ -7,7 +7,6 @@ from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from pydantic import Field, ValidationError
 
 from app.api.encoding.configuration import change_json, config_json, finding_json, schema_json
-from app.api.encoding.words import message_json
 from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
 from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, RulesPart, UserDep
 from app.api.web.problems import Problem, invalid
@@ -15,7 +14,7 @@ from app.api.web.request_body import Body, RawBody
 from app.configuration.config_sources import ConfigSources
 from app.configuration.profile import is_profile, profile_of
 from app.configuration.safe_write import ConfigurationWriter, Draft, Written
-from app.words import Message
+from app.words import Message, rendered_or_none
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 from firmware_protocol.older_maps import FIRST_MAP, is_first_image, present_image
@@ -159,7 +158,7 @@ def write_response(configuration: ConfigurationWriter, written: Written, *, dry_
         "verified": not dry_run,  # without a difference it was read and found equal
         "hash": image_hash(written.image),
         "warnings": [finding_json(found) for found in written.findings],
-        **message_json("hindrance", written.block_reason),
+        "hindrance": rendered_or_none(written.block_reason),
     }
     etag = quoted(configuration.show(shown))
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})

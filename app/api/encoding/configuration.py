@@ -3,8 +3,8 @@
 from functools import cache
 from typing import Any
 
-from app.api.encoding.words import message_json
 from app.configuration.finding import Finding
+from app.words import rendered
 from firmware_protocol.config_image import Change, image_hash, limit_text, raw_value, unit_value
 from firmware_protocol.memory_map import CONFIG_FIELDS, FIELDS, MAP_HASH, Field
 
@@ -78,7 +78,7 @@ def finding_json(found: Finding) -> dict[str, Any]:
         "field": error.field,
         "element": error.element,
         "value": error.value,
-        **message_json("limit", found.limit),
-        **message_json("why", found.why),
-        **message_json("message", found.message),
+        "limit": rendered(found.limit),
+        "why": rendered(found.why),
+        "message": rendered(found.message),
     }

@@ -12,7 +12,7 @@ GOOD_FOR_NS = 50_000_000  # after that the ages are counted anew
 
 def snapshot_json(snapshot: Snapshot, service: ServiceState) -> bytes:
     """Encode a snapshot together with what is the service's."""
-    return encode(plain(snapshot) | plain(service))
+    return encode(plain(snapshot, snapshot.segments) | plain(service))
 
 
 class SnapshotEncoder:

@@ -3,11 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from app.analysis.finding import message_of_event
-from app.api.encoding.words import message_json, words
 from app.sessions.errors import NotASession, Unreadable
 from app.sessions.info import Marker, SessionInfo
 from app.sources.data_file import encodable
+from app.words import rendered, rendered_as_stored
 
 
 def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
@@ -33,7 +32,7 @@ def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
 def unreadable_json(problem: Unreadable) -> dict[str, Any]:
     """A file among the sessions that cannot be read."""
     reason = problem.reason if isinstance(problem, NotASession) else problem.message
-    return {"file": encodable(Path(problem.path).name), **message_json("reason", reason)}
+    return {"file": encodable(Path(problem.path).name), "reason": rendered(reason)}
 
 
 def marker_json(marker: Marker) -> dict[str, Any]:
@@ -47,11 +46,11 @@ def marker_json(marker: Marker) -> dict[str, Any]:
     }
 
 
-_OTHERWISE = ("t_mono_ns", "t_wall_ns", "limit_value", "message")  # sent by another name
+_OTHERWISE = ("t_mono_ns", "t_wall_ns", "limit_value", "text", "message")  # sent by another name
 
 
 def event_json(event: dict[str, Any]) -> dict[str, Any]:
     """One event, out of the columns of its table."""
     body = {name: value for name, value in event.items() if name not in _OTHERWISE}
-    message = words(message_of_event(event))
-    return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value"), "text_words": message}
+    message = rendered_as_stored(event["text"], event.get("message"))
+    return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value"), "message": message}

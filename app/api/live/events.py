@@ -4,7 +4,6 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query
 
-from app.api.encoding.words import words
 from app.api.schemas.service import AcknowledgedOut, EventsOut, SignedLogOut
 from app.api.web.dependencies import AuthenticationPart, ConfigHistoryPart, EventsPart, LivePart, UserDep
 from app.api.web.paging import CursorQuery, page_of, place_of
@@ -12,7 +11,7 @@ from app.api.web.problems import not_found
 from app.battery.fields import MOST_CELLS
 from app.configuration.history import ABOUT_PEOPLE
 from app.sessions.event_log import LoggedEvent
-from app.words import Message, message_or_text
+from app.words import Message, rendered_as_stored
 
 router = APIRouter(tags=["events"])
 MAX_ID = (1 << 63) - 1
@@ -26,8 +25,7 @@ def _event_json(event: LoggedEvent) -> dict[str, Any]:
         "uptime_s": None if event.uptime_ms is None else event.uptime_ms / 1000,
         "severity": event.severity,
         "code": event.code,
-        "text": event.text,
-        "text_words": words(message_or_text(event.text, event.message)),
+        "message": rendered_as_stored(event.text, event.message),
         "cell": event.cell,
         "value": event.value,
         "limit": event.limit,

@@ -6,10 +6,9 @@ from fastapi import APIRouter
 from pydantic import BaseModel
 
 from app import __version__
-from app.api.encoding.words import message_json, messages_json
 from app.api.schemas.snapshot import Number, Severity
-from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import FleetPart
+from app.words import RenderedMessage, rendered, rendered_or_none
 
 router = APIRouter(tags=["fleet"])
 alone = APIRouter(tags=["fleet"])  # of a service that has no car of its own
@@ -26,8 +25,7 @@ class CarAlarmOut(BaseModel):
     """An alarm as the car told it; the cell's index counts from 0."""
 
     severity: Severity
-    text: str
-    text_words: WordsOut | None
+    message: RenderedMessage
     cell: int | None
     active: bool
 
@@ -61,10 +59,8 @@ class FleetOut(BaseModel):
     """All cars of a broker, by name; `problem` says why none is heard, `notice` that messages were left out."""
 
     broker: str
-    problem: str | None
-    problem_words: WordsOut | None
-    notice: str | None
-    notice_words: WordsOut | None
+    problem: RenderedMessage | None
+    notice: RenderedMessage | None
     cars: list[CarOut]
 
 
@@ -74,11 +70,15 @@ def health(fleet: FleetPart) -> dict[str, Any]:
     problem = fleet.problem
     reasons = [] if problem is None else [problem]
     status = "degraded" if reasons else "ok"
-    return {"status": status, "version": __version__, "source": "fleet"} | messages_json("reasons", reasons)
+    return {"status": status, "version": __version__, "source": "fleet", "reasons": [*map(rendered, reasons)]}
 
 
 @router.get("/fleet", response_model=FleetOut)
 def fleet(fleet: FleetPart) -> dict[str, Any]:
     """Every car, by name; 404 unless the service was started with `--fleet`."""
-    texts = message_json("problem", fleet.problem) | message_json("notice", fleet.notice)
-    return {"broker": fleet.broker, "cars": fleet.cars()} | texts
+    return {
+        "broker": fleet.broker,
+        "cars": fleet.cars(),
+        "problem": rendered_or_none(fleet.problem),
+        "notice": rendered_or_none(fleet.notice),
+    }

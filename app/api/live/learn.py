@@ -1,7 +1,6 @@
 """`battery learn` on a page: what speaks on a bus or in a log, the profile that it suggests, corrected line by line."""
 
 import math
-from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,9 +8,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
-from app.api.encoding.words import message_json, words
 from app.api.schemas.snapshot import Number
-from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import ImportsPart, SetupPart, WorkersPart
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body, FileText
@@ -27,7 +24,7 @@ from app.sources.dbc.learn.proposal import CellProposal
 from app.sources.dbc.learn.readings import ReadingProposal
 from app.sources.dbc.learn.states import StateProposal
 from app.sources.dbc.listening import BusListener
-from app.words import Message, Text, render
+from app.words import Message, RenderedMessage, rendered
 
 router = APIRouter(prefix="/setup", tags=["setup"])
 _MOST_CELLS = 1000
@@ -40,8 +37,7 @@ class LearnedCandidateOut(BaseModel):
     signal: str
     low: Number
     high: Number
-    reasons: list[str]
-    reasons_words: list[WordsOut | None]
+    reasons: list[RenderedMessage]
 
 
 class LearnedRunningOut(BaseModel):
@@ -73,8 +69,7 @@ class LearnedCheckOut(BaseModel):
 
     field: str
     is_error: bool
-    what: str
-    what_words: WordsOut | None
+    what: RenderedMessage
 
 
 class LearnedOut(BaseModel):
@@ -90,8 +85,7 @@ class LearnedOut(BaseModel):
     sensors: int
     name: str
     lines: list[LearnedLineOut]
-    doubts: list[str]
-    doubts_words: list[WordsOut | None]
+    doubts: list[RenderedMessage]
     checks: list[LearnedCheckOut]
     profile: str | None
 
@@ -175,14 +169,14 @@ def _lesson_json(
         "frames": found.n_frames,
         "messages": len(found.definitions.messages),
         "heard": len(found.heard),
-        "checks": [_checked(each) for each in doubts],
+        "checks": [*map(_checked, doubts)],
         **(_nothing() if learned is None else _learned(learned, lesson.running(learned))),
     }
 
 
 def _nothing() -> dict[str, Any]:
     empty: dict[str, Any] = {"cells": 0, "segments": [], "parallel": 1, "sensors": 0, "name": "", "lines": []}
-    return {**empty, **_texts("doubts", [Message("learn-nothing")]), "profile": None}
+    return {**empty, "doubts": [rendered(Message("learn-nothing"))], "profile": None}
 
 
 def _learned(learned: Learned, running: dict[str, Running]) -> dict[str, Any]:
@@ -194,7 +188,7 @@ def _learned(learned: Learned, running: dict[str, Running]) -> dict[str, Any]:
         "sensors": battery.n_sensors,
         "name": battery.name,
         "lines": [_line(line, running.get(key)) for key, line in learned.lines.items()],
-        **_texts("doubts", learned.doubts),
+        "doubts": [*map(rendered, learned.doubts)],
         "profile": profile_text(learned),
     }
 
@@ -226,14 +220,9 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
     elif isinstance(candidate, CellProposal) and candidate.fit is not None:
         low, high = candidate.fit.low, candidate.fit.high
     span = {"low": low if math.isfinite(low) else None, "high": high if math.isfinite(high) else None}
-    return {"signal": title(candidate), **span, **_texts("reasons", candidate.reasons)}
+    return {"signal": title(candidate), **span, "reasons": [*map(rendered, candidate.reasons)]}
 
 
 def _checked(doubt: Doubt) -> dict[str, Any]:
     place = doubt.field if doubt.line is None else f"{doubt.field}, {doubt.line}"
-    return {"field": place, "is_error": doubt.is_error, **message_json("what", doubt.what)}
-
-
-def _texts(name: str, texts: Iterable[Text]) -> dict[str, Any]:
-    found = list(texts)
-    return {name: [render(each) for each in found], f"{name}_words": [words(each) for each in found]}
+    return {"field": place, "is_error": doubt.is_error, "what": rendered(doubt.what)}

@@ -8,15 +8,13 @@ from typing import Any, Literal
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
-from app.api.encoding.words import message_json
-from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import DriverDisplayPart, EventsPart, LinksPart, LivePart, SignedPart, UserDep
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
 from app.errors import NotNow
 from app.estimation.prediction.energy_target import RacePlan
 from app.sources.links.driver_display import DriverFrame, DriverMessage
-from app.words import Message, Quantity
+from app.words import Message, Quantity, RenderedMessage, rendered_or_none
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 router = APIRouter(tags=["race"])
@@ -50,10 +48,8 @@ class DriverCanOut(BaseModel):
     shown: DriverMessage
     target_wh: float | None
     sent: int
-    error: str | None
-    error_words: WordsOut | None
-    hindrance: str | None
-    hindrance_words: WordsOut | None
+    error: RenderedMessage | None
+    hindrance: RenderedMessage | None
 
 
 class RacePlanIn(Body):
@@ -127,8 +123,8 @@ def driver_can(display: DriverDisplayPart, links: LinksPart) -> dict[str, Any]:
         "shown": display.shown,
         "target_wh": display.target_wh,
         "sent": display.sent,
-        **message_json("error", display.error),
-        **message_json("hindrance", hindrance),
+        "error": rendered_or_none(display.error),
+        "hindrance": rendered_or_none(hindrance),
     }
 
 

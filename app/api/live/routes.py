@@ -9,7 +9,6 @@ from fastapi import APIRouter, Query, Response, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
 from app import __version__
-from app.api.encoding.words import messages_json
 from app.api.schemas.battery import BatteryOut, battery_json
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
@@ -26,7 +25,7 @@ from app.api.web.dependencies import (
 )
 from app.api.web.fan_out import Reader
 from app.api.web.problems import Problem, invalid
-from app.words import Message
+from app.words import Message, rendered
 
 router = APIRouter(tags=["live"])
 LOOK_S = 1.0  # after which a reader that was logged out gets no more
@@ -55,7 +54,8 @@ async def health(
         "version": __version__,
         "uptime_s": round(health.uptime_s, 3),
         "source": live.source,
-    } | messages_json("reasons", reasons)
+        "reasons": [*map(rendered, reasons)],
+    }
 
 
 @router.get("/snapshot", responses={200: {"model": SnapshotOut}})

@@ -7,8 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
-from app.api.encoding.words import message_json
-from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import EventsPart, LivePart, SetupPart, SignedPart, UserDep
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body, FileText
@@ -16,7 +14,7 @@ from app.battery.shape import TEAM_PROFILE
 from app.sources.connections import BATTERIES, Connections, Setup
 from app.sources.links.connected import CHECK_S, LinkCheck, can_adapters, check_can, check_serial, serial_ports
 from app.telemetry.events import LinkName
-from app.words import Message, Text
+from app.words import Message, RenderedMessage, Text, rendered_or_none
 
 router = APIRouter(prefix="/setup", tags=["setup"])
 Url = Annotated[str | None, Field(min_length=1, max_length=300)]
@@ -71,10 +69,8 @@ class LookOut(BaseModel):
     seconds: float
     bytes: int
     frames: int
-    error: str | None
-    error_words: WordsOut | None
-    advice: str | None
-    advice_words: WordsOut | None
+    error: RenderedMessage | None
+    advice: RenderedMessage | None
 
 
 class UploadedOut(BaseModel):
@@ -152,8 +148,8 @@ def look(body: LookIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
         "seconds": CHECK_S,
         "bytes": found.bytes,
         "frames": found.frames,
-        **message_json("error", found.error),
-        **message_json("advice", found.advice),
+        "error": rendered_or_none(found.error),
+        "advice": rendered_or_none(found.advice),
     }
 
 

@@ -5,12 +5,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from app.api.encoding.words import message_json
 from app.api.schemas.snapshot import Number, model_of
-from app.api.schemas.words import WordsOut
 from app.battery.battery import LIMITS, Battery, Drawing, SignalName
 from app.telemetry import ProtectionLimits
-from app.words import Message
+from app.words import Message, RenderedMessage, rendered_or_none
 
 
 class BatteryOut(BaseModel):
@@ -26,8 +24,7 @@ class BatteryOut(BaseModel):
     rules: dict[str, float]
     source: Literal["master", "dbc", "recording"]
     can_write: bool
-    why_not: str | None
-    why_not_words: WordsOut | None
+    why_not: RenderedMessage | None
 
 
 def battery_json(
@@ -55,7 +52,8 @@ def battery_json(
         "rules": battery.rules,
         "source": source,
         "can_write": why_not is None,
-    } | message_json("why_not", why_not)
+        "why_not": rendered_or_none(why_not),
+    }
 
 
 def _limit(battery: Battery, name: str, limits: ProtectionLimits | None) -> float | None:

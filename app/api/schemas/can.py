@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 from app.api.schemas.config import CanRxOut, CanTxOut
 from app.api.schemas.snapshot import Number
-from app.api.schemas.words import WordsOut
+from app.words import RenderedMessage
 
 
 class CanValueOut(BaseModel):
@@ -73,12 +73,10 @@ class TransmitOut(BaseModel):
     """Whether frames may be sent, and what is being sent, or was last."""
 
     allowed: bool
-    hindrance: str | None
-    hindrance_words: WordsOut | None
+    hindrance: RenderedMessage | None
     running: bool
     what: str | None
     who: str | None
     sent: int
     total: int | None
-    error: str | None
-    error_words: WordsOut | None
+    error: RenderedMessage | None

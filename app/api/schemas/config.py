@@ -6,7 +6,7 @@ from pydantic import BaseModel, Field
 
 from app.api.schemas.page import PageOut
 from app.api.schemas.snapshot import Number
-from app.api.schemas.words import WordsOut
+from app.words import RenderedMessage
 
 RawValue = int | list[int] | list[list[int]]
 
@@ -56,12 +56,9 @@ class FindingOut(BaseModel):
     field: str
     element: int | None
     value: float
-    limit: str
-    limit_words: WordsOut | None
-    why: str
-    why_words: WordsOut | None
-    message: str
-    message_words: WordsOut | None
+    limit: RenderedMessage
+    why: RenderedMessage
+    message: RenderedMessage
 
 
 class ConfigOut(BaseModel):
@@ -107,8 +104,7 @@ class WriteResultOut(BaseModel):
     verified: bool
     difference: list[DifferenceOut]
     warnings: list[FindingOut]
-    hindrance: str | None  # why it would be refused now
-    hindrance_words: WordsOut | None
+    hindrance: RenderedMessage | None  # why it would be refused now
 
 
 class StoreResultOut(BaseModel):

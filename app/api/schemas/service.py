@@ -7,19 +7,19 @@ from pydantic import BaseModel, ConfigDict
 from app.api.schemas.page import PageOut
 from app.api.schemas.sessions import SessionEventOut
 from app.api.schemas.snapshot import Number
-from app.api.schemas.words import WordsOut
 from app.configuration.calibration import Measured, Proposal
 from app.configuration.history import Action
+from app.words import RenderedMessage
 
 
 class FieldErrorOut(BaseModel):
     """A field at fault, its value and its limit."""
 
     field: str
-    message: str
+    message: RenderedMessage
     element: int | None = None
     value: bool | float | str | None = None
-    limit: float | str | None = None
+    limit: RenderedMessage | None = None
 
 
 class ProblemOut(BaseModel):
@@ -31,7 +31,7 @@ class ProblemOut(BaseModel):
     title: str
     status: int
     detail: str
-    detail_words: WordsOut | None = None
+    message: RenderedMessage | None = None
     errors: list[FieldErrorOut] = []
 
 
@@ -42,8 +42,7 @@ class HealthOut(BaseModel):
     version: str
     uptime_s: float
     source: Literal["simulator", "serial", "can", "replay"]
-    reasons: list[str]
-    reasons_words: list[WordsOut]
+    reasons: list[RenderedMessage]
 
 
 class MeOut(BaseModel):
@@ -113,8 +112,7 @@ class CommandsOut(BaseModel):
     """The names of the commands, and why some would be refused now."""
 
     commands: list[str]
-    hindrances: dict[str, str]
-    hindrances_words: dict[str, WordsOut]
+    hindrances: dict[str, RenderedMessage]
 
 
 class DoneOut(BaseModel):

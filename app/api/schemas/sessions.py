@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 from app.api.schemas.page import PageOut
 from app.api.schemas.snapshot import Number, ReplayOut, Severity
-from app.api.schemas.words import WordsOut
+from app.words import RenderedMessage
 
 
 class SessionOut(BaseModel):
@@ -32,8 +32,7 @@ class UnreadableOut(BaseModel):
     """A file among the sessions that cannot be read, and why."""
 
     file: str
-    reason: str
-    reason_words: WordsOut | None
+    reason: RenderedMessage
 
 
 class SessionsOut(PageOut):
@@ -66,8 +65,7 @@ class SessionEventOut(BaseModel):
     time: float
     severity: Severity
     code: str
-    text: str
-    text_words: WordsOut | None
+    message: RenderedMessage
     cell: int | None
     value: Number
     limit: Number
@@ -84,8 +82,7 @@ class StoredBoxOut(BaseModel):
     code: str
     severity: Severity
     cell: int | None
-    text: str
-    text_words: WordsOut | None
+    message: RenderedMessage
     is_complete: bool
 
 
@@ -162,10 +159,8 @@ class FetchOut(BaseModel):
     total_bytes: int
     fetched: list[str]
     already_here: int
-    filled: list[str]
-    filled_words: list[WordsOut]
-    error: str | None
-    error_words: WordsOut | None
+    filled: list[RenderedMessage]
+    error: RenderedMessage | None
 
 
 class FetchStateOut(BaseModel):
@@ -193,10 +188,8 @@ class RecorderOut(BaseModel):
     commit_delay_s: Number | None  # from a frame's arrival to its commit, the longest of the last minute
     disk_free_bytes: int | None
     stalled_since: Number | None  # nothing gets onto the disk; `error` says why
-    warning: str | None
-    warning_words: WordsOut | None
-    error: str | None
-    error_words: WordsOut | None
+    warning: RenderedMessage | None
+    error: RenderedMessage | None
     plan: RecordingPlanOut
     split_mb: int | None
     keep_days: Number
@@ -266,8 +259,7 @@ class UnderstoodOut(BaseModel):
     soc: list[float | None]
     voltages_v: list[list[float | None]]
     temperatures_degc: list[list[float | None]]
-    notes: list[str]
-    notes_words: list[WordsOut]
+    notes: list[RenderedMessage]
 
 
 class PreviewOut(BaseModel):
@@ -277,8 +269,7 @@ class PreviewOut(BaseModel):
     columns: list[ColumnOut]
     cells: list[CellColumnOut]
     understood: UnderstoodOut | None
-    error: str | None
-    error_words: WordsOut | None
+    error: RenderedMessage | None
 
 
 class ImportStateOut(BaseModel):
@@ -289,10 +280,8 @@ class ImportStateOut(BaseModel):
     done: int
     total: int
     session_id: str | None
-    notes: list[str]
-    notes_words: list[WordsOut]
-    error: str | None
-    error_words: WordsOut | None
+    notes: list[RenderedMessage]
+    error: RenderedMessage | None
 
 
 class ImportsOut(BaseModel):

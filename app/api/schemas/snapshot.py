@@ -9,7 +9,6 @@ from typing import Any, Literal, Union, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from app.api.schemas.words import WordsOut
 from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry import Ages, BoolArray, LinkStatus, Snapshot
@@ -17,6 +16,7 @@ from app.telemetry.cell_findings import Finding
 from app.telemetry.encoding import alternatives, element_of, is_array
 from app.telemetry.fields import Described, SentAs, Unit, described
 from app.telemetry.service_state import Replay, ServiceState
+from app.words import RenderedMessage
 
 Number = float | None
 PerCell = list[float | None]
@@ -45,11 +45,6 @@ def _model(name: str, *owners: type) -> type[BaseModel]:
         for owner in owners
         for field in described(owner)
         if not field.is_internal
-    } | {
-        f"{field.json_name}_words": (WordsOut | None, Field())
-        for owner in owners
-        for field in described(owner)
-        if field.is_message
     }
     config, meaning = ConfigDict(from_attributes=True), (owners[0].__doc__ or "").partition("\n")[0]
     return create_model(f"{name}Out", __doc__=meaning, __config__=config, __module__=__name__, **fields)
@@ -69,8 +64,7 @@ def _type(owner: type, field: Described) -> Any:
         return float | None if alternatives(field.type) != (field.type,) else float
     members = alternatives(field.type)
     if field.is_message:
-        may_be_none = type(None) in get_args(field.type) or (members != (field.type,) and str in members)
-        return str | None if may_be_none else str
+        return RenderedMessage | None if type(None) in get_args(field.type) else RenderedMessage
     if is_array(members[0]):
         return list[bool | None] if members[0] == BoolArray else PerCell
     kinds = tuple(_sent_type(member) for member in members)

@@ -18,7 +18,6 @@ from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, settle_laps
 from app.analysis.limits import by_names_of_profiles, limits_of
 from app.analysis.report.report import Report, SessionComparison
-from app.api.encoding.words import message_json
 from app.api.schemas.battery import BatteryOut, battery_json
 from app.api.schemas.sessions import BoxList
 from app.api.sessions.jobs import comparison_at, evidence_at, laps_at, overlay_at, report_at
@@ -93,8 +92,7 @@ class LapsIn(Body):
 
 def _box_list(boxes: Sequence[StoredBox], limit: int | None, cursor: str | None) -> BoxList:
     shown, following = page_of(boxes, lambda box: (round(box.time * 1e9), box.id), limit, cursor)
-    listed = [asdict(box) | message_json("text", box.message) for box in shown]
-    return BoxList.model_validate({"boxes": listed, "next_cursor": following})
+    return BoxList.model_validate({"boxes": [asdict(box) for box in shown], "next_cursor": following})
 
 
 def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:

@@ -7,13 +7,12 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from app.api.encoding.words import message_json, messages_json
 from app.api.schemas.sessions import ImportsOut, ImportStateOut, PreviewOut, UploadOut
 from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
 from app.sessions.transfer.import_jobs import ImportState
 from app.sources.recordings.profile import ImportProfile, profile_of
-from app.words import Message
+from app.words import Message, rendered, rendered_or_none
 
 BINARY = {"type": "string", "format": "binary"}
 Quantity = Literal["time", "current", "voltage", "temperature", "soc"]
@@ -59,7 +58,7 @@ def _state(imports: ImportsPart) -> dict[str, Any] | None:
 
 
 def _state_json(state: ImportState) -> dict[str, Any]:
-    return asdict(state) | messages_json("notes", state.notes) | message_json("error", state.error)
+    return asdict(state) | {"notes": [*map(rendered, state.notes)], "error": rendered_or_none(state.error)}
 
 
 @router.get("/imports", response_model=ImportsOut)
@@ -110,8 +109,8 @@ def preview(upload_id: int, body: PreviewIn, imports: ImportsPart, user: UserDep
     """Say what is in an upload, and what its first rows become; nothing is imported."""
     found = imports.preview(upload_id, _profile(body, imports), body.pick_units, dbc=body.dbc)
     rows = found.understood
-    understood = None if rows is None else asdict(rows) | messages_json("notes", rows.notes)
-    return asdict(found) | {"understood": understood} | message_json("error", found.error)
+    understood = None if rows is None else asdict(rows) | {"notes": [*map(rendered, rows.notes)]}
+    return asdict(found) | {"understood": understood, "error": rendered_or_none(found.error)}
 
 
 @router.post("/imports/{upload_id}", status_code=202, response_model=ImportStateOut)

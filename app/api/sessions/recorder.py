@@ -6,12 +6,11 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import Field
 
-from app.api.encoding.words import message_json
 from app.api.schemas.sessions import RecorderOut
 from app.api.web.dependencies import EventsPart, RecorderPart, SettingsPart, UserDep
 from app.api.web.request_body import Body
 from app.sessions.recording.session_names import MAX_CHARACTERS
-from app.words import Message
+from app.words import Message, rendered_or_none
 
 router = APIRouter(tags=["sessions"])
 
@@ -35,8 +34,8 @@ def _recorder_json(recorder: RecorderPart, settings: SettingsPart) -> dict[str, 
         "commit_delay_s": None if status.commit_delay_s is None else round(status.commit_delay_s, 3),
         "disk_free_bytes": status.disk_free_bytes,
         "stalled_since": None if status.stalled_ns is None else status.stalled_ns / 1e9,
-        **message_json("warning", status.warning),
-        **message_json("error", status.error),
+        "warning": rendered_or_none(status.warning),
+        "error": rendered_or_none(status.error),
         "plan": asdict(recorder.plan),
         "split_mb": settings.split_mb,
         "keep_days": settings.keep_days,

@@ -12,10 +12,8 @@ from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field, SecretStr
 
-from app.api.encoding.words import message_json, messages_json
 from app.api.schemas.sessions import FetchStateOut
 from app.api.schemas.snapshot import Number
-from app.api.schemas.words import WordsOut
 from app.api.web.dependencies import (
     CataloguePart,
     EventsPart,
@@ -33,7 +31,7 @@ from app.sessions.transfer.fill import is_own
 from app.sessions.transfer.follow import Order
 from app.sessions.transfer.pieces import head_of, n_pieces, read_piece
 from app.sessions.transfer.session_copy import SessionCopy
-from app.words import Message
+from app.words import Message, RenderedMessage, rendered, rendered_or_none
 
 router = APIRouter(tags=["sessions"])
 
@@ -43,8 +41,7 @@ class RecorderFollowedOut(BaseModel):
 
     url: str
     is_reached: bool
-    error: str | None
-    error_words: WordsOut | None
+    error: RenderedMessage | None
     heard_s: Number
 
 
@@ -131,7 +128,8 @@ class OrderIn(Body):
 def _answer(state: Any) -> dict[str, Any]:
     if state is None:
         return {"fetch": None}
-    return {"fetch": asdict(state) | messages_json("filled", state.filled) | message_json("error", state.error)}
+    sent = {"filled": [*map(rendered, state.filled)], "error": rendered_or_none(state.error)}
+    return {"fetch": asdict(state) | sent}
 
 
 @router.get("/fetch", response_model=FetchStateOut)
@@ -168,7 +166,7 @@ def copies(settings: SettingsPart, followers: FollowersPart) -> dict[str, Any]:
     """Sessions of the recorders that are followed (`--recorder`), and which stretches of them are not here yet."""
     return {
         "order": followers.order,
-        "recorders": [asdict(each) | message_json("error", each.error) for each in followers.states()],
+        "recorders": [asdict(each) | {"error": rendered_or_none(each.error)} for each in followers.states()],
         "copies": [copy.state() for copy in SessionCopy.all_in(settings.data / "sessions")],
     }
 

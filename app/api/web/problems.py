@@ -4,6 +4,7 @@ import errno
 import logging
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ from starlette.exceptions import HTTPException
 
 from app.analysis.document import NotBuilt
 from app.api.encoding.configuration import change_json, finding_json
-from app.api.encoding.words import message_json
 from app.configuration.config_sources import NoSource
 from app.configuration.profile_store import NoProfile
 from app.configuration.safe_write import Busy, HashMismatch, ReasonRequired, Rejected, Unverified
@@ -34,7 +34,7 @@ from app.errors import (
 )
 from app.sessions.errors import NotASession, SchemaTooNew, SessionError, SessionNotFound
 from app.sources.data_file import encodable
-from app.words import Message, Text, render, table
+from app.words import Message, RenderedMessage, Text, render, rendered, table
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
@@ -76,18 +76,21 @@ class Problem(Exception):
 
     def response(self) -> JSONResponse:
         """Return the document."""
-        title = table("en")[f"problem-{self.slug}"]
+        message, title = rendered(self.detail), table("en")[f"problem-{self.slug}"]
         body = {
             "type": f"urn:voltwall:{self.slug}",
             "title": title,
             "status": self.status,
-            **message_json("detail", self.detail),
+            "detail": message.text,
+            "message": message,
         }
         return JSONResponse(_plain(body | self.extra), self.status, headers=self.headers, media_type=MEDIA_TYPE)
 
 
 def _plain(value: Any) -> Any:
     """The value as JSON can carry it: whatever a client sent (NaN, half a surrogate pair, a megabyte) is shown back."""
+    if isinstance(value, RenderedMessage):
+        value = asdict(value)
     if isinstance(value, dict):
         return {_plain(str(name)): _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
@@ -133,7 +136,7 @@ def invalid(field: str, value: object, limit: Text) -> Problem:
     text = _shown(render(value) if isinstance(value, Message) else value)
     given = value if isinstance(value, int | float | None) else text
     message = Message("not-allowed", field=field, value=value if isinstance(value, Message) else text, limit=limit)
-    error = {"field": field, "value": given, **message_json("limit", limit), **message_json("message", message)}
+    error = {"field": field, "value": given, "limit": rendered(limit), "message": rendered(message)}
     return Problem(422, "invalid", message, errors=[error])
 
 
@@ -263,8 +266,8 @@ def install(app: FastAPI) -> None:
             {
                 "field": _shown(_place(e)),
                 "value": _shown(e["input"]) if isinstance(e.get("input"), str) else _number(e.get("input")),
-                "limit": e["msg"].removeprefix("Input should be "),
-                **message_json("message", _of_validation(e)),
+                "limit": rendered(str(e["msg"]).removeprefix("Input should be ")),
+                "message": rendered(_of_validation(e)),
             }
             for e in found
         ]

@@ -2,20 +2,16 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from app.commands.season.build import built_lake, lake_of
 from app.commands.session_commands.selection import chosen_battery, data_folder
 from app.season.cells.history import SeasonSource
 from app.season.lake.place import Place
 from app.sessions.swaps import SwapFile
-from app.words import naming_cells
 
 
-@contextmanager
-def kept_season(args: argparse.Namespace) -> Iterator[SeasonSource]:
-    """Bring the lake up to date with the data folder, and give its season; cells are named as the battery's.
+def kept_season(args: argparse.Namespace) -> SeasonSource:
+    """Bring the lake up to date with the data folder, and return its season.
 
     Raises:
         AppError: the data folder, the lake, the battery or its cell file cannot be used.
@@ -25,5 +21,4 @@ def kept_season(args: argparse.Namespace) -> Iterator[SeasonSource]:
     if (folder / "sessions").is_dir():
         built_lake(Place(lake), [folder / "sessions"], shows=sys.stderr.isatty())
     swaps = SwapFile(folder, battery, simulated=args.simulated).read()
-    with naming_cells(battery.segments):
-        yield SeasonSource(lake, battery, args.simulated, cell, tuple(swaps))
+    return SeasonSource(lake, battery, args.simulated, cell, tuple(swaps))

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from app import __version__
@@ -31,14 +32,14 @@ QUANTITIES = {
 
 def show_report(args: argparse.Namespace) -> int:
     """Print the season's report."""
-    with kept_season(args) as source:
-        chosen = [info for info in reversed(catalogue(args).list()) if matches(info, args.sessions)]
-        report = season_report(source.battery, source.histories(args.car), chosen, Clock().wall_s(), __version__)
-        if args.json:
-            json.dump(asdict(report), sys.stdout, allow_nan=False)
-            print()
-        else:
-            _print(report)
+    source = kept_season(args)
+    chosen = [info for info in reversed(catalogue(args).list()) if matches(info, args.sessions)]
+    report = season_report(source.battery, source.histories(args.car), chosen, Clock().wall_s(), __version__)
+    if args.json:
+        json.dump(asdict(report), sys.stdout, allow_nan=False)
+        print()
+    else:
+        _print(report, source.battery.segments)
     if args.html is not None:
         args.html.mkdir(parents=True, exist_ok=True)
         path = args.html / "season-report.html"
@@ -47,13 +48,13 @@ def show_report(args: argparse.Namespace) -> int:
     return 0
 
 
-def _print(report: SeasonReport) -> None:
+def _print(report: SeasonReport, segments: Sequence[int]) -> None:
     print(f"{report.battery}: {len(report.sessions)} sessions")
     for car in report.cars:
-        _print_car(car.overview)
+        _print_car(car.overview, segments)
 
 
-def _print_car(found: SeasonOverview) -> None:
+def _print_car(found: SeasonOverview, segments: Sequence[int]) -> None:
     print(f"{found.car}: {found.sessions} sessions, {found.charge_ah:.0f} Ah passed")
     for group in found.groups:
         print("accumulator" if group.pack is None else f"pack {group.pack + 1}")
@@ -63,7 +64,7 @@ def _print_car(found: SeasonOverview) -> None:
             _print_trend(name.replace("_", " "), getattr(group, name), unit)
     for each in found.cells[:SHOWN]:
         if each.reasons:
-            print(f"{short_place(each.cell):6} {'; '.join(reason.text for reason in each.reasons)}")
+            print(f"{short_place(each.cell, segments):6} {'; '.join(reason.text for reason in each.reasons)}")
             _print_trend("resistance", each.resistance_trend, "of the median cell")
             _print_trend("capacity", each.capacity_trend, "of the median cell")
             _print_trend("self discharge", each.self_discharge_trend, "a day beyond the median cell", 3)

@@ -19,24 +19,24 @@ MOST_DIGITS = 9  # of a pack or a cell
 
 def swap_modules(args: argparse.Namespace) -> int:
     """Record a swap, or take one back, where that is asked for; print those of the car, or of all."""
-    with kept_season(args) as source:
-        swaps = SwapFile(data_folder(args), source.battery, simulated=args.simulated)
-        if args.take_back is not None and not swaps.remove(args.take_back):
-            raise ConfigError("--take-back", args.take_back, "the number of a swap that is listed")
-        if args.cells is not None:
-            cells = [cell_index(source.battery, part) for part in args.cells.split(",")]
-            cars = [history.car for history in source.histories()]
-            swaps.add(cells, _time(args.at), args.note, None, args.car, cars)
-        listed = [swap for swap in swaps.read() if not args.car or swap.is_of(args.car)]
-        if args.json:
-            json.dump([asdict(swap) for swap in listed], sys.stdout)
-            print()
-            return 0
-        for swap in listed:
-            when = datetime.fromtimestamp(swap.time_s, UTC).strftime("%Y-%m-%d %H:%MZ")
-            cells_text = ", ".join(short_place(cell) for cell in swap.cells)
-            whose = "" if swap.car is None else f" of {swap.car}"
-            print(f"swap {swap.id}: {cells_text}{whose} replaced {when}" + (f": {swap.note}" if swap.note else ""))
+    source = kept_season(args)
+    swaps = SwapFile(data_folder(args), source.battery, simulated=args.simulated)
+    if args.take_back is not None and not swaps.remove(args.take_back):
+        raise ConfigError("--take-back", args.take_back, "the number of a swap that is listed")
+    if args.cells is not None:
+        cells = [cell_index(source.battery, part) for part in args.cells.split(",")]
+        cars = [history.car for history in source.histories()]
+        swaps.add(cells, _time(args.at), args.note, None, args.car, cars)
+    listed = [swap for swap in swaps.read() if not args.car or swap.is_of(args.car)]
+    if args.json:
+        json.dump([asdict(swap) for swap in listed], sys.stdout)
+        print()
+        return 0
+    for swap in listed:
+        when = datetime.fromtimestamp(swap.time_s, UTC).strftime("%Y-%m-%d %H:%MZ")
+        cells_text = ", ".join(short_place(cell, source.battery.segments) for cell in swap.cells)
+        whose = "" if swap.car is None else f" of {swap.car}"
+        print(f"swap {swap.id}: {cells_text}{whose} replaced {when}" + (f": {swap.note}" if swap.note else ""))
     return 0
 
 

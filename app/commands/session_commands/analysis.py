@@ -11,7 +11,6 @@ from pathlib import Path
 
 from app.analysis.black_box.from_session import black_boxes
 from app.analysis.document import document
-from app.analysis.finding import AnalysisFinding
 from app.analysis.laps.figures import DriverFigures, Lap
 from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
 from app.analysis.report.report import compare_sessions, report_of
@@ -21,8 +20,7 @@ from app.commands.session_commands.selection import find_session
 from app.errors import ConfigError
 from app.sessions.reading.reader import SessionFile
 from app.sources.recordings.can_log import one_signal
-from app.words import naming_cells
-from app.words.places import place_of
+from app.words import RenderedMessage, place_of
 
 _NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
 _COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
@@ -48,8 +46,7 @@ def show_laps(args: argparse.Namespace) -> int:
         json.dump(asdict(table), sys.stdout, indent=2)
         print()
     else:
-        with naming_cells(session.battery.segments):
-            _print_laps(table, start_s)
+        _print_laps(table, start_s, session.battery.segments)
     return 0
 
 
@@ -61,14 +58,15 @@ def show_report(args: argparse.Namespace) -> int:
         json.dump(asdict(report), sys.stdout, indent=2)
         print()
     else:
-        print(report.headline)
-        parts = (("Why", report.why), ("What limited", report.limited), ("What to look at", report.look_at))
+        found = report.findings
+        print(found.headline.text)
+        parts = (("Why", found.why), ("What limited", found.limited), ("What to look at", found.look_at))
         for title, sentences in parts:
             if not sentences:
                 continue
             print(f"\n{title}")
-            for sentence in sentences:
-                print(f"  {sentence}")
+            for text in _texts(sentences):
+                print(f"  {text}")
     if args.html is not None:
         _write(args.html / f"{report.session.id}-report.html", document(report))
     return 0
@@ -103,15 +101,15 @@ def show_comparison(args: argparse.Namespace) -> int:
         b = found.b.figures[name]
         rows.append((name, _figure(a), _figure(b), "" if a is None or b is None else f"{b - a:+.5g}"))
     print_table(("", found.a.id, found.b.id, "difference"), rows, "<>>>")
-    with naming_cells(session.battery.segments):
-        for cell in found.cells:
-            print(f"cell {short_place(cell.cell)}: resistance {100 * cell.change:+.1f} % against the others")
+    for cell in found.cells:
+        place = short_place(cell.cell, session.battery.segments)
+        print(f"cell {place}: resistance {100 * cell.change:+.1f} % against the others")
     for text in _texts(found.unlike):
         print(text)
     return 0
 
 
-def _texts(findings: Sequence[AnalysisFinding]) -> list[str]:
+def _texts(findings: Sequence[RenderedMessage]) -> list[str]:
     return [each.text for each in findings]
 
 
@@ -128,7 +126,7 @@ def show_black_boxes(args: argparse.Namespace) -> int:
         print()
     for box in boxes:
         if not args.json:
-            print(f"{box.id}\n  " + "\n  ".join(box.summary))
+            print(f"{box.id}\n  " + "\n  ".join(_texts(box.findings)))
         if args.html is not None:
             _write(args.html / f"{box.id}.html", document(box))
     if not boxes and not args.json:
@@ -155,7 +153,7 @@ def _source(text: str | None, session: SessionFile, dbc: Path | None) -> tuple[s
     return "can", CanCounter(can_id or 0, byte or 0, 0xFF if mask is None else mask)
 
 
-def _print_laps(table: LapTable, start_s: float) -> None:
+def _print_laps(table: LapTable, start_s: float, segments: Sequence[int]) -> None:
     print(f"laps from: {table.source}")
     heads = [
         "lap",
@@ -182,8 +180,8 @@ def _print_laps(table: LapTable, start_s: float) -> None:
             scaled(each.power_max_w, 1e-3, 1),
             scaled(each.soc_used, 100, 2),
             scaled(each.temperature_rise_k, 1, 1),
-            _cell(each.temperature_max_cell, each.temperature_max_degc, 0, "degC"),
-            _cell(each.weakest_cell, each.voltage_min_v, 3, "V"),
+            _cell(each.temperature_max_cell, each.temperature_max_degc, 0, "degC", segments),
+            _cell(each.weakest_cell, each.voltage_min_v, 3, "V", segments),
             _notes(each.lap),
         )
         for lap_number, each in enumerate(table.laps, 1)
@@ -219,11 +217,11 @@ def scaled(value: float | None, factor: float, decimals: int) -> str:
     return "-" if value is None else f"{value * factor:.{decimals}f}"
 
 
-def short_place(cell: int) -> str:
+def short_place(cell: int, segments: Sequence[int]) -> str:
     """Pack and cell as 3/7, for where there is little room."""
-    return "/".join(map(str, place_of(cell)))
+    return "/".join(map(str, place_of(cell, segments) or (cell + 1,)))
 
 
-def _cell(cell: int | None, value: float | None, decimals: int, unit: str) -> str:
-    place = "" if cell is None else short_place(cell)
+def _cell(cell: int | None, value: float | None, decimals: int, unit: str, segments: Sequence[int]) -> str:
+    place = "" if cell is None else short_place(cell, segments)
     return f"{place} {value:.{decimals}f} {unit}".strip() if value is not None else place or "-"

@@ -14,7 +14,6 @@ import numpy as np
 
 from app import __version__
 from app.analysis.cell_findings import cell_findings
-from app.analysis.finding import english, message_of_event
 from app.analysis.laps.figures import Lap, figures_of
 from app.analysis.laps.from_session import find_laps
 from app.analysis.limits import limits_of, limits_of_profile
@@ -31,8 +30,8 @@ from app.season.estimates.session import SessionEstimate
 from app.season.lake.cell_sums import CellSums
 from app.season.lake.rest_counter import RestCounter, Stretch
 from app.season.lake.schema import WHOLE
-from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
+from app.words import message_or_text, render
 
 Row = dict[str, Any]
 FILTER: Final = "fused"  # whose voltages tell how much more a cell resists than its model
@@ -72,7 +71,6 @@ def where_of(session: SessionFile) -> Where:
     return Where(car, season, info.id)
 
 
-@in_its_words
 def facts_of(session: SessionFile, *, judge_anew: bool = False) -> Facts:
     """Read a session and return what is to be known of it in a season.
 
@@ -306,8 +304,9 @@ def _event(session: SessionFile, row: Mapping[str, Any], laps: Sequence[Lap]) ->
     at_s = session.unix_s(row["t_mono_ns"])
     lap = bisect_right(laps, at_s, key=lambda each: each.start_s)
     inside = lap > 0 and at_s < laps[lap - 1].end_s
+    text = render(message_or_text(row["text"], row.get("message")), session.battery.segments)
     kept = {name: row[name] for name in ("code", "severity", "cell", "value", "limit_value", "unit")}
-    return kept | {"time": _time(at_s), "lap": lap if inside else None, "text": english(message_of_event(row))}
+    return kept | {"time": _time(at_s), "lap": lap if inside else None, "text": text}
 
 
 def _time(unix_s: float) -> datetime:

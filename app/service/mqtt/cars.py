@@ -6,12 +6,12 @@ least long on its way shows how the two clocks differ. So an age is too small by
 
 import contextlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import orjson
 
-from app.words import Message, render
+from app.words import Message, rendered
 
 State = Literal["live", "late", "silent", "vanished"]
 LIVE_S = 3.0  # a car tells its state once a second
@@ -24,7 +24,7 @@ MOST_ALARMS = 50
 MOST_BYTES = 1 << 18  # of a message
 MOST_KEPT_BYTES = 8 << 20  # as JSON, of what all cars' messages leave; of a car with ten alarms it is 5 kB
 _MOST_TEXT = 200  # characters
-_MOST_WORDS_BYTES = 1000  # of an alarm's arguments
+_MOST_MESSAGE_BYTES = 1000  # of an alarm's code and arguments
 TOPICS = frozenset({"status", "about", "accumulator", "links", "master", "alarms"})
 _NUMBERS = ("soc", "soc_min", "voltage_v", "current_a", "voltage_min_v", "temperature_max_degc")
 _CELLS = ("soc_min_cell", "voltage_min_cell", "temperature_max_cell")
@@ -161,9 +161,8 @@ class Car:
     def _name_conflict(self, now_s: float) -> list[dict[str, Any]]:
         if self.conflict_s is None or now_s - self.conflict_s >= NAME_CONFLICT_S:
             return []
-        message = Message("car-twice", car=self.name)
-        words = {"code": message.code, "args": dict(message.args)}
-        return [{"severity": "warning", "text": render(message), "text_words": words, "cell": None, "active": True}]
+        message = asdict(rendered(Message("car-twice", car=self.name)))
+        return [{"severity": "warning", "message": message, "cell": None, "active": True}]
 
     def _measured_unix_s(self) -> float | None:
         """By the car's own clock: nothing was heard by which ours could tell."""
@@ -198,20 +197,21 @@ def _alarm(document: Mapping[str, Any]) -> dict[str, Any] | None:
         return None
     return {
         "severity": severity,
-        "text": _text(document.get("text")) or "",
-        "text_words": _words(document.get("text_words")),
+        "message": _message(document.get("message", document)),
         "cell": _cell(document.get("cell")),
         "active": document.get("active") is True,
     }
 
 
-def _words(document: object) -> dict[str, Any] | None:
-    """A code with arguments, as far as it is one: the page falls back to the text."""
-    if isinstance(document, dict) and isinstance(document.get("code"), str) and isinstance(document.get("args"), dict):
-        words = {"code": document["code"], "args": document["args"]}
+def _message(document: object) -> dict[str, Any]:
+    """A message as it is sent; without its code where that or the arguments are none or too large."""
+    sent = document if isinstance(document, dict) else {}
+    text, code, args = _text(sent.get("text")) or "", sent.get("code"), sent.get("args")
+    if isinstance(code, str) and isinstance(args, dict):
         with contextlib.suppress(orjson.JSONEncodeError):  # nested too deep
-            return words if len(orjson.dumps(words)) <= _MOST_WORDS_BYTES else None
-    return None
+            if len(orjson.dumps([code, args])) <= _MOST_MESSAGE_BYTES:
+                return {"code": code, "args": args, "text": text}
+    return asdict(rendered(text))
 
 
 def _document(topic: str, body: bytes) -> Any:

@@ -7,7 +7,7 @@ or wrong delays nobody. Topics and their contents are described in docs/howto/mq
 import contextlib
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import orjson
@@ -25,7 +25,7 @@ from app.telemetry.aging import aged, is_stale
 from app.telemetry.encoding import encode, plain
 from app.telemetry.fields import Part
 from app.telemetry.service_state import Recording
-from app.words import Message, Text, render
+from app.words import Message, Text, rendered
 
 PERIOD_S = 1.0
 NAME_CONFLICT_S = 60.0  # for so long it is told that another service publishes here
@@ -50,6 +50,7 @@ class MqttPublisher:
         *,
         source: Source = "serial",
         about: Mapping[str, object] | None = None,
+        segments: Sequence[int] = (),
         period_s: float = PERIOD_S,
     ) -> None:
         """Prepare the connection.
@@ -60,6 +61,7 @@ class MqttPublisher:
             clock: of this service.
             source: where values and events come from.
             about: what this car is, for the page of a fleet.
+            segments: cells of each pack, by which events name cells.
             period_s: seconds between two messages of a topic.
 
         Raises:
@@ -69,6 +71,7 @@ class MqttPublisher:
         self._recording = recording
         self._clock = clock
         self._source = source
+        self._segments = segments
         self._about = None if about is None else encode(dict(about) | car_of(source))
         self._clock_run = ClockRun(clock)
         self._period_s = period_s
@@ -171,7 +174,9 @@ class MqttPublisher:
                 continue
             self._publish_state()
             while self._events and self._is_connected.is_set():  # after the state: there may be many
-                self._client.publish(self._topic("events"), event_body(self._events.popleft(), self._source), qos=1)
+                self._client.publish(
+                    self._topic("events"), event_body(self._events.popleft(), self._source, self._segments), qos=1
+                )
 
     def _publish_state(self) -> None:
         snapshot = self._snapshot
@@ -198,11 +203,16 @@ def messages(snapshot: Snapshot, recording: Recording | None, sent: Mapping[str,
     yield "accumulator", encode(stamp | {"sent": sent, "age_s": ages, "stale": stale} | plain(snapshot.accumulator))
     for name, part in PER_CELL.items():
         yield f"cells/{name}", encode(stamp | {"age_s": ages[part], "stale": stale[part], "values": cells[name]})
-    said = {"state": master.state, "why": render(master.why), "fit": master.fit, "flags": master.flags}
+    said = {
+        "state": master.state,
+        "why": rendered(master.why, snapshot.segments),
+        "fit": master.fit,
+        "flags": master.flags,
+    }
     yield "master", encode(said | {"stale": stale["status"]} | car)
     links = {name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()}
     yield "links", encode(links | car)
-    yield "alarms", encode([plain(alarm) | car for alarm in snapshot.alarms])
+    yield "alarms", encode([plain(alarm, snapshot.segments) | car for alarm in snapshot.alarms])
     yield "recording", encode(None if recording is None else plain(recording) | car)
 
 
@@ -211,9 +221,9 @@ def car_of(source: Source) -> dict[str, bool]:
     return {"simulated": source == "simulator"}
 
 
-def event_body(event: Event, source: Source) -> bytes:
-    """An event as JSON."""
-    return encode(plain(event) | car_of(source))
+def event_body(event: Event, source: Source, segments: Sequence[int] = ()) -> bytes:
+    """An event as JSON; its English text names cells by `segments`."""
+    return encode(plain(event, segments) | car_of(source))
 
 
 def configured_publisher(
@@ -233,7 +243,7 @@ def configured_publisher(
         "segments": list(battery.segments),
         "version": __version__,
     }
-    return MqttPublisher(broker, recording, clock, source=source, about=about)
+    return MqttPublisher(broker, recording, clock, source=source, about=about, segments=battery.segments)
 
 
 def _own_url(settings: Settings) -> str | None:

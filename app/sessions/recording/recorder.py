@@ -148,7 +148,7 @@ class Recorder:
     def event(self, t_mono_ns: int, event: Event) -> None:
         """Record that something happened."""
         with self._lock:
-            self._put(*event_row(t_mono_ns, event))
+            self._put(*event_row(t_mono_ns, event, self._battery.battery.segments))
 
     def marker(self, t_mono_ns: int, t_wall_ns: int, text: str, *, kind: str = "note", who: str | None = None) -> None:
         """Record a point in time that somebody marked."""

@@ -24,6 +24,7 @@ from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.telemetry import Event
+from app.words import render
 
 IDS_PER_CHUNK = 1 << 20
 CHUNK_NS = 60_000_000_000
@@ -48,10 +49,13 @@ _INSERT = {
 _ROWS_AT_ONCE = 100  # in one statement
 
 
-def event_row(t_mono_ns: int, event: Event) -> TableRow:
-    """Return an event as a row of a session; its English text is there for other programs and older versions."""
+def event_row(t_mono_ns: int, event: Event, segments: Sequence[int] = ()) -> TableRow:
+    """Return an event as a row of a session of a battery with these segments.
+
+    Its English text is there for other programs and older versions.
+    """
     values = (
-        event.text,
+        render(event.message, segments),
         event.cell,
         event.value,
         event.limit,

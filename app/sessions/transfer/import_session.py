@@ -1,6 +1,6 @@
 """Makes a session of another system's recording: estimated by our filter, read like any other session."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import islice
@@ -26,7 +26,7 @@ from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, read_table
-from app.words import Message, naming_cells
+from app.words import Message
 from firmware_protocol.memory_map import MAP_HASH
 
 START_MONO_NS = 10**9  # such a recording has no monotonic clock; its time axis begins here
@@ -118,8 +118,7 @@ def import_file(
             metadata={"imported_from": path.name},
         )
         try:
-            with naming_cells(recording.battery.battery.segments):
-                ended = _write(info, recording, new_pipeline(recording.battery), on_progress)
+            ended = _write(info, recording, new_pipeline(recording.battery), on_progress)
         except BaseException:
             remove(target)
             raise
@@ -223,16 +222,17 @@ def _of_frames(source: str, frames: Iterator[can_log.Frame], battery: LoadedBatt
 def _write(info: SessionInfo, recording: _Recording, pipeline: Pipeline, on_progress: Progress) -> SessionInfo:
     writer = SessionWriter(info, format_cell(load_cell(pipeline.cell_name)), recording.battery)
     writing = between(on_progress, recording.begun, 1.0)
+    segments = recording.battery.battery.segments
     try:
         done = 0
         for part in _parts(recording.frames):
-            writer.write(_rows(info, part, pipeline))
+            writer.write(_rows(info, part, pipeline, segments))
             writer.close_chunk_if_due(START_MONO_NS + part[-1][0])
             done += len(part)
             writing(done, recording.n_frames)
         end_ns = recording.length_ns
         last = pipeline.tick(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)  # no frame ends the last period
-        writer.write(list(_rows_of(last, START_MONO_NS + end_ns)))
+        writer.write(list(_rows_of(last, START_MONO_NS + end_ns, segments)))
         writer.close(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)
     finally:
         writer.abandon()
@@ -251,7 +251,9 @@ def _parts(frames: Iterable[TimedFrame]) -> Iterator[list[TimedFrame]]:
         yield part
 
 
-def _rows(info: SessionInfo, frames: Iterable[TimedFrame], pipeline: Pipeline) -> list[TableRow]:
+def _rows(
+    info: SessionInfo, frames: Iterable[TimedFrame], pipeline: Pipeline, segments: Sequence[int]
+) -> list[TableRow]:
     """Frames, and what the pipeline made of them."""
     rows: list[TableRow] = []
     wall_of_mono_ns = info.started_wall_ns - START_MONO_NS
@@ -263,13 +265,13 @@ def _rows(info: SessionInfo, frames: Iterable[TimedFrame], pipeline: Pipeline) -
         if output.is_nothing:
             continue
         pipeline.predict()
-        rows += _rows_of(output, mono_ns)
+        rows += _rows_of(output, mono_ns, segments)
     return rows
 
 
-def _rows_of(output: Output, mono_ns: int) -> Iterator[TableRow]:
+def _rows_of(output: Output, mono_ns: int, segments: Sequence[int]) -> Iterator[TableRow]:
     if output.estimates is not None:
         estimates = output.estimates
         yield "estimates", (output.t_mono_ns, output.uptime_ms, estimates.soc, estimates.soc_sigma)
     for event in output.events:
-        yield event_row(mono_ns, event)
+        yield event_row(mono_ns, event, segments)

@@ -59,7 +59,7 @@ export interface Alarm {
   id: number;
   code: string;
   severity: 'watch' | 'warning' | 'trip';
-  text: string;
+  message: RenderedMessage;
   since: number;
   active: boolean;
   cell: number | null;
@@ -70,14 +70,6 @@ export interface Alarm {
   cells: number[];
   cause: TripCause | null;
   ended: number | null;
-  text_words: Words | null;
-}
-
-/** One thing that is said; `code` and `args` are the JSON form of a message, `text` is that message in English. */
-export interface AnalysisFinding {
-  code: string;
-  args: Record<string, unknown>;
-  text: string;
 }
 
 /** How it went; the curves have a value at each `time_h`, null after the end. */
@@ -130,8 +122,7 @@ export interface Battery {
   rules: Record<string, number>;
   source: 'master' | 'dbc' | 'recording';
   can_write: boolean;
-  why_not: string | null;
-  why_not_words: Words | null;
+  why_not: RenderedMessage | null;
 }
 
 /** How long the value was beyond its limit; `since_s` None: never seen beyond it. */
@@ -149,8 +140,7 @@ export interface BlackBox {
   at: number;
   code: string;
   severity: 'info' | 'watch' | 'warning' | 'trip';
-  text: string;
-  text_words: AnalysisFinding | null;
+  message: RenderedMessage;
   cell: number | null;
   value: number | null;
   limit: number | null;
@@ -166,8 +156,7 @@ export interface BlackBox {
   peers: Peers | null;
   cells: CellsAround;
   samples: Samples;
-  findings: AnalysisFinding[];
-  summary: string[];
+  findings: RenderedMessage[];
   simulated: boolean;
   cause?: Cause | null;
   segments?: number[];
@@ -178,8 +167,7 @@ export interface BoxEvent {
   t_s: number;
   severity: 'info' | 'watch' | 'warning' | 'trip';
   code: string;
-  text: string;
-  text_words: AnalysisFinding | null;
+  message: RenderedMessage;
 }
 
 /** Black boxes, the newest first. */
@@ -333,8 +321,7 @@ export interface CanValue {
 /** An alarm as the car told it; the cell's index counts from 0. */
 export interface CarAlarm {
   severity: 'info' | 'watch' | 'warning' | 'trip';
-  text: string;
-  text_words: Words | null;
+  message: RenderedMessage;
   cell: number | null;
   active: boolean;
 }
@@ -374,14 +361,13 @@ export interface Cause {
   at: number;
   trip: string | null;
   code: string;
-  message: string;
-  message_words: AnalysisFinding;
+  message: RenderedMessage;
   cell: number | null;
   pack: number | null;
   since: number | null;
   confidence: number;
-  same: AnalysisFinding[];
-  evidence: AnalysisFinding[];
+  same: RenderedMessage[];
+  evidence: RenderedMessage[];
   others: OtherCause[];
 }
 
@@ -409,8 +395,8 @@ export interface CellFinding {
     | 'thermistor-off'
     | 'channel-stuck';
   cell: number;
-  text: string;
-  evidence: string;
+  message: RenderedMessage;
+  evidence: RenderedMessage;
   size: number | null;
   low: number | null;
   high: number | null;
@@ -422,8 +408,6 @@ export interface CellFinding {
   usual: number | null;
   neighbours: number[];
   confidence: number;
-  text_words: Words | null;
-  evidence_words: Words | null;
 }
 
 /** One cell against the median one; `score` is how far it has gone to the nearest limit: 1 is there. */
@@ -436,7 +420,7 @@ export interface CellRank {
   resistance_trend: SeasonTrend | null;
   capacity_trend: SeasonTrend | null;
   self_discharge_trend: SeasonTrend | null;
-  reasons: AnalysisFinding[];
+  reasons: RenderedMessage[];
 }
 
 /** Every cell before, at and during it; `opened_s`: when the shutdown circuit was seen open, from the trip. */
@@ -542,8 +526,7 @@ export interface Column {
 /** The names of the commands, and why some would be refused now. */
 export interface Commands {
   commands: string[];
-  hindrances: Record<string, string>;
-  hindrances_words: Record<string, Words>;
+  hindrances: Record<string, RenderedMessage>;
 }
 
 /** One side of a comparison. */
@@ -559,7 +542,7 @@ export interface ComparedSession {
   started: number;
   figures: Record<string, number | null>;
   histograms: Record<string, Histogram>;
-  judged: AnalysisFinding[];
+  judged: RenderedMessage[];
 }
 
 /** What differs from `a` to `b`. */
@@ -703,10 +686,8 @@ export interface DriverCan {
   shown: 'none' | 'go' | 'slow' | 'box';
   target_wh: number | null;
   sent: number;
-  error: string | null;
-  error_words: Words | null;
-  hindrance: string | null;
-  hindrance_words: Words | null;
+  error: RenderedMessage | null;
+  hindrance: RenderedMessage | null;
 }
 
 /** What a driver's laps have in common: means over the laps that count. */
@@ -852,10 +833,8 @@ export interface Fetch {
   total_bytes: number;
   fetched: string[];
   already_here: number;
-  filled: string[];
-  filled_words: Words[];
-  error: string | null;
-  error_words: Words | null;
+  filled: RenderedMessage[];
+  error: RenderedMessage | null;
 }
 
 /** Null before the first fetch. */
@@ -866,10 +845,10 @@ export interface FetchState {
 /** A field at fault, its value and its limit. */
 export interface FieldError {
   field: string;
-  message: string;
+  message: RenderedMessage;
   element?: number | null;
   value?: boolean | number | string | null;
-  limit?: number | string | null;
+  limit?: RenderedMessage | null;
 }
 
 /** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
@@ -880,21 +859,18 @@ export interface Finding {
   field: string;
   element: number | null;
   value: number;
-  limit: string;
-  limit_words: Words | null;
-  why: string;
-  why_words: Words | null;
-  message: string;
-  message_words: Words | null;
+  limit: RenderedMessage;
+  why: RenderedMessage;
+  message: RenderedMessage;
 }
 
-/** What is said of a session, as codes with arguments. */
+/** What a session shows; `why`: which cell failed, and why. */
 export interface Findings {
-  headline: AnalysisFinding;
-  why: AnalysisFinding[];
-  limited: AnalysisFinding[];
-  look_at: AnalysisFinding[];
-  judged: AnalysisFinding[];
+  headline: RenderedMessage;
+  why: RenderedMessage[];
+  limited: RenderedMessage[];
+  look_at: RenderedMessage[];
+  judged: RenderedMessage[];
 }
 
 /** The master's status bits. */
@@ -913,10 +889,8 @@ export interface Flags {
 /** All cars of a broker, by name; `problem` says why none is heard, `notice` that messages were left out. */
 export interface Fleet {
   broker: string;
-  problem: string | null;
-  problem_words: Words | null;
-  notice: string | null;
-  notice_words: Words | null;
+  problem: RenderedMessage | null;
+  notice: RenderedMessage | null;
   cars: Car[];
 }
 
@@ -953,8 +927,7 @@ export interface Health {
   version: string;
   uptime_s: number;
   source: 'simulator' | 'serial' | 'can' | 'replay';
-  reasons: string[];
-  reasons_words: Words[];
+  reasons: RenderedMessage[];
 }
 
 /** Seconds in each bin, of temperature and SOC times cells; one edge more than bins, none empty at the ends. */
@@ -1007,10 +980,8 @@ export interface ImportState {
   done: number;
   total: number;
   session_id: string | null;
-  notes: string[];
-  notes_words: Words[];
-  error: string | null;
-  error_words: Words | null;
+  notes: RenderedMessage[];
+  error: RenderedMessage | null;
 }
 
 /** Tables made of a DBC: those in force with the file's messages in their places, and what did not fit. */
@@ -1081,16 +1052,14 @@ export interface LearnedCandidate {
   signal: string;
   low: number | null;
   high: number | null;
-  reasons: string[];
-  reasons_words: (Words | null)[];
+  reasons: RenderedMessage[];
 }
 
 /** A doubt about the profile, or an error with which it cannot work. */
 export interface LearnedCheck {
   field: string;
   is_error: boolean;
-  what: string;
-  what_words: Words | null;
+  what: RenderedMessage;
 }
 
 /** One thing that the profile says: which of the candidates it is, whether it is taken, and what it reads. */
@@ -1119,8 +1088,7 @@ export interface Learned {
   sensors: number;
   name: string;
   lines: LearnedLine[];
-  doubts: string[];
-  doubts_words: (Words | null)[];
+  doubts: RenderedMessage[];
   checks: LearnedCheck[];
   profile: string | null;
 }
@@ -1157,12 +1125,11 @@ export interface Link {
   bytes_per_s: number;
   line_load: number | null;
   reconnects: number;
-  error: string | null;
+  error: RenderedMessage | null;
   errors: number | null;
   tx_errors: number | null;
   rx_errors: number | null;
   bus_state: 'active' | 'warning' | 'passive' | 'off' | null;
-  error_words: Words | null;
 }
 
 /** Both links. */
@@ -1182,8 +1149,7 @@ export interface LogEvent {
   time: number;
   severity: 'info' | 'watch' | 'warning' | 'trip';
   code: string;
-  text: string;
-  text_words: Words | null;
+  message: RenderedMessage;
   cell: number | null;
   value: number | null;
   limit: number | null;
@@ -1210,10 +1176,8 @@ export interface Look {
   seconds: number;
   bytes: number;
   frames: number;
-  error: string | null;
-  error_words: Words | null;
-  advice: string | null;
-  advice_words: Words | null;
+  error: RenderedMessage | null;
+  advice: RenderedMessage | null;
 }
 
 /** How near a recording came to one limit; `margin` in the unit, negative = beyond. */
@@ -1251,7 +1215,7 @@ export interface Markers {
 /** What the master says of itself. */
 export interface Master {
   state: 'unknown' | 'idle' | 'drive' | 'charge' | 'balance' | 'fault';
-  why: string;
+  why: RenderedMessage;
   fit: boolean | null;
   flags: Flags | null;
   soc: number | null;
@@ -1265,10 +1229,8 @@ export interface Master {
   map_hash: string | null;
   map_matches: boolean | null;
   boots: number | null;
-  restarted: string | null;
+  restarted: RenderedMessage | null;
   implausible: string[];
-  why_words: Words | null;
-  restarted_words: Words | null;
 }
 
 /** Who asks; null where nobody is logged in. */
@@ -1290,15 +1252,12 @@ export interface Measured {
 /** Something of the scenario that did not happen as it was planned, and when it should have. */
 export interface Notice {
   at_s: number;
-  text: string;
-  text_words?: Words | null;
+  message: RenderedMessage;
 }
 
 /** A cell that is unlike the others in one respect. */
 export interface Odd {
-  code: string;
-  args: Record<string, unknown>;
-  text: string;
+  message: RenderedMessage;
   cell: number;
   what: 'sag' | 'resistance' | 'temperature' | 'lowest' | 'missing';
   value: number;
@@ -1323,8 +1282,7 @@ export interface Offers {
 /** What else it could be; cell and pack count from 0. */
 export interface OtherCause {
   code: string;
-  message: string;
-  message_words: AnalysisFinding;
+  message: RenderedMessage;
   cell: number | null;
   pack: number | null;
   confidence: number;
@@ -1407,11 +1365,10 @@ export interface Plugged {
 /** What a trip may have been caused by; cell and pack count from 0. */
 export interface PossibleCause {
   code: string;
-  message: string;
+  message: RenderedMessage;
   cell: number | null;
   pack: number | null;
   confidence: number;
-  message_words: Words | null;
 }
 
 /** What can be held for one horizon in one direction. */
@@ -1450,14 +1407,10 @@ export interface Prediction {
   age_s: number | null;
   load_a: number | null;
   measured_current_max_a: number | null;
-  power_condition: string;
-  to_trip_condition: string;
-  energy_condition: string;
-  laps_condition: string;
-  power_condition_words: Words | null;
-  to_trip_condition_words: Words | null;
-  energy_condition_words: Words | null;
-  laps_condition_words: Words | null;
+  power_condition: RenderedMessage;
+  to_trip_condition: RenderedMessage;
+  energy_condition: RenderedMessage;
+  laps_condition: RenderedMessage;
 }
 
 /** What is in an upload, and what the profile makes of it; `understood` is null where `error` says why. */
@@ -1466,8 +1419,7 @@ export interface Preview {
   columns: Column[];
   cells: CellColumn[];
   understood: Understood | null;
-  error: string | null;
-  error_words: Words | null;
+  error: RenderedMessage | null;
 }
 
 /** An RFC 9457 problem document; what else it carries depends on its type. */
@@ -1476,7 +1428,7 @@ export interface Problem {
   title: string;
   status: number;
   detail: string;
-  detail_words?: Words | null;
+  message?: RenderedMessage | null;
   errors: FieldError[];
 }
 
@@ -1540,8 +1492,7 @@ export interface Reading {
 export interface RecorderFollowed {
   url: string;
   is_reached: boolean;
-  error: string | null;
-  error_words: Words | null;
+  error: RenderedMessage | null;
   heard_s: number | null;
 }
 
@@ -1554,10 +1505,8 @@ export interface Recorder {
   commit_delay_s: number | null;
   disk_free_bytes: number | null;
   stalled_since: number | null;
-  warning: string | null;
-  warning_words: Words | null;
-  error: string | null;
-  error_words: Words | null;
+  warning: RenderedMessage | null;
+  error: RenderedMessage | null;
   plan: RecordingPlan;
   split_mb: number | null;
   keep_days: number | null;
@@ -1578,6 +1527,13 @@ export interface RecordingPlan {
   driver: string;
   vehicle: string;
   venue: string;
+}
+
+/** A message as it is sent: code and arguments, and its English text with the cells of its battery. */
+export interface RenderedMessage {
+  code: string;
+  args: Record<string, unknown>;
+  text: string;
 }
 
 /** Where the replay stands, and with what it can recompute the estimates. */
@@ -1623,10 +1579,6 @@ export interface Report {
   segments: number[];
   findings: Findings;
   causes: Cause[];
-  headline: string;
-  why: string[];
-  limited: string[];
-  look_at: string[];
   margins: Margin[];
   odd: Odd[];
   figures: Record<string, number | null>;
@@ -1802,7 +1754,7 @@ export interface SessionComparison {
   a: ComparedSession;
   b: ComparedSession;
   cells: CellChange[];
-  unlike: AnalysisFinding[];
+  unlike: RenderedMessage[];
 }
 
 /** A configuration came into force. */
@@ -1839,8 +1791,7 @@ export interface SessionEvent {
   time: number;
   severity: 'info' | 'watch' | 'warning' | 'trip';
   code: string;
-  text: string;
-  text_words: Words | null;
+  message: RenderedMessage;
   cell: number | null;
   value: number | null;
   limit: number | null;
@@ -2023,8 +1974,7 @@ export interface Speed {
 /** What should be recorded does not get onto the disk. */
 export interface Stall {
   since: number;
-  reason: string;
-  reason_words: Words | null;
+  reason: RenderedMessage;
 }
 
 /** One step: `timing` where it was measured, else `why` not, or what the crew said of skipping it. */
@@ -2059,8 +2009,7 @@ export interface StoredBox {
   code: string;
   severity: 'info' | 'watch' | 'warning' | 'trip';
   cell: number | null;
-  text: string;
-  text_words: Words | null;
+  message: RenderedMessage;
   is_complete: boolean;
 }
 
@@ -2134,15 +2083,13 @@ export interface Token {
 /** Whether frames may be sent, and what is being sent, or was last. */
 export interface Transmit {
   allowed: boolean;
-  hindrance: string | null;
-  hindrance_words: Words | null;
+  hindrance: RenderedMessage | null;
   running: boolean;
   what: string | null;
   who: string | null;
   sent: number;
   total: number | null;
-  error: string | null;
-  error_words: Words | null;
+  error: RenderedMessage | null;
 }
 
 /** Columns of one length, one row every ten seconds; balancing is the share of the time that the cell was bled. */
@@ -2155,12 +2102,11 @@ export interface Trend {
 /** What is taken for the cause of a trip, found in the recording seconds after it. */
 export interface TripCause {
   code: string;
-  message: string;
+  message: RenderedMessage;
   cell: number | null;
   pack: number | null;
   confidence: number;
   others: PossibleCause[];
-  message_words: Words | null;
 }
 
 /** Seconds until a limit is met at a constant current, with their band; inf = not within an hour. */
@@ -2182,8 +2128,7 @@ export interface Understood {
   soc: (number | null)[];
   voltages_v: ((number | null)[])[];
   temperatures_degc: ((number | null)[])[];
-  notes: string[];
-  notes_words: Words[];
+  notes: RenderedMessage[];
 }
 
 /** Seconds without the cable. */
@@ -2194,8 +2139,7 @@ export interface Unplugged {
 /** A file among the sessions that cannot be read, and why. */
 export interface Unreadable {
   file: string;
-  reason: string;
-  reason_words: Words | null;
+  reason: RenderedMessage;
 }
 
 /** A scenario's file that cannot be used, and why. */
@@ -2227,12 +2171,6 @@ export interface Verdict {
   limit: number;
 }
 
-/** A code and its arguments: numbers, texts, cells, quantities with their unit, and messages within messages. */
-export interface Words {
-  code: string;
-  args: Record<string, unknown>;
-}
-
 /** What a write, or a dry run, came to. */
 export interface WriteResult {
   hash: string;
@@ -2241,6 +2179,5 @@ export interface WriteResult {
   verified: boolean;
   difference: Difference[];
   warnings: Finding[];
-  hindrance: string | null;
-  hindrance_words: Words | null;
+  hindrance: RenderedMessage | null;
 }

@@ -1,6 +1,6 @@
 // The REST client: every failure is a Problem that says what happened and which field it concerns.
 
-import type { Words } from '../generated/api';
+import type { RenderedMessage } from '../generated/api';
 import { t, messageText } from '../words/words.svelte';
 
 const BASE = '/api/v1';
@@ -8,8 +8,8 @@ const BASE = '/api/v1';
 export interface FieldError {
   field: string;
   value?: unknown;
-  limit?: unknown;
-  message: string;
+  limit?: RenderedMessage;
+  message: RenderedMessage;
 }
 
 /** A failed request: an RFC 9457 document from the service, or status 0 when it could not be reached. */
@@ -30,13 +30,14 @@ export class Problem extends Error {
   /** What kind of failure it is, in the page's language. */
   get title(): string {
     const type = this.body['type'];
-    const code = typeof type === 'string' ? type.replace('urn:voltwall:', 'problem-') : null;
-    return messageText(code ? { code, args: {} } : null, this.message);
+    const code = typeof type === 'string' ? type.replace('urn:voltwall:', 'problem-') : '';
+    return messageText({ code, args: {}, text: this.message });
   }
 
   /** One sentence for the page, in its language. */
   get sentence(): string {
-    return messageText(this.body['detail_words'] as Words | undefined, this.detail || this.message);
+    const text = this.detail || this.message;
+    return messageText((this.body['message'] as RenderedMessage | undefined) ?? { code: '', args: {}, text });
   }
 }
 

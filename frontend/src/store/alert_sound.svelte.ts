@@ -7,6 +7,7 @@ import { chosen, t, messageText } from '../words/words.svelte';
 import { openAlarms } from './alarms';
 import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
+import { shapes } from './shapes.svelte';
 
 export const MUTES_MIN = [5, 30, 120] as const;
 
@@ -103,7 +104,7 @@ class AlertSound {
   private sayNew(alarms: readonly Alarm[]): void {
     const fresh = spokenAlarms(alarms, this.announced);
     if (fresh[0]?.severity === 'trip') speechSynthesis.cancel(); // a trip waits for no other sentence
-    for (const alarm of fresh) this.say(`${t(alarm.severity)}: ${messageText(alarm.text_words, alarm.text)}`);
+    for (const alarm of fresh) this.say(`${t(alarm.severity)}: ${messageText(alarm.message, shapes.live)}`);
   }
 
   async allowNotifications(on: boolean): Promise<void> {
@@ -143,7 +144,7 @@ class AlertSound {
     if (!this.notify.value || this.permission !== 'granted' || !document.hidden) return;
     try {
       const note = new Notification(`Voltwall: ${t(alarm.severity)}`, {
-        body: messageText(alarm.text_words, alarm.text),
+        body: messageText(alarm.message, shapes.live),
         tag: `alarm-${alarm.id}`,
         icon: './icon-192.png',
       });

@@ -21,7 +21,7 @@ export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
   if (master.fit === false)
     reasons.push(
       t('The master holds the shutdown circuit open: {why}', {
-        why: messageText(master.why_words, master.why),
+        why: messageText(master.why),
       }),
     );
   if (master.flags && !master.flags['charger']) {

@@ -12,7 +12,7 @@ import {
   type InForce,
   type WriteOutcome,
 } from './write_outcome';
-import { t } from '../words/words.svelte';
+import { messageText, t } from '../words/words.svelte';
 
 const KEY = 'voltwall.draft';
 const notRead = (): Problem =>
@@ -199,7 +199,7 @@ class ConfigStore {
     const lost = problem.status === 0 && (what === 'writing' || what === 'loading');
     const inForce = lost ? 'unknown' : (problem.body['in_force'] as InForce | undefined);
     const unanswered = problem.status === 0 || problem.status >= 503;
-    this.serverErrors = Object.fromEntries(problem.errors.map((e) => [e.field, e.message]));
+    this.serverErrors = Object.fromEntries(problem.errors.map((e) => [e.field, messageText(e.message)]));
     if (problem.status === 412) {
       const difference = (problem.body['difference'] ?? []) as Difference[];
       const meanwhile = (problem.body['meanwhile'] ?? []) as Difference[];

@@ -12,7 +12,7 @@ export function findingTexts(snapshot: Maybe<Snapshot>): ReadonlyMap<number, str
   const texts = new Map<number, string>();
   for (const each of snapshot?.findings ?? []) {
     const before = texts.get(each.cell);
-    const text = messageText(each.text_words, each.text);
+    const text = messageText(each.message);
     texts.set(each.cell, before ? `${before}\n${text}` : text);
   }
   return texts;

@@ -44,8 +44,7 @@ export function extremesBetween(band: Band, from: number, to: number): Maybe<Rea
 export interface AlarmSpan {
   code: string;
   severity: Severity;
-  text: string;
-  words: SessionEvent['text_words'];
+  message: SessionEvent['message'];
   cell: Maybe<number>;
   from: number;
   to: number; // the end of the session where it never ended
@@ -75,8 +74,7 @@ export function alarmSpans(events: readonly SessionEvent[], end: number): AlarmS
     const span: AlarmSpan = {
       code: e.code,
       severity: e.severity,
-      text: e.text,
-      words: e.text_words,
+      message: e.message,
       cell: e.cell,
       from: e.time,
       to: MOMENTARY.has(e.code) ? e.time : end,

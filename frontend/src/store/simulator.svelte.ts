@@ -2,6 +2,7 @@
 
 import { call, get, post, Problem, remove } from '../link/rest';
 import type { FaultInForce, Simulator } from '../link/types';
+import { messageText } from '../words/words.svelte';
 
 const POLL_MS = 1000;
 
@@ -25,7 +26,7 @@ export function faultPath(fault: FaultInForce): string {
 
 /** A problem as one sentence that names the field and its limit. */
 function sentence(problem: Problem): string {
-  const fields = problem.errors.map((e) => e.message || `${e.field}: ${String(e.limit)}`);
+  const fields = problem.errors.map((e) => messageText(e.message));
   return fields.length ? fields.join('; ') : problem.sentence;
 }
 

@@ -1,7 +1,9 @@
 // The page's words: English stands in the code and is the key; the tables of another language are loaded when it is
 // chosen. They are those of the service: app/words, one folder a language. See there for what each file holds.
 
-import { render, type Message, type Table } from './render';
+import type { RenderedMessage } from '../generated/api';
+import { shapes } from '../store/shapes.svelte';
+import { render, type Table } from './render';
 import type { Text } from './texts';
 
 export type { Text };
@@ -74,11 +76,14 @@ export function t(text: Text, values?: Values): string {
 /** A name of the service's data, as of a scenario, in the chosen language; one that no table knows stays English. */
 export const named = (key: string, english: string): string => chosen.words?.page[key] ?? tidied(english);
 
-/** What the service says: `words` in the chosen language; in English, and of old sessions, the text as it came. */
-export const messageText = (words: Message | null | undefined, english: string): string =>
-  words && chosen.words && words.code in chosen.words.codes
-    ? render(words, chosen.words.codes)
-    : tidied(english);
+/** A message of the service in the chosen language; in English, and where no table knows it, its text as it came. */
+export function messageText(message: RenderedMessage | null | undefined, shape = shapes.here): string {
+  if (!message) return '';
+  const codes = chosen.words?.codes;
+  return codes && message.code in codes
+    ? render(message, codes, shape.outline.segments)
+    : tidied(message.text);
+}
 
 export const fill = (text: string, values: Values): string =>
   text.replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));

@@ -64,7 +64,7 @@ def _line(key: str, line: Line, language: str) -> Iterator[str]:
     yield from _comments(chosen.reasons, language)
     mark = "" if line.is_taken else "# "
     if not line.is_taken:
-        yield f"# {render(Message('learn-confirm'), language)}"
+        yield f"# {render(Message('learn-confirm'), language=language)}"
     yield f"{mark}[source.{key}]"
     if isinstance(chosen, StateProposal):
         yield f"{mark}signal = {_text(str(chosen.state.signal))}"
@@ -82,7 +82,7 @@ def _limits(lines: list[Line], language: str) -> Iterator[str]:
         return
     yield ""
     if not all(line.is_taken for line in lines):
-        yield f"# {render(Message('learn-confirm'), language)}"
+        yield f"# {render(Message('learn-confirm'), language=language)}"
     yield f"{'' if any(line.is_taken for line in lines) else '# '}[battery.limits]"
     for line in lines:
         assert isinstance(line.chosen, ReadingProposal)
@@ -93,7 +93,7 @@ def _limits(lines: list[Line], language: str) -> Iterator[str]:
 
 def _comments(texts: Iterable[Text], language: str) -> Iterator[str]:
     for text in texts:
-        yield f"# {_one_line(render(text, language))}"
+        yield f"# {_one_line(render(text, language=language))}"
 
 
 def _one_line(text: str) -> str:

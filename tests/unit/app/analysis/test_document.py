@@ -22,7 +22,7 @@ def test_the_data_stands_in_its_slot_and_cannot_end_it(box, tmp_path, monkeypatc
     made = document(box, "nb")
     body, after = made.split(SLOT)[1].split("</script>", 1)
     assert after == "<p>after</p></html>"
-    assert json.loads(body)["data"]["text"] == "</script><b>slave"
+    assert json.loads(body)["data"]["message"]["text"] == "</script><b>slave"
     assert json.loads(body)["language"] == "nb"
 
 

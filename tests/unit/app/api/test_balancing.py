@@ -48,7 +48,7 @@ def test_what_the_simulation_does_not_take_is_refused_by_field_and_limit(client,
     assert answer.status_code == 422, answer.text
     (error,) = answer.json()["errors"]
     assert field in error["field"]
-    assert limit in error["message"]
+    assert limit in error["message"]["text"]
 
 
 def test_studies_run_one_at_a_time_so_that_a_process_is_left_for_reports(client):

@@ -222,4 +222,4 @@ def test_a_signal_that_begins_at_a_number_of_many_digits_is_left_out_and_named(c
     signal = "Cell_1 : " + "9" * 5000 + '|16@1+ (1,0) [0|1] "V" A'
     answer = client.post("/api/v1/setup/learn", json={"files": {"a.dbc": f"BO_ 1 M: 8 A\n SG_ {signal}\n"}})
     assert answer.status_code == 200
-    assert any("Cell_1" in check["what"] for check in answer.json()["checks"])
+    assert any("Cell_1" in check["what"]["text"] for check in answer.json()["checks"])

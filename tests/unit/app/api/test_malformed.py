@@ -217,8 +217,8 @@ def test_a_field_is_given_in_one_way(client):
 )
 def test_what_is_refused_is_told_in_english_and_by_code(client, method, path, sent, english, norwegian):
     body = refused(client.request(method, PREFIX + path, **sent), 404, 405, 413, 422)
-    told = message_from_json(body["detail_words"])
-    assert (body["detail"], render(told), render(told, "nb")) == (english, english, norwegian)
+    told = message_from_json(body["message"])
+    assert (body["detail"], render(told), render(told, language="nb")) == (english, english, norwegian)
 
 
 @pytest.mark.parametrize(("method", "path"), [("POST", "/logout"), ("GET", "/me"), ("GET", "/sessions")])

@@ -206,7 +206,7 @@ def test_what_the_master_refuses_is_told_in_every_language(name, element, raw):
     CONFIG[name].pack_into(image, raws)
     refused = next(each for each in review(bytes(image), CONTEXT) if each.error.field == name)
     assert (render(refused.limit), render(refused.why)) == (refused.error.limit, refused.error.why)
-    assert render(refused.why, "nb") != refused.error.why
+    assert render(refused.why, language="nb") != refused.error.why
 
 
 @pytest.mark.parametrize(("low", "high", "is_strict", "why"), ORDERED)
@@ -217,8 +217,8 @@ def test_a_pair_of_limits_in_the_wrong_order_is_told_in_every_language(low, high
     limit, value = refused.limit, refused.limit.args["value"].value
     assert render(limit).startswith(f"{'below' if is_strict else 'at most'} {high} = ")
     assert f" {high} = {value}" in refused.error.limit
-    assert render(limit, "nb").startswith(f"{'under' if is_strict else 'høyst'} {high} = ")
-    assert render(refused.why, "nb") != why
+    assert render(limit, language="nb").startswith(f"{'under' if is_strict else 'høyst'} {high} = ")
+    assert render(refused.why, language="nb") != why
 
 
 def test_the_defaults_have_no_error_and_a_sensor_that_reaches_their_limits():

@@ -4,6 +4,7 @@ from app.estimation.health.cell_finding import CellFinding
 from app.live.finding_news import FindingNews
 from app.live.pipeline_factory import PipelineFactory
 from app.telemetry.cell_findings import finding_of
+from app.words import render
 
 NAN = float("nan")
 
@@ -24,8 +25,8 @@ def test_a_finding_is_an_event_once_and_another_when_it_ends():
     news, joint = FindingNews(), found("joint-grown", 63, 14e-3)
     (event,) = news.step(snapshot(joint))
     assert (event.code, event.cell, event.value, event.unit) == ("finding-joint-grown", 63, 14e-3, "ohm")
-    assert "pack 6, cell 4" in event.text
-    assert "14.00 mΩ" in event.text
+    assert "pack 6, cell 4" in render(event.message, [12] * 8)
+    assert "14.00 mΩ" in render(event.message, [12] * 8)
     assert news.step(snapshot(found("joint-grown", 63, 14.2e-3))) == []
     (ended,) = news.step(snapshot())
     assert (ended.code, ended.severity, ended.cell) == ("finding-ended", "info", 63)

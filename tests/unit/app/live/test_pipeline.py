@@ -150,7 +150,7 @@ def test_a_trip_names_cell_value_and_limit(pipeline, master):
     event = pipeline.feed(master.item(MessageType.EVENT, body)).events[0]
     assert (event.severity, event.cell) == ("trip", 31)
     assert event.value == pytest.approx(4.21)
-    assert "pack 3, cell 8" in event.text
+    assert "pack 3, cell 8" in render(event.message, [12] * 8)
     master.set("status.flags", [0])
     snapshot = pipeline.feed(master.frame()).snapshot
     assert snapshot.master.state == "fault"

@@ -26,6 +26,11 @@ def test_the_fast_encoder_writes_the_same_form():
     assert orjson.loads(orjson.dumps(NESTED)) == json.loads(json.dumps(asdict(NESTED)))
 
 
+def test_the_place_that_earlier_versions_stored_with_a_cell_is_left_out():
+    stored = {"code": "x", "args": {"cell": {"index": 19, "pack": 2, "cell": 2}}}
+    assert message_from_json(stored) == Message("x", cell=Cell(19))
+
+
 def test_what_is_no_message_is_refused():
     with pytest.raises(KeyError):
         message_from_json({"code": "no arguments"})

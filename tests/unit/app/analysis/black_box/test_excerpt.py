@@ -34,7 +34,14 @@ def trigger(at_s=100.0, code="trip-v-min", severity="trip", cell=CELL, value=2.4
 
 
 def boxed(group=None, around=None):
-    return build(group or [trigger()], around or window(), session_id="s", config_hash="ab", limits={"v_cell_min": 2.5})
+    return build(
+        group or [trigger()],
+        around or window(),
+        session_id="s",
+        config_hash="ab",
+        limits={"v_cell_min": 2.5},
+        segments=[12] * 8,
+    )
 
 
 def test_it_says_how_far_and_how_long_a_cell_was_beyond_its_limit():
@@ -47,28 +54,28 @@ def test_it_says_how_far_and_how_long_a_cell_was_beyond_its_limit():
     assert box.peers.also_beyond == 0
     assert box.peers.apart == pytest.approx(2.3 - 3.5)
     assert box.cells.opened_s == pytest.approx(0.5)
-    assert "Pack 3, cell 7 was beyond the limit of 2.5 V for 1.7 s" in " ".join(box.summary)
+    assert "Pack 3, cell 7 was beyond the limit of 2.5 V for 1.7 s" in " ".join(each.text for each in box.findings)
 
 
 def test_one_that_never_recovers_is_said_to_be_still_beyond():
     box = boxed(around=window(np.where(TIME_S > 99.95, 2.3, 3.4)))
     assert box.beyond.ended is False
-    assert "and still" in " ".join(box.summary)
+    assert "and still" in " ".join(each.text for each in box.findings)
 
 
 def test_a_box_over_can_alone_says_that_no_cell_was_heard():
     unknown = np.full((len(TIME_S), 96), np.nan)
     around = replace(window(), voltage_v=unknown, temperature_degc=unknown, soc=unknown)
     box = boxed(around=around)
-    assert "over CAN alone" in " ".join(box.summary)
+    assert "over CAN alone" in " ".join(each.text for each in box.findings)
     assert box.cells.current_at_trip_a == 120.0
-    assert "over CAN alone" not in " ".join(boxed().summary)
+    assert "over CAN alone" not in " ".join(each.text for each in boxed().findings)
 
 
 def test_a_limit_that_was_not_seen_to_be_passed_is_said_so():
     box = boxed(around=window(2.6))
     assert box.beyond.since_s is None
-    assert "never seen beyond" in " ".join(box.summary)
+    assert "never seen beyond" in " ".join(each.text for each in box.findings)
 
 
 def test_a_hot_cell_and_a_current_are_judged_by_their_own_values():
@@ -133,7 +140,9 @@ def test_every_sample_of_every_cell_is_in_it():
 
 
 def test_a_box_of_a_simulated_car_says_so_and_one_of_before_is_none():
-    box = build([trigger()], window(), session_id=None, config_hash=None, limits={}, is_simulated=True)
+    box = build(
+        [trigger()], window(), session_id=None, config_hash=None, limits={}, segments=[12] * 8, is_simulated=True
+    )
     assert box.simulated is True
     older = json.loads(json.dumps(asdict(box)))
     del older["simulated"]

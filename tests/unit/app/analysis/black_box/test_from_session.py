@@ -106,7 +106,7 @@ def test_a_trip_is_boxed_live_and_again_out_of_the_file(car, tmp_path):
         assert same(asdict(recorded), asdict(live))
         store = BlackBoxStore(tmp_path / "boxes.sqlite")
         assert [box.id for box in keep_black_boxes(session, store)] == [live.id]
-        assert [box.message for box in store.stored()] == [live.text_words.message]
+        assert [box.message for box in store.stored()] == [live.message]
         assert stored_box(store, live.id) == live  # what is complete is not written again
         store.close()
 
@@ -193,12 +193,22 @@ def test_a_box_of_an_earlier_version_gets_its_findings_when_it_is_read(car, tmp_
     car.boxes.close()
     (box,) = car.made
     body = asdict(box)
+    message = body.pop("message")
     del body["findings"]
+    body |= {"text": message["text"], "text_words": message, "summary": ["A trip."]}
+    body["events"] = [each | {"text": each["message"]["text"], "text_words": None} for each in body["events"]]
+    for each in body["events"]:
+        del each["message"]
+    cause = body["cause"]
+    cause |= {"message": cause["message"]["text"], "message_words": cause["message"]}
     store = BlackBoxStore(tmp_path / "old.sqlite")
-    store.add(StoredBox(box.id, box.at, None, box.code, box.severity, box.cell, box.text, True), body)
-    assert stored_box(store, box.id) == box
+    store.add(StoredBox(box.id, box.at, None, box.code, box.severity, box.cell, box.message, True), body)
+    read = stored_box(store, box.id)
+    assert (read.message, read.findings, read.cause) == (box.message, box.findings, box.cause)
+    assert [each.message.text for each in read.events] == [each.message.text for each in box.events]
+    assert {each.message.code for each in read.events} == {"verbatim"}
     assert stored_box(store, "none") is None
-    assert [each.message for each in store.stored()] == [box.text]
+    assert [each.message for each in store.stored()] == [box.message]
     store.close()
 
 
@@ -210,7 +220,7 @@ def test_a_box_of_before_there_were_causes_is_explained_by_its_session(car, tmp_
     car.recorder.close()
     (live,) = car.made
     findings = [each for each in live.findings if each.code != "box-no-cause"]
-    old = replace(live, cause=None, findings=findings, summary=[each.text for each in findings])
+    old = replace(live, cause=None, findings=findings)
     with SessionFile(car.info.path) as session:
         assert same(asdict(explained(session, old)), asdict(live))
         elsewhere = replace(old, at=old.at + 100.0)

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from app.analysis.report.findings import compare_cells, headline, margins, odd_cells, what_limited, what_to_look_at
+from app.analysis.report.report import with_cell as named_event
 from app.analysis.survey import Survey
+from app.words import Cell, Message, sentence
 
 LIMITS = {"v_cell_min": 2.5, "v_cell_max": 4.2, "t_cell_max": 45.0, "i_disc_max": 200.0, "i_disc_min": -100.0}
 
@@ -38,7 +40,7 @@ def survey(**changes):
 
 
 def texts(found):
-    return [each.text for each in found]
+    return [sentence(each, [12] * 8).text for each in found]
 
 
 def with_cell(name, cell, value):
@@ -52,7 +54,7 @@ def test_a_calm_run_limits_nothing_and_nothing_stands_out():
     near = margins(calm, LIMITS)
     assert texts(what_limited(near, []))[0].startswith("Nothing came near a limit; nearest was")
     assert texts(what_to_look_at(calm, odd_cells(calm), [], 0)) == ["Nothing stands out."]
-    assert headline(calm, 12).text == (
+    assert sentence(headline(calm, 12)).text == (
         "20 min, 15 min of it with current, 12 laps: 5.00 kWh out, 0.40 kWh in (8 %), charge from 90 to 40 %, "
         "hottest cell 36 \u00b0C."
     )
@@ -65,11 +67,11 @@ def test_a_calm_run_limits_nothing_and_nothing_stands_out():
 def test_the_limit_that_came_nearest_is_named_with_its_cell(name, value, limit):
     near = margins(with_cell(name, 30, value), LIMITS)
     assert (near[0].limit, near[0].cell) == (limit, 30)
-    assert "pack 3, cell 7" in what_limited(near, [])[0].text
+    assert "pack 3, cell 7" in texts(what_limited(near, []))[0]
 
 
 def test_trips_come_first_and_limits_that_were_not_heard_are_said_so():
-    assert what_limited(margins(survey(), LIMITS), ["cell too hot"])[0].text == "Tripped: cell too hot."
+    assert texts(what_limited(margins(survey(), LIMITS), ["cell too hot"]))[0] == "Tripped: cell too hot."
     assert [each.code for each in what_limited(margins(survey(), {}), [])] == ["report-no-limits"]
 
 
@@ -86,7 +88,7 @@ def test_trips_come_first_and_limits_that_were_not_heard_are_said_so():
 def test_the_odd_cell_is_found_and_no_other(name, value, what):
     found = odd_cells(with_cell(name, 30, value))
     assert [(odd.cell, odd.what) for odd in found] == [(30, what)]
-    assert what_to_look_at(survey(), found, [], 0)[0].text.startswith("Pack 3, cell 7 ")
+    assert texts(what_to_look_at(survey(), found, [], 0))[0].startswith("Pack 3, cell 7 ")
 
 
 def test_an_unbalanced_end_lost_time_and_damage_are_told():
@@ -119,5 +121,13 @@ def test_of_many_cells_of_a_kind_every_one_is_named():
     made.sag_v[[5, 6, 7, 8, 9]] = 0.05
     found = what_to_look_at(made, odd_cells(made), [], 0)
     assert [each.code for each in found] == ["report-odd"] * 3 + ["report-odd-more"]
-    said = " ".join(each.text.lower() for each in found)
+    said = " ".join(texts(found)).lower()
     assert all(f"pack 1, cell {cell}" in said for cell in (6, 7, 8, 9, 10))
+
+
+def test_an_event_is_reported_with_its_place_once():
+    assert named_event("slave lost", None, [12] * 8) == "slave lost"
+    assert named_event("pack 3, cell 7 too hot", 30, [12] * 8) == "pack 3, cell 7 too hot"
+    event = named_event("too hot", 30, [12] * 8)
+    assert event == Message("reported-at-cell", event="too hot", cell=Cell(30))
+    assert texts([Message("report-tripped", event=event)]) == ["Tripped: too hot (pack 3, cell 7)."]

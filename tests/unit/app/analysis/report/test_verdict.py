@@ -3,6 +3,7 @@ import numpy as np
 from app.analysis.report.findings import odd_cells
 from app.analysis.report.verdict import verdicts
 from app.analysis.survey import Survey
+from app.words import sentence
 
 CELL = 30  # pack 3, cell 7
 
@@ -28,7 +29,7 @@ def survey(**of_cell):
 
 
 def said(made, tripped=(CELL,), loose=()):
-    return [each.text for each in verdicts(made, odd_cells(made), tripped, loose)]
+    return [sentence(each, [12] * 8).text for each in verdicts(made, odd_cells(made), tripped, loose)]
 
 
 def test_a_cell_that_used_more_of_its_charge_has_lost_capacity():

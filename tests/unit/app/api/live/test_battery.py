@@ -23,7 +23,7 @@ def test_a_battery_by_its_dbc_has_its_own_shape_and_says_why_it_cannot_be_writte
     assert body["segments"] == [18] * 12
     assert len(body["sensors"]) == 180
     assert (body["source"], body["can_write"]) == ("dbc", False)
-    assert body["why_not_words"]["code"] == "battery-not-writable"
+    assert body["why_not"]["code"] == "battery-not-writable"
     assert body["limits"]["discharge_current_max_a"] is None  # a signal that was not heard yet
 
 
@@ -46,7 +46,7 @@ def test_what_needs_a_master_is_refused_with_a_code_in_words(make_client, method
     answer = make_client(battery="one-signal-a-cell").request(method, f"/api/v1{path}", json={})
     assert answer.status_code == 409
     assert answer.json()["type"] == "urn:voltwall:battery-not-writable"
-    assert answer.json()["detail_words"]["code"] == "battery-not-writable"
+    assert answer.json()["message"]["code"] == "battery-not-writable"
 
 
 def test_cells_beyond_the_battery_are_refused_by_their_number(make_client):

@@ -52,7 +52,7 @@ def test_accounts_and_log_ins_are_shown_to_who_manages_them(client):
         each for each in client.get("/api/v1/events", auth=("vera", VIEWER)).json()["events"]
         if each["code"] == "login-refused"
     ]  # fmt: skip
-    assert "vera" in event["text"]
+    assert "vera" in event["message"]["text"]
 
 
 def test_what_the_driver_is_shown_is_there_under_the_name_of_who_said_it(client):
@@ -102,5 +102,5 @@ def test_a_changed_account_is_told_to_everybody_who_looks(client):
     client.put("/api/v1/accounts/vera", json={"role": "engineer"}, auth=chief)
     client.delete("/api/v1/accounts/vera", auth=chief)
     events = client.get("/api/v1/events", auth=chief).json()["events"]
-    told = [(each["who"], each["text"]) for each in events if each["code"] == "account-changed"]
+    told = [(each["who"], each["message"]["text"]) for each in events if each["code"] == "account-changed"]
     assert sorted(told) == [("cora", "account of vera: changed")] * 2 + [("vera", "account of vera: changed")]

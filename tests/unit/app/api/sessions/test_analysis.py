@@ -102,13 +102,12 @@ def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_i
     assert client.get("/api/v1/blackboxes").json() == {"boxes": [], "next_cursor": None}
     (listed,) = client.get(f"/api/v1/sessions/{tripped}/blackboxes").json()["boxes"]
     assert (listed["code"], listed["cell"], listed["session_id"]) == ("trip-v-min", 3, tripped)
-    assert (listed["text"], listed["text_words"]) == ("under", {"code": "verbatim", "args": {"text": "under"}})
+    assert listed["message"] == {"code": "verbatim", "args": {"text": "under"}, "text": "under"}
     assert client.delete(f"/api/v1/sessions/{tripped}").status_code == 200
     assert client.get("/api/v1/blackboxes").json()["boxes"] == [listed]
     box = client.get(f"/api/v1/blackboxes/{listed['id']}").json()
     assert box["limits"]["v_cell_min"] == 2.5
     assert (box["findings"][0]["code"], box["findings"][0]["text"]) == ("box-event", "Under.")
-    assert [found["text"] for found in box["findings"]] == box["summary"]
     assert embedded(client.get(f"/api/v1/blackboxes/{listed['id']}/page")) == ("black-box", "en", box)
     assert client.get("/api/v1/blackboxes/none").status_code == 404
 
@@ -122,7 +121,7 @@ def test_who_asks_for_all_black_boxes_has_those_of_old_sessions_made_meanwhile(c
 
 def test_a_report_says_what_limited_and_a_page_holds_it(client, session_id, tripped):
     report = client.get(f"/api/v1/sessions/{tripped}/report").json()
-    assert report["limited"][0].startswith("Tripped: under (pack 1, cell 4)")
+    assert report["findings"]["limited"][0]["text"].startswith("Tripped: under (pack 1, cell 4)")
     assert sum(report["histograms"]["current"]["seconds"]) == pytest.approx(29.5)
     assert report["findings"]["limited"][0]["code"] == "report-tripped"
     page = f"/api/v1/sessions/{tripped}/report/page"

@@ -41,7 +41,7 @@ def test_an_uploaded_log_becomes_a_session_of_its_battery(client, session_id: st
     at = f"{API}/sessions/{session_id}"
     battery = client.get(f"{at}/battery").json()
     assert (battery["segments"], battery["source"], battery["can_write"]) == ([28] * 5, "recording", False)
-    assert battery["why_not_words"]["code"] == "a-recording-is-not-written"
+    assert battery["why_not"]["code"] == "a-recording-is-not-written"
     assert len(battery["sensors"]) == 140
     assert {"v", "t", "i_fs", "v_min", "estimate.soc"} <= set(client.get(at).json()["signals"])
     series = client.get(f"{at}/series", params={"signal": ["v[139]", "i_fs"]}).json()

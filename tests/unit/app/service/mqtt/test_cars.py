@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from app.service.mqtt.cars import DRIFT, LIVE_S, MOST_BYTES, SILENT_S, TOPICS, Car
 
-ALARM = {"severity": "trip", "text": "cell too hot", "text_words": None, "cell": 7, "active": True}
+ALARM = {
+    "severity": "trip",
+    "message": {"code": "cell-hot", "args": {}, "text": "cell too hot"},
+    "cell": 7,
+    "active": True,
+}
 
 
 def values(sent_s: float, *, age_s: float = 0.1, run: str = "a", soc: float = 0.5) -> bytes:
@@ -79,7 +84,7 @@ def test_two_services_under_one_name_are_told_and_never_live():
         car.take("accumulator", values(100.0 + second, run="ab"[second % 2]), now_s + second, is_retained=False)
     (told,) = car.shown(now_s + 11, 1e9)["alarms"]
     assert (told["severity"], told["active"]) == ("warning", True)
-    assert "red" in told["text"]
+    assert "red" in told["message"]["text"]
     assert car.state(now_s + 11) != "live"
     assert car.shown(now_s + 120, 1e9)["alarms"] == []
 
@@ -126,7 +131,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=9), inner, max_size=4),
     max_leaves=8,
 )
-KEYS = ("sent", "time", "age_s", "soc", "state", "rs232", "can", "url", "segments", "battery", "severity", "text_words")
+KEYS = ("sent", "time", "age_s", "soc", "state", "rs232", "can", "url", "segments", "battery", "severity", "message")
 
 
 @given(
@@ -163,8 +168,8 @@ for _ in range(500):
         ),
         ("links", {"rs232": {"state": FILLED, "lost": 1, "x": DEEP}, FILLED: FILLED}),
         ("master", {"state": FILLED, "x": [FILLED] * 20}),
-        ("alarms", [ALARM | {"text": FILLED, "text_words": {"code": "a", "args": {"x": FILLED}}, "x": FILLED}] * 8),
-        ("alarms", [ALARM | {"text_words": {"code": "a", "args": {"x": DEEP}}}] * 8),
+        ("alarms", [ALARM | {"message": {"code": "a", "args": {"x": FILLED}, "text": FILLED}, "x": FILLED}] * 8),
+        ("alarms", [ALARM | {"message": {"code": "a", "args": {"x": DEEP}, "text": ""}}] * 8),
     ],
 )
 def test_of_a_message_only_what_is_shown_is_kept(topic, document):

@@ -241,4 +241,4 @@ def test_every_doubt_can_be_said_in_both_languages():
     found = doubts(battery(9, 2, NOTHING) + VOLTAGES + VOLTAGES + READINGS + SOC.replace("Pack.", ""), heard(pack=200))
     assert len(found) >= 5
     for language in ("en", "nb"):
-        assert all("{" not in render(doubt.what, language) for doubt in found)
+        assert all("{" not in render(doubt.what, language=language) for doubt in found)

@@ -94,7 +94,7 @@ def test_every_state_of_the_charger_has_words_of_its_own():
 @pytest.mark.parametrize("code", list(EventCode))
 @pytest.mark.parametrize("language", ["en", "nb"])
 def test_every_event_has_words_in_every_language(code, language):
-    text = render(described(code, 1, 2, 3)[0].message, language)
+    text = render(described(code, 1, 2, 3)[0].message, language=language)
     assert text
     assert "{" not in text
     assert text != code.name.lower().replace("_", "-")

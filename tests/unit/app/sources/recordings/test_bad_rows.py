@@ -14,7 +14,7 @@ def bad_rows(count: int) -> BadRows:
 
 def said(bad: BadRows, good: int, language: str = "en") -> str:
     (note,) = bad.notes(good)
-    return render(note, language)
+    return render(note, language=language)
 
 
 def test_nothing_is_said_where_everything_was_read() -> None:
