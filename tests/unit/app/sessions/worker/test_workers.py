@@ -109,7 +109,7 @@ def test_an_error_of_another_constructor_comes_back_whole(workers):
     assert (caught.value.what, str(caught.value)) == ("DBC", "DBC: no message (BO_) in it")
 
 
-def test_an_error_that_cannot_be_sent_is_told_in_its_words(workers):
+def test_an_error_that_cannot_be_sent_keeps_its_text(workers):
     with pytest.raises(Exception, match="of no module"):
         workers.run(FEW, fail_oddly)
 
