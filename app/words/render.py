@@ -24,20 +24,17 @@ _SIX_DIGITS = Context(prec=6, rounding=ROUND_HALF_UP)
 
 def languages() -> list[str]:
     """Return the languages that have a folder here."""
-    return sorted(folder.name for folder in files(__package__).iterdir() if (folder / "general.json").is_file())
+    return sorted(folder.name for folder in files(__package__).iterdir() if (folder / "codes.json").is_file())
 
 
 @cache
 def table(language: str) -> dict[str, Template]:
-    """Return the templates of a language by code, of all its files.
+    """Return the templates of a language by code.
 
     Raises:
         FileNotFoundError: there is no such language.
     """
-    found: dict[str, Template] = {}
-    for file in files(__package__).joinpath(language).iterdir():
-        if file.name.endswith(".json"):
-            found |= json.loads(file.read_text(encoding="utf-8"))
+    found: dict[str, Template] = json.loads(files(__package__).joinpath(language, "codes.json").read_text("utf-8"))
     return found
 
 

@@ -4,17 +4,14 @@ import { readdirSync, readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { parse } from 'svelte/compiler';
 import { describe, expect, it } from 'vitest';
+import page from '../../app/words/nb/page.json';
 import vectors from '../../tests/vectors/words.json';
 import { Shape } from '../src/store/shape';
 import { render, type Message, type Table } from '../src/words/render';
 import { chosen, fill, load, named, t, messageText } from '../src/words/words.svelte';
 
 const SRC = join(import.meta.dirname, '../src');
-const PAGE = join(import.meta.dirname, '../../app/words/nb/page');
-const NB = Object.assign(
-  {},
-  ...readdirSync(PAGE).map((f) => JSON.parse(readFileSync(join(PAGE, f), 'utf8')) as object),
-) as Record<string, string>;
+const NB: Readonly<Record<string, string>> = page;
 // Names, units and formats are the same in every language.
 const SAME =
   /^(https?\/\/\S+|car|V|A|B − A|Hz|µs|\(3 sigma\)|kW|kWh|Wh|Ah|mV|mΩ|°C|s|ms|min|kbit\/s|tx|18FF50E5|0E 74 00 00|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM|chargerflags)$/;

@@ -1,14 +1,16 @@
 // The page's words: English stands in the code and is the key; the tables of another language are loaded when it is
-// chosen. They are those of the service: app/words, one folder a language. See there for what each file holds.
+// chosen. They are in app/words, one folder a language: `page` by the English text, `names` of the service's data by
+// their key, `codes` the templates of its messages. A text that has no translation does not compile; that all languages
+// have the same keys is a test of the service.
 
+import type page from '../../../app/words/nb/page.json';
 import type { RenderedMessage } from '../generated/api';
 import { shapes } from '../store/shapes.svelte';
 import { render, type Table } from './render';
-import type { Text } from './texts';
 
-export type { Text };
+export type Text = keyof typeof page;
 
-const FILES = import.meta.glob<Table>(['../../../app/words/*/**/*.json', '!../../../app/words/en/**'], {
+const FILES = import.meta.glob<Table>(['../../../app/words/*/*.json', '!../../../app/words/en/*'], {
   import: 'default',
 });
 const languageOf = (path: string): string => path.split('/words/')[1]!.split('/')[0]!;
@@ -36,8 +38,7 @@ export interface Tables {
 export async function load(language: string): Promise<Tables> {
   const found: Tables = { page: {}, codes: {} };
   const read = async ([path, file]: [string, () => Promise<Table>]): Promise<void> => {
-    const inFolder = path.split('/words/')[1]!.split('/').length > 2; // page/ and names/
-    Object.assign(inFolder ? found.page : found.codes, await file());
+    Object.assign(path.endsWith('/codes.json') ? found.codes : found.page, await file());
   };
   await Promise.all(
     Object.entries(FILES)
