@@ -16,7 +16,7 @@ from app.configuration.history import JsonLines
 from app.errors import ConfigError, NotNow
 from app.sources.data_file import checked, parse_object
 from app.sources.master.client import MasterClient, read_field
-from app.words import Message
+from app.words import Message, Pack
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, FIELDS, N_PACKS, T_MISSING
 
 SAMPLES = 20
@@ -187,10 +187,10 @@ def _require_rest(master: MasterClient, pack: int) -> None:
     if not 0 <= pack < N_PACKS:
         raise ConfigError("pack", pack, f"0..{N_PACKS - 1}")
     if read_field(master, f"slave[{pack}].status")[0] != _ACTIVE:
-        raise NotNow(Message("slave-silent", pack=pack + 1))
+        raise NotNow(Message("slave-silent", pack=Pack(pack)))
     bits = read_field(master, f"slave[{pack}].cfgr")
     if bits[4] or bits[5] & 0x0F:
-        raise NotNow(Message("pack-being-bled", pack=pack + 1))
+        raise NotNow(Message("pack-being-bled", pack=Pack(pack)))
     current_a = read_field(master, "i_fs")[0] * FIELDS["i_fs"].scale
     if abs(current_a) > REST_A:
         raise NotNow(Message("slave-at-rest", current=f"{current_a:.1f} A"))

@@ -10,7 +10,7 @@ from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
 from app.telemetry.link_messages import LATE, SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
-from app.words import Cell, Message, Quantity
+from app.words import Cell, Message, Pack, Quantity
 
 NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
@@ -166,10 +166,10 @@ def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterato
     if value is not None and value > high * kept:
         yield Condition("trip", Message("accumulator-voltage-high"), None, value, high, "V")
     high = limits.pack_voltage_max_v
-    sums = [(pack.voltage_v, number) for number, pack in enumerate(snapshot.packs, 1) if pack.voltage_v is not None]
-    value, number = max(sums, default=(0.0, 0))
+    sums = [(pack.voltage_v, index) for index, pack in enumerate(snapshot.packs) if pack.voltage_v is not None]
+    value, index = max(sums, default=(0.0, 0))
     if value > high * kept:
-        yield Condition("trip", Message("pack-voltage-high", pack=number), None, value, high, "V")
+        yield Condition("trip", Message("pack-voltage-high", pack=Pack(index)), None, value, high, "V")
 
 
 def _master(snapshot: Snapshot) -> Iterator[Condition]:
@@ -184,7 +184,7 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
         yield Condition("warning", Message("map-mismatch"))
     if master.implausible:
         yield Condition("warning", Message("value-implausible", fields=master.implausible))
-    missing = tuple(place for place, pack in enumerate(snapshot.packs, 1) if pack.slave_status in SLAVES_AWAY)
+    missing = tuple(Pack(index) for index, pack in enumerate(snapshot.packs) if pack.slave_status in SLAVES_AWAY)
     if missing:
         yield Condition("warning", Message("slave-missing", n=len(missing), packs=missing))
     elif master.n_slaves is not None and master.n_slaves < len(snapshot.packs):

@@ -1,6 +1,6 @@
 """What the service tells a person: codes with arguments, and the tables that turn them into text."""
 
-from app.words.message import Argument, Cell, Message, Quantity, RenderedMessage, Text, message_from_json
+from app.words.message import Argument, Cell, Message, Pack, Quantity, RenderedMessage, Text, message_from_json
 from app.words.render import languages, place_of, render, rendered, rendered_or_none, sentence, table
 from app.words.stored import message_or_text, rendered_as_stored
 
@@ -8,6 +8,7 @@ __all__ = [
     "Argument",
     "Cell",
     "Message",
+    "Pack",
     "Quantity",
     "RenderedMessage",
     "Text",

@@ -18,6 +18,13 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
+class Pack:
+    """A pack by its index from 0; people read its number, from 1."""
+
+    pack: int
+
+
+@dataclass(frozen=True, slots=True)
 class Quantity:
     """A number with its unit; `digits` after the point, or as many as it needs up to six significant ones."""
 
@@ -43,7 +50,7 @@ class Message:
 
 
 Text = Message | str  # what other programs say, an operating system for one, has no code
-Argument = str | int | float | None | Cell | Quantity | Message | tuple["Argument", ...]
+Argument = str | int | float | None | Cell | Pack | Quantity | Message | tuple["Argument", ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,4 +97,6 @@ def _argument(value: Any) -> Argument:
         return message_from_json(value)
     if "index" in value:  # earlier versions stored its pack and number, too
         return Cell(value["index"])
+    if "pack" in value:
+        return Pack(value["pack"])
     return Quantity(**value)

@@ -14,7 +14,7 @@ from functools import cache
 from importlib.resources import files
 from itertools import accumulate
 
-from app.words.message import Argument, Cell, Message, Quantity, RenderedMessage, Text, coded, json_args
+from app.words.message import Argument, Cell, Message, Pack, Quantity, RenderedMessage, Text, coded, json_args
 
 Template = str | Mapping[str, str]
 UNITS = {"degC": "°C", "mohm": "mΩ", "ohm": "Ω", "uohm": "µΩ"}
@@ -91,6 +91,8 @@ def _text(argument: Argument, segments: Sequence[int], language: str) -> str:
             if place is None:
                 return render(Message("cell-number", cell=index + 1), (), language)
             return render(Message("cell", pack=place[0], cell=place[1]), (), language)
+        case Pack(pack):
+            return str(pack + 1)
         case Quantity(value, unit, digits):
             return f"{number(value, digits)} {UNITS.get(unit, unit)}".rstrip()
         case tuple():

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.analysis.root_cause.recording import Recording, Suspicion, pack_of
 from app.estimation.arrays import BoolArray
-from app.words import Message
+from app.words import Message, Pack
 
 CONVERTER_BITS: Final = 1 | 2 | 4  # cells, auxiliary, status: what is converted is wrong
 MULTIPLEXER_BIT: Final = 8
@@ -39,11 +39,11 @@ def _self_tests(recording: Recording) -> Iterator[Suspicion]:
     for pack in np.flatnonzero(failed.any(axis=0)):
         rows = np.flatnonzero(failed[:, pack])
         bits = int(np.bitwise_or.reduce(failed[rows, pack]))
-        code, seen = "reference-drifted", Message("seen-reference-test", pack=int(pack) + 1)
+        code, seen = "reference-drifted", Message("seen-reference-test", pack=Pack(int(pack)))
         if bits & CONVERTER_BITS:
-            code, seen = "converter-broken", Message("seen-converter-test", pack=int(pack) + 1)
+            code, seen = "converter-broken", Message("seen-converter-test", pack=Pack(int(pack)))
         elif bits & MULTIPLEXER_BIT:
-            code, seen = "multiplexer-failed", Message("seen-multiplexer-test", pack=int(pack) + 1)
+            code, seen = "multiplexer-failed", Message("seen-multiplexer-test", pack=Pack(int(pack)))
         at_s = float(boards.time_s[rows[0]]) - 3.0  # a round of the slow windows and of the tests before
         yield Suspicion(code, at_s, 60.0, (seen,), pack=int(pack))
 
@@ -63,4 +63,4 @@ def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
         rows = np.flatnonzero(missing[:, pack])
         at_s = float(recording.time_s[rows[0]]) if rows.size else lost[0].at_s
         weight = 10.0 if is_noisy else 60.0
-        yield Suspicion("slave-lost", at_s, weight, (Message("seen-slave-silent", pack=pack + 1),), pack=pack)
+        yield Suspicion("slave-lost", at_s, weight, (Message("seen-slave-silent", pack=Pack(pack)),), pack=pack)

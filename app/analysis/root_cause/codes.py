@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from app.words import Cell, Message
+from app.words import Cell, Message, Pack
 
 NAMES: Final[dict[str, Message]] = {
     "weak-joint": Message("cause-weak-joint"),
@@ -73,4 +73,4 @@ def cause_message(code: str, cell: int | None, pack: int | None) -> Message:
     name = NAMES[code]
     if cell is not None:
         return Message("cause-at-cell", cause=name, cell=Cell(cell))
-    return name if pack is None else Message("cause-in-pack", cause=name, pack=pack + 1)
+    return name if pack is None else Message("cause-in-pack", cause=name, pack=Pack(pack))

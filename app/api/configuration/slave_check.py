@@ -14,11 +14,11 @@ from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, SlaveCheck, Verdict, judge, read_slave
 from app.telemetry import Severity
-from app.words import Message
+from app.words import Message, Pack
 
 router = APIRouter(prefix="/calibration/slave", tags=["commands"])
 MAX_CHECKS = 200
-Pack = Annotated[int | None, Query(ge=0, lt=N_PACKS)]
+PackQuery = Annotated[int | None, Query(ge=0, lt=N_PACKS)]
 
 
 class SlaveCheckOut(BaseModel):
@@ -86,7 +86,7 @@ def _check_json(check: SlaveCheck) -> dict[str, Any]:
 @router.get("", response_model=SlaveChecksOut)
 def checks(
     slave_checks: SlaveChecksPart,
-    pack: Pack = None,
+    pack: PackQuery = None,
     quantity: QuantityName | None = None,
     limit: Annotated[int, Query(ge=1, le=MAX_CHECKS)] = 50,
     cursor: CursorQuery = None,
@@ -143,7 +143,7 @@ def _check_message(body: SlaveCheckIn, verdict: Verdict) -> Message:
     found = Message("out-of-tolerance", cells=cells) if cells else Message("in-tolerance")
     error = _signed(largest.error or 0.0, unit)
     quantity = Message("quantity-voltage") if body.quantity == "voltage" else Message("quantity-temperature")
-    return Message("slave-checked", pack=body.pack + 1, quantity=quantity, n=len(compared), error=error, found=found)
+    return Message("slave-checked", pack=Pack(body.pack), quantity=quantity, n=len(compared), error=error, found=found)
 
 
 def _signed(error: float, unit: str) -> str:

@@ -8,7 +8,7 @@ export interface Message {
 export type Template = string | { one: string; other: string };
 export type Table = Readonly<Record<string, Template>>;
 
-type Structured = Message | { index: number } | { value: number | null; unit: string; digits: number | null };
+type Structured = Message | { index: number } | { pack: number } | { value: number | null; unit: string; digits: number | null };
 
 const UNITS: Record<string, string> = { degC: '°C', mohm: 'mΩ', ohm: 'Ω', uohm: 'µΩ' };
 
@@ -28,6 +28,7 @@ function text(argument: unknown, table: Table, segments: readonly number[]): str
   const it = argument as Structured;
   if ('code' in it) return render(it, table, segments);
   if ('index' in it) return cellText(it.index, table, segments);
+  if ('pack' in it) return String(it.pack + 1);
   return `${decimal(it.value, it.digits)} ${UNITS[it.unit] ?? it.unit}`.trimEnd();
 }
 

@@ -6,7 +6,7 @@ from app.live.pipeline import Pipeline
 from app.sources.items import LinkChange
 from app.sources.master.source import MasterSource
 from app.telemetry import TripCause
-from app.words import Message, render
+from app.words import Message, Pack, render
 from firmware_protocol.messages import EventCode, EventMessage, MessageType
 
 CELL = load_cell("samsung-25r-10p")
@@ -172,7 +172,7 @@ def with_slaves(pipeline, master, statuses, n_slaves=8, seconds=2.0):
 def test_every_slave_that_does_not_work_is_named(pipeline, master):
     snapshot = with_slaves(pipeline, master, [1, 1, 0, 1, 1, 1, 255, 1])
     (alarm,) = (each for each in snapshot.alarms if each.code == "slave-missing")
-    assert (alarm.severity, alarm.message.args["packs"]) == ("warning", (3, 7))
+    assert (alarm.severity, alarm.message.args["packs"]) == ("warning", (Pack(2), Pack(6)))
 
 
 def test_fewer_slaves_than_packs_are_an_alarm(pipeline, master):

@@ -4,13 +4,14 @@ from dataclasses import asdict
 import orjson
 import pytest
 
-from app.words.message import Cell, Message, Quantity, message_from_json
+from app.words.message import Cell, Message, Pack, Quantity, message_from_json
 
 NESTED = Message(
     "config-write-failed",
     who="Kari",
     n=2,
     cells=(Cell(0), Cell(95)),
+    pack=Pack(7),
     value=Quantity(2.49, "V", 2),
     nothing=None,
     error=Message("link-lost", name="RS232"),
