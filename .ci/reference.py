@@ -188,7 +188,7 @@ def _section(title: str, text: str, parser: argparse.ArgumentParser, level: str)
 
 def settings_reference() -> str:
     """Return the page with every setting of the service: flag, environment variable, default, meaning."""
-    from app.commands.arguments.serve import SECRETS
+    from app.commands.serve import SECRETS
     from app.service.settings import Settings
 
     rows = []

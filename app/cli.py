@@ -1,4 +1,4 @@
-"""The program `voltwall`: finds the command and runs it. Imports what the work needs only when it begins."""
+"""The program `voltwall`: finds the command, a file of `app/commands` by its name, and runs it."""
 
 import argparse
 import importlib
@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 
 from app import __version__
-from app.commands.console.progress import leave_no_line
-from app.commands.console.terminal import RED, coloured, printable
+from app.commands.console import RED, coloured, printable
 from app.errors import AppError
+from app.estimation.errors import EstimatorError
 
+REFUSED = 2
 INTERRUPTED = 130  # as shells count a process that SIGINT ended
 COMMANDS = {
     "serve": "start the pit wall: read the battery, estimate, record, serve the pages",
@@ -45,7 +46,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
         )
         if only is None or name == only:
-            importlib.import_module(f"{__package__}.commands.arguments.{name}").add_arguments(command)
+            importlib.import_module(f"{__package__}.commands.{name}").add_arguments(command)
     return parser
 
 
@@ -66,23 +67,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         if "_ARGCOMPLETE" in os.environ:  # the shell asks, with the line so far
             _complete()
         args = build_parser(only).parse_args(arguments)
-        return int(args.do(args))
-    except AppError as error:
-        leave_no_line()
-        print(coloured(f"voltwall {only}:", RED, sys.stderr), printable(str(error)), file=sys.stderr)
-        return 2
+        return int(args.run(args))
+    except (AppError, EstimatorError) as error:
+        return _refuse(only, str(error), getattr(error, "exit_code", REFUSED))
     except KeyboardInterrupt:
-        leave_no_line()
         print(f"voltwall {only}: interrupted".replace(" :", ":"), file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         return 0
     except OSError as error:  # of a file that was named; where more can be said, the command says it
-        leave_no_line()
         place = "" if error.filename is None else f"{error.filename}: "
-        told = printable(f"{place}{error.strerror or error}")
-        print(coloured(f"voltwall {only}:", RED, sys.stderr), told, file=sys.stderr)
-        return 2
+        return _refuse(only, f"{place}{error.strerror or error}", REFUSED)
+
+
+def _refuse(command: str, reason: str, exit_code: int) -> int:
+    print(coloured(f"voltwall {command}:", RED, sys.stderr), printable(reason), file=sys.stderr)
+    return exit_code
 
 
 def _complete() -> None:

@@ -19,24 +19,13 @@ really flowed. The bands were tuned on the runs marked "training" only: races wi
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
 from tests.numeric.prediction_score import HEADER, Score, race_scores
-from tests.numeric.voltage_ahead import drive_scores, print_drives
+from tests.numeric.voltage_ahead import print_drives
 
 DATA = Path("../shared/data")
 SEED, EVERY_S = 31, 60.0
-
-
-def run() -> Iterator[tuple[str, str, str]]:
-    """Yield what, figure and method for `voltwall bench --predictions`: one race, and the drives where they are."""
-    method = f"clean-endurance, seed {SEED}, a moment each {EVERY_S:g} s; truth: the simulator's physics from there"
-    for name, score in sorted(race_scores("clean-endurance", [SEED], EVERY_S).items()):
-        yield f"prediction: {name}", f"{100 * score.coverage():.0f} % in band", method
-    for name, (_, inside, median_v, _, _) in drive_scores(DATA) if DATA.is_dir() else ():
-        figure = f"{100 * inside:.0f} % in band"
-        yield f"voltage 10 s ahead: {name}", figure, f"the current that flowed; median off {1e3 * median_v:.1f} mV"
 
 
 def print_scores(title: str, scores: dict[str, Score]) -> None:

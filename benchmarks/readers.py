@@ -25,7 +25,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from app.commands.bench.process import cpu_s, resident_mb
+from app.commands.bench_measurements import cpu_s, resident_mb
 
 ROOT = Path(__file__).resolve().parent.parent
 WARM_S = 8.0  # for the simulated car, the filter and the first predictions

@@ -37,7 +37,6 @@ LONGEST = (  # half a minute and more
     "integration/test_simulator_scenarios.py",
     "integration/test_stalled_disk.py",
     "e2e/test_debrief.py",
-    "integration/test_evidence_c_master.py",
     "e2e/test_parameters_page.py",
 )
 LONGEST_BEGIN_BY = 0.5  # of the run: not at its end, and not together, where one would compute and the others wait

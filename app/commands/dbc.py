@@ -1,31 +1,34 @@
 """`voltwall dbc`: the CAN tables of a configuration as a DBC file."""
 
 import argparse
-import sys
 from pathlib import Path
 
+from app.commands.arguments import write_out
 from app.errors import ConfigError
-from firmware_protocol.config_image import default_image
-from firmware_protocol.dbc import to_dbc
-from firmware_protocol.memory_map import CONFIG_SIZE
-from firmware_protocol.older_maps import present_image
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where from, where to."""
+    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--image", type=Path, metavar="FILE", help="a 420-byte configuration image (default: the default tables)"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Write it."""
-    image = default_image() if args.image is None else _image(args.image)
-    text = to_dbc(image)
-    if args.out is None:
-        sys.stdout.write(text)
-    else:
-        try:
-            args.out.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigError("out", args.out, error.strerror or str(error)) from error
+    from firmware_protocol.config_image import default_image
+    from firmware_protocol.dbc import to_dbc
+
+    write_out(to_dbc(default_image() if args.image is None else _image(args.image)), args.out)
     return 0
 
 
 def _image(path: Path) -> bytes:
+    from firmware_protocol.memory_map import CONFIG_SIZE
+    from firmware_protocol.older_maps import present_image
+
     try:
         image = path.read_bytes()
     except OSError as error:

@@ -1,5 +1,7 @@
 """`voltwall evidence`: how fast the master opens the shutdown circuit, as a document for the scrutineers."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import sys
@@ -7,23 +9,62 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from app import __version__
-from app.analysis.document import document
-from app.analysis.evidence.evidence import METADATA, Evidence, StepResult, evidence_of
 from app.analysis.evidence.steps import STEPS, Cycles
-from app.clock import Clock
-from app.commands.console.terminal import print_table
-from app.commands.guided.benches import SCENARIO, PersonAtThePlug, SimulatedBench
-from app.commands.guided.station import Station
-from app.commands.guided.walk import walk
-from app.commands.session_commands.selection import data_folder, find_session
+from app.commands.arguments import add_data_argument, chosen_cell, data_folder, find_session
+from app.commands.console import between, print_table
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import bundled_cells, format_cell, load_cell
-from app.estimation.errors import EstimatorError
-from app.service.settings import Settings
-from app.service.simulator_process import SimulatorProcess
-from app.sessions.reading.reader import SessionFile
+from app.estimation.cell_model.default_cell import DEFAULT_CELL
+from app.words import languages
+
+if TYPE_CHECKING:
+    from app.analysis.evidence.evidence import Evidence, StepResult
+    from app.commands.evidence_station import Station
+
+EPILOG = """\
+Without --serial it walks through the faults on a simulated car. With --serial it asks a person at the plug,
+step by step; each step can be skipped with a reason. The service must not hold the same port.
+
+examples:
+  voltwall evidence
+  voltwall evidence --serial /dev/ttyUSB0 --temperature-cycle 0.4
+  voltwall evidence --session 20260714-103000          the document again, of a recorded test
+
+exit code 0: every step that was done is in time, 1: a limit failed or is not shown, 2: it could not be tested
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which master, which steps, what the firmware's cycles are, where the document goes."""
+    parser.set_defaults(run=run)
+    parser.epilog = EPILOG
+    parser.add_argument("--serial", metavar="URL", help="RS232 of a real master, as /dev/ttyUSB0 (default: simulated)")
+    parser.add_argument("--simulated", action="store_true", help="the master behind --serial is a simulated one")
+    parser.add_argument("--session", metavar="SESSION", help="no new test: the document of a recorded one, id or file")
+    parser.add_argument(
+        "--steps",
+        metavar="STEP,...",
+        help="only these steps: " + ", ".join(step.name for step in STEPS) + " (default: all)",
+    )
+    cycles = Cycles()
+    for name, default, text in (
+        ("--voltage-cycle", cycles.pass_s, "all voltages and the current"),
+        ("--temperature-cycle", cycles.temperature_s, "every temperature"),
+        ("--wire-cycle", cycles.wire_check_s, "the check of every wire"),
+    ):
+        parser.add_argument(
+            name,
+            type=between(0.001, 10, "s"),
+            metavar="S",
+            default=default,
+            help=f"how often the firmware measures {text} (default: %(default)s)",
+        )
+    parser.add_argument("--cell", default=DEFAULT_CELL, metavar="CELL.toml", help="whose data sheet counts")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="where the document goes (default: evidence-ID.html)")
+    parser.add_argument("--language", choices=languages(), default="en", help="of the document (default: en)")
+    parser.add_argument("--json", action="store_true", help="print what was found as JSON")
+    add_data_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,6 +73,10 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         AppError: it could not be tested, or there is no such session.
     """
+    from app.analysis.document import document
+    from app.analysis.evidence.evidence import evidence_of
+    from app.sessions.reading.reader import SessionFile
+
     if args.session is not None:
         path = find_session(args, args.session)
     elif args.serial is not None:
@@ -44,8 +89,7 @@ def run(args: argparse.Namespace) -> int:
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(document(evidence, args.language), encoding="utf-8")
     if args.json:
-        json.dump(asdict(evidence), sys.stdout, indent=2)
-        print()
+        print(json.dumps(asdict(evidence), indent=2))
     else:
         _print(evidence)
     print(f"session {path}\ndocument {target}", file=sys.stderr)
@@ -63,10 +107,13 @@ def _steps(args: argparse.Namespace) -> set[str]:
 
 
 def _station(args: argparse.Namespace, url: str, *, is_simulated: bool) -> Station:
-    try:
-        cell = args.cell if args.cell in bundled_cells() else format_cell(load_cell(args.cell))
-    except EstimatorError as error:
-        raise ConfigError("cell", args.cell, str(error)) from error
+    from app import __version__
+    from app.analysis.evidence.evidence import METADATA
+    from app.clock import Clock
+    from app.commands.evidence_station import Station
+    from app.estimation.cell_model.cell_file import bundled_cells, format_cell
+
+    cell = args.cell if args.cell in bundled_cells() else format_cell(chosen_cell(args.cell))
     station = Station(url, data_folder(args) / "sessions", __version__, Clock())
     cycles = Cycles(args.voltage_cycle, args.temperature_cycle, args.wire_cycle)
     metadata = {"cycles": asdict(cycles), "is_simulated": is_simulated, "url": url, "cell": cell}
@@ -74,17 +121,25 @@ def _station(args: argparse.Namespace, url: str, *, is_simulated: bool) -> Stati
     return station
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
 def _person(args: argparse.Namespace) -> Path:
+    from app.commands.evidence_benches import PersonAtThePlug
+    from app.commands.evidence_station import walk
+
     names = _steps(args)
     station = _station(args, args.serial, is_simulated=args.simulated)
-    return _walked(station, lambda: walk(station, PersonAtThePlug(), names, _say))
+    return _walked(station, lambda: walk(station, PersonAtThePlug(), names, _print_line))
 
 
 def _simulated(args: argparse.Namespace) -> Path:
+    from app.commands.evidence_benches import SCENARIO, SimulatedBench
+    from app.commands.evidence_station import walk
+    from app.service.settings import Settings
+    from app.service.simulator_process import SimulatorProcess
+
     names = _steps(args)
     with tempfile.TemporaryDirectory(prefix="voltwall-evidence-") as folder:
         scenario = Path(folder) / "reaction-test.toml"
@@ -94,7 +149,7 @@ def _simulated(args: argparse.Namespace) -> Path:
             simulator.start()
             station = _station(args, simulator.ports.serial_url, is_simulated=True)
             bench = SimulatedBench(simulator.control.ask)
-            return _walked(station, lambda: walk(station, bench, names, _say))
+            return _walked(station, lambda: walk(station, bench, names, _print_line))
         finally:
             simulator.stop()
 

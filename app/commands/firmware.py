@@ -1,12 +1,24 @@
 """`voltwall firmware`: a cell file as a C header, for the estimator on the master's microcontroller."""
 
 import argparse
-import sys
+from pathlib import Path
 
-from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.errors import EstimatorError
-from app.estimation.filters.c_tables import c_tables
+from app.commands.arguments import chosen_cell, write_out
+from app.commands.console import between
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which cell, how fine, where to."""
+    parser.set_defaults(run=run)
+    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
+    parser.add_argument(
+        "--soc-step",
+        type=between(0.001, 0.05, "SOC"),
+        default=0.005,
+        metavar="SOC",
+        help="distance of the tables' points (default: %(default)s); half of it takes twice the flash",
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -15,15 +27,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ConfigError: there is no such cell, or the file cannot be written.
     """
-    try:
-        text = c_tables(load_cell(args.cell), args.soc_step)
-    except EstimatorError as error:
-        raise ConfigError("cell", args.cell, str(error)) from error
-    if args.out is None:
-        sys.stdout.write(text)
-        return 0
-    try:
-        args.out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError("out", args.out, error.strerror or str(error)) from error
+    from app.estimation.filters.c_tables import c_tables
+
+    write_out(c_tables(chosen_cell(args.cell), args.soc_step), args.out)
     return 0

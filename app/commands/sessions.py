@@ -1,28 +1,67 @@
 """`voltwall sessions`: what has been recorded."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.clock import Clock
-from app.commands.console.progress import Progress
-from app.commands.console.terminal import GREEN, RED, coloured, print_table, printable
-from app.commands.session_commands.selection import (
+from app.commands import session_analysis, session_import, session_transfer
+from app.commands.arguments import (
+    add_data_argument,
+    add_json_argument,
+    add_session_argument,
     catalogue,
     find_session,
+    new_action,
 )
+from app.commands.console import GREEN, RED, Progress, coloured, print_table, printable
 from app.errors import ConfigError
 from app.sessions.errors import SessionError
-from app.sessions.info import SessionInfo
-from app.sessions.reading.reader import OnRead, SessionFile
 from app.sessions.storage.files import is_in_use
-from app.sessions.transfer.repair import repair
 
-_PARTS = 1000  # of a session, as the progress of a check counts
+if TYPE_CHECKING:
+    from app.sessions.info import SessionInfo
+    from app.sessions.reading.reader import SessionFile
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the actions; without one the sessions are listed."""
+    add_data_argument(parser)
+    add_json_argument(parser, default=False)
+    parser.set_defaults(run=list_sessions)
+    actions = parser.add_subparsers(dest="action", metavar="ACTION")
+    add_json_argument(new_action(actions, "list", "all sessions, newest first (the default)", list_sessions))
+    show = new_action(
+        actions, "show", "one session: times, counts, signals, markers, configurations, events", show_session
+    )
+    markers = new_action(actions, "markers", "the markers of a session", list_markers)
+    for action in (show, markers):
+        add_session_argument(action)
+        add_json_argument(action)
+    text = "read every byte of a session, or of all; exit code 1 where something is wrong"
+    check = new_action(actions, "check", text, check_sessions)
+    add_json_argument(check)
+    check.add_argument("session", metavar="SESSION", nargs="?", help="the session's id, or its file (default: all)")
+    check.add_argument(
+        "--repair", type=Path, metavar="OUT", help="write what can still be read of SESSION into a new file"
+    )
+    delete = new_action(actions, "delete", "delete a session for ever", delete_session)
+    add_session_argument(delete)
+    text = "say what --older-than and --keep-gb leave over; delete it with --yes"
+    prune = new_action(actions, "prune", text, prune_sessions)
+    prune.add_argument("--older-than", type=float, metavar="DAYS", help="sessions that ended longer ago")
+    prune.add_argument("--keep-gb", type=float, metavar="GB", help="all but so much of the newest")
+    add_json_argument(prune)
+    for action in (delete, prune):
+        action.add_argument("--yes", action="store_true", help="delete without asking")
+    for part in (session_analysis, session_transfer, session_import):
+        part.add_arguments(actions)
 
 
 def _when(wall_ns: int | None) -> str:
@@ -44,10 +83,7 @@ def _facts(info: SessionInfo, in_use: bool | None = None) -> dict[str, object]:
         "started": _when(info.started_wall_ns),
         "ended": _when(info.ended_wall_ns),
         "duration_s": round(info.duration_s, 3),
-        "frames": info.frames,
-        "can_frames": info.can_frames,
-        "events": info.events,
-        "markers": info.markers,
+        **{name: getattr(info, name) for name in ("frames", "can_frames", "events", "markers")},
         "bytes": info.size_bytes,
         "voltwall": info.voltwall,
         "map_hash": info.map_hash,
@@ -81,6 +117,8 @@ def list_sessions(args: argparse.Namespace) -> int:
 
 def show_session(args: argparse.Namespace) -> int:
     """Print all about one."""
+    from app.sessions.reading.reader import SessionFile
+
     path = find_session(args, args.session)
     in_use = is_in_use(path)
     with SessionFile(path) as session:
@@ -128,16 +166,16 @@ def _marker_facts(session: SessionFile) -> list[dict[str, object]]:
 
 def list_markers(args: argparse.Namespace) -> int:
     """Print its markers."""
+    from app.sessions.reading.reader import SessionFile
+
     with SessionFile(find_session(args, args.session)) as session:
         found = _marker_facts(session)
     if args.json:
         print(json.dumps(found, indent=2))
     else:
         for each in found:
-            print(
-                f"{each['at_s']:>10} s  {each['time']}  {each['kind']}: {each['text']}"
-                + (f" ({each['who']})" if each["who"] else "")
-            )
+            who = f" ({each['who']})" if each["who"] else ""
+            print(f"{each['at_s']:>10} s  {each['time']}  {each['kind']}: {each['text']}{who}")
     return 0
 
 
@@ -155,25 +193,21 @@ def check_sessions(args: argparse.Namespace) -> int:
         paths = [info.path for info in sessions]
     for problem in unreadable:
         print(printable(str(problem)), file=sys.stderr if args.json else sys.stdout)
-    checked: list[dict[str, object]] = []
+    checked: list[dict[str, Any]] = []
     progress = Progress()
     for k, path in enumerate(paths):
-        checked.append(_checked(path, _share_of(progress, k, len(paths))))
-        progress.end()
+        with progress:
+            checked.append(_checked(path, progress.share(k, len(paths))))
         if not args.json:
             print(_verdict(checked[-1]))
-    progress.end()
     if args.json:
         print(json.dumps(checked, indent=2))
     return int(bool(unreadable) or any(each["problems"] for each in checked))
 
 
-def _share_of(progress: Progress, k: int, of: int) -> OnRead:
-    """What tells the progress of session number `k` as that of all."""
-    return lambda rows, all_rows: progress(_PARTS * k + _PARTS * rows // max(all_rows, 1), _PARTS * of)
+def _checked(path: Path, on_read: Callable[[int, int], None]) -> dict[str, Any]:
+    from app.sessions.reading.reader import SessionFile
 
-
-def _checked(path: Path, on_read: OnRead) -> dict[str, object]:
     in_use = is_in_use(path)
     with SessionFile(path, on_read) as session:
         return {"id": path.stem, "state": _state(session.info, in_use), "problems": session.problems()}
@@ -181,15 +215,15 @@ def _checked(path: Path, on_read: OnRead) -> dict[str, object]:
 
 def _verdict(checked: dict[str, Any]) -> str:
     problems = "; ".join(checked["problems"])
-    return f"{checked['id']}: {checked['state']}, " + (
-        coloured(problems, RED) if problems else coloured("sound", GREEN)
-    )
+    found = coloured(problems, RED) if problems else coloured("sound", GREEN)
+    return f"{checked['id']}: {checked['state']}, {found}"
 
 
 def _repair(path: Path, target: Path) -> int:
-    progress = Progress(path.stem)
-    lost = repair(path, target, progress)
-    progress.end()
+    from app.sessions.transfer.repair import repair
+
+    with Progress(path.stem) as progress:
+        lost = repair(path, target, progress)
     for what, count in lost.items():
         if count:
             print(f"{path.stem}: {what}: {count} lost" if " " not in what else f"{path.stem}: {what}: {count}")

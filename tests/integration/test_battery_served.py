@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from app.commands.simulator.simulate import simulated
+from app.commands.simulate import simulated
 from app.sources.loaded_battery import load_battery
 from simulator.library import find_scenario
 from simulator.scenario_player import ScenarioPlayer

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 
-@pytest.mark.parametrize("program", ["app.api.application", "simulator.cli"])
+@pytest.mark.parametrize("program", ["app.api.application", "simulator.scenario_player, simulator.control_server"])
 def test_it_starts_without_the_libraries_of_exports(program):
     code = (
         f"import sys, {program}; "

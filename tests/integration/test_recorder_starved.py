@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from app.commands.bench.numerics import fast_frame
+from app.commands.bench_measurements import fast_frame
 from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
 from firmware_protocol.framing import LINE_BYTES_PER_S

@@ -70,8 +70,8 @@ def test_on_a_terminal_it_shows_how_far_it_is(session, tmp_path, capsys, monkeyp
 
     shown = Terminal()
     monkeypatch.setattr("sys.stderr", shown)
-    monkeypatch.setattr("app.commands.console.progress.SHOWN_AFTER_S", 0.0)
-    monkeypatch.setattr("app.commands.console.progress.EVERY_S", 0.0)
+    monkeypatch.setattr("app.commands.console.SHOWN_AFTER_S", 0.0)
+    monkeypatch.setattr("app.commands.console.EVERY_S", 0.0)
     assert prove(session, tmp_path, "[[agreement]]\nlargest_max = 0.00002") == 0
     lines = [line.split() for line in shown.getvalue().split("\r") if "%" in line]
     assert len(lines) > 10

@@ -4,16 +4,16 @@ import time
 
 import pytest
 
-from app.commands.season import simulate
+from app.commands import season_simulate
 from app.sessions.reading.reader import SessionFile
 
 REST_S, DRIVE_S, DAYS = 2.0, 30.0, 30.0
-LENGTH_S = 2 * REST_S + DRIVE_S + simulate.LEFT_S
+LENGTH_S = 2 * REST_S + DRIVE_S + season_simulate.LEFT_S
 
 
 @pytest.mark.timeout(120)
 def test_a_session_is_recorded_whole_on_its_day(voltwall, tmp_path, monkeypatch):
-    monkeypatch.setattr(simulate, "REST_S", REST_S)
+    monkeypatch.setattr(season_simulate, "REST_S", REST_S)
     begun_s = time.time()
     words = ("--sessions", "1", "--days", f"{DAYS:g}", "--drive-s", f"{DRIVE_S:g}")
     done = voltwall("season", "simulate", *words, "--data", str(tmp_path))

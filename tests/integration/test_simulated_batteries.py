@@ -7,7 +7,7 @@ import can
 import numpy as np
 import pytest
 
-from app.commands.simulator.simulate import simulated
+from app.commands.simulate import simulated
 from app.sources.dbc.source import DbcSource
 from app.sources.items import CanItem
 from app.sources.loaded_battery import load_battery

@@ -11,7 +11,7 @@ import pytest
 from websockets.exceptions import WebSocketException
 
 import voltwall
-from app.commands.console.tls import certificate_of
+from app.commands.tls import certificate_of
 from app.service.settings import Settings
 from tests.service_process import WAIT_S, until
 

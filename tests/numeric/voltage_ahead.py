@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.commands.cell_commands.filter_run import run_filter
+from app.commands.filter_run import run_filter
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify

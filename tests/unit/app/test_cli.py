@@ -1,4 +1,3 @@
-import argparse
 import io
 import json
 import os
@@ -9,7 +8,6 @@ import pytest
 
 from app import cli
 from app.cli import main
-from app.commands.arguments.work import Work
 
 
 def test_ctrl_c_anywhere_is_one_line_and_130(monkeypatch, capsys):
@@ -75,22 +73,6 @@ def test_help_waits_for_nothing_that_only_the_work_needs(command):
     allowed = {"pydantic", "asyncio"} if command == "serve" else set()  # its flags are the fields of the settings
     assert {*HEAVY} & {*done.stderr.split()} - allowed == set()
     assert done.stdout.startswith("usage: voltwall")
-
-
-def works(parser):
-    """Yield the work of a parser and of all below it."""
-    if isinstance(do := parser.get_default("do"), Work):
-        yield do
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for nested in action.choices.values():
-                yield from works(nested)
-
-
-def test_every_command_and_action_names_work_that_there_is():
-    found = list(works(cli.build_parser()))
-    assert len(found) > 40
-    assert all(callable(each.function()) for each in found)
 
 
 @pytest.mark.parametrize(

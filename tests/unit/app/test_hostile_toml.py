@@ -4,7 +4,7 @@ import pytest
 
 from app.analysis.expectations import Expectations
 from app.battery.table_reader import ProfileError
-from app.commands.season.swap import cell_index
+from app.commands.season import cell_index
 from app.errors import ConfigError, ImportFailed
 from app.estimation.cell_model.cell_document import MOST_POINTS
 from app.estimation.cell_model.cell_file import format_cell, load_cell, parse_cell

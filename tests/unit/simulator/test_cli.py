@@ -61,7 +61,7 @@ def test_as_fast_as_possible_outruns_the_clock(capsys):
 
 def test_an_unreadable_file_of_the_library_is_named_beside_the_others(capsys, tmp_path, monkeypatch):
     (tmp_path / "bad.toml").write_text("[[phase]]\n")
-    monkeypatch.setattr("simulator.cli.library", lambda **of: library(tmp_path, **of))
+    monkeypatch.setattr("simulator.library.library", lambda **of: library(tmp_path, **of))
     assert main(["--list"]) == 0
     assert "bad.toml" in capsys.readouterr().err
 

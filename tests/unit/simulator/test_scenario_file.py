@@ -2,7 +2,7 @@ import pytest
 
 from firmware_protocol.config_image import unit_value
 from firmware_protocol.messages import EventCode
-from simulator.arguments import DEFAULT_SCENARIO
+from simulator.cli import DEFAULT_SCENARIO
 from simulator.errors import ScenarioError
 from simulator.library import find_scenario, library
 from simulator.loads import PATTERNS_C

@@ -1,4 +1,3 @@
-import argparse
 import csv
 import json
 from dataclasses import replace
@@ -6,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.commands.arguments.estimate import add_arguments
-from app.commands.cell_commands.recordings import write_table
+from app.cli import main
+from app.commands.cell_table import write_table
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.estimation.cell_model.circuit import CellLimits
 from app.estimation.errors import DatasetError
@@ -18,10 +17,7 @@ CELL = "samsung-25r-10p"
 
 
 def run(*words):
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    args = parser.parse_args([str(word) for word in words])
-    return args.do(args)
+    return main(["estimate", *map(str, words)])
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,10 @@
-import argparse
 import json
 
 import numpy as np
 import pytest
 
-from app.commands.arguments.identify import add_arguments
-from app.commands.cell_commands.recordings import write_table
+from app.cli import main
+from app.commands.cell_table import write_table
 from app.estimation.cell_model.cell_file import load_cell
 from tests.open_loop import simulate
 
@@ -13,10 +12,7 @@ CELL = load_cell("samsung-25r-10p")
 
 
 def run(*words):
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    args = parser.parse_args([str(word) for word in words])
-    return args.do(args)
+    return main(["identify", *map(str, words)])
 
 
 def write(path, steps, soc_start, step_s):

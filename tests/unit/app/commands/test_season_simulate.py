@@ -4,8 +4,8 @@ import argparse
 
 import pytest
 
-from app.commands.arguments.season import add_arguments
-from app.commands.season.simulate import scenario_of
+from app.commands.season import add_arguments
+from app.commands.season_simulate import scenario_of
 from app.errors import ConfigError
 from simulator.scenario_file import load_scenario
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.commands.season import query
+from app.commands import season
 from app.season.store import Answer
 from app.sessions.export.csv_file import csv_row
 
@@ -45,5 +45,5 @@ def test_a_name_of_a_session_in_the_answer_of_a_season_is_no_formula(capsys):
     class Args:
         csv, json = True, False
 
-    query._print(Args, Answer(pa.table({"=name": ["=1+1", "plain"], "current_a": [-3.2, None]})))
+    season._print_answer(Args, Answer(pa.table({"=name": ["=1+1", "plain"], "current_a": [-3.2, None]})))
     assert capsys.readouterr().out == "'=name,current_a\n'=1+1,-3.2\nplain,\n"

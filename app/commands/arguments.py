@@ -1,0 +1,175 @@
+"""Arguments that several commands have, and what they mean: the data folder, a session, a battery, a cell, a time."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from app.errors import ConfigError
+from app.words import Message
+
+if TYPE_CHECKING:
+    from app.battery.battery import Battery
+    from app.estimation.cell_model.circuit import CellModel
+    from app.estimation.recording.cell_recording import Recording
+    from app.sessions.catalogue import Catalogue
+
+Actions: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+Run = Callable[[argparse.Namespace], int]
+
+
+def add_data_argument(parser: argparse.ArgumentParser, default: object = None) -> None:
+    """Declare --data; below another parser that has it, with argparse.SUPPRESS as its default."""
+    parser.add_argument("--data", type=Path, metavar="DIR", default=default, help="data folder of the service")
+
+
+def new_action(actions: Actions, name: str, text: str, run: Run) -> argparse.ArgumentParser:
+    """Return the parser of one more action, with --data, that does this work."""
+    parser = actions.add_parser(
+        name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
+    )
+    add_data_argument(parser, argparse.SUPPRESS)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_session_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the session."""
+    parser.add_argument("session", metavar="SESSION", help="the session's id, or its file")
+
+
+def add_json_argument(parser: argparse.ArgumentParser, default: object = argparse.SUPPRESS) -> None:
+    """Declare --json."""
+    parser.add_argument("--json", action="store_true", default=default, help="as JSON")
+
+
+def add_trust_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare whose certificate is trusted."""
+    parser.add_argument(
+        "--trust",
+        metavar="FILE|FINGERPRINT",
+        help="certificate of an https service: a PEM file, or its SHA-256 (default: VOLTWALL_TRUST, else the system's)",
+    )
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare how columns, signs and a missing clock of the user's files are to be read."""
+    group = parser.add_argument_group("reading the files")
+    group.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="FIELD=COLUMN[*FACTOR],...",
+        help="which column is what, by header text or number from 1; fields: time_s, current_a, voltage_v, "
+        "temperature_c, soc",
+    )
+    group.add_argument("--charge-positive", action="store_true", help="the files count charging current as positive")
+    group.add_argument("--period", type=float, metavar="SECONDS", help="time between rows, for files without a clock")
+
+
+def read_recording(path: Path, args: argparse.Namespace) -> Recording:
+    """Return the recording of a cell in a file, read as the arguments of `add_reading_arguments` say.
+
+    Raises:
+        DatasetError: see `app.sources.recordings.dataset.load_recording`.
+    """
+    from app.sources.recordings.dataset import load_recording, parse_map
+
+    return load_recording(path, parse_map(args.map), charge_positive=args.charge_positive, period_s=args.period)
+
+
+def data_folder(args: argparse.Namespace) -> Path:
+    """Return the data folder: the one chosen, else the service's."""
+    from app.service.settings import Settings
+
+    return getattr(args, "data", None) or Settings.model_validate({}).data
+
+
+def catalogue(args: argparse.Namespace) -> Catalogue:
+    """Return the sessions of the data folder."""
+    from app.sessions.catalogue import Catalogue
+
+    return Catalogue(data_folder(args) / "sessions")
+
+
+def find_session(args: argparse.Namespace, session: str) -> Path:
+    """Return the file of a session given by id or by path.
+
+    Raises:
+        SessionNotFound: neither is there.
+    """
+    path = Path(session)
+    return path if path.is_file() else catalogue(args).path(session)
+
+
+def chosen_battery(args: argparse.Namespace) -> tuple[Battery, CellModel]:
+    """Return whose sessions are meant, with its cell.
+
+    Raises:
+        AppError: the battery or its cell file cannot be used.
+    """
+    from app.service.settings import Settings
+    from app.sources.loaded_battery import load_battery
+
+    settings = Settings.model_validate({})
+    battery = load_battery(args.battery or settings.battery).battery
+    return battery, chosen_cell(settings.cell or battery.cell)
+
+
+def chosen_cell(name: str, field: str = "cell") -> CellModel:
+    """Return the cell of a cell file, or the bundled one of this name.
+
+    Raises:
+        ConfigError: there is none, or it cannot be used.
+    """
+    from app.estimation.cell_model.cell_file import load_cell
+    from app.estimation.errors import EstimatorError
+
+    try:
+        return load_cell(name)
+    except EstimatorError as error:
+        raise ConfigError(field, name, str(error)) from error
+
+
+def existing(field: str, path: Path) -> Path:
+    """Return a file that is there.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    if not path.is_file():
+        raise ConfigError(field, path, Message("no-such-file"))
+    return path
+
+
+def unix_s(field: str, text: str, allowed: Message | None = None) -> float:
+    """Return a time of ISO 8601, in UTC where it does not say, as seconds since 1970.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError(field, text, allowed or Message("time-iso")) from error
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+
+
+def write_out(text: str | bytes, out: Path | None) -> None:
+    """Write to a file, or without one to standard output.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
+    content = text.encode() if isinstance(text, str) else text
+    if out is None:
+        sys.stdout.write(content.decode())
+        return
+    try:
+        out.write_bytes(content)
+    except OSError as error:
+        raise ConfigError("out", out, error.strerror or str(error)) from error

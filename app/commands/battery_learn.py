@@ -1,0 +1,220 @@
+"""`voltwall battery learn`: what is received from a bus, and the profile that it suggests."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.commands.arguments import Actions, existing, write_out
+from app.commands.console import Progress
+from app.errors import ConfigError
+from app.sources.dbc.definitions import Definitions
+from app.words import Message, render
+from app.words.render import number
+
+if TYPE_CHECKING:
+    from app.sources.dbc.frames import Frames
+    from app.sources.dbc.learn.learning import Learned
+    from app.sources.dbc.learn.lesson import Running
+    from app.sources.dbc.learn.survey import Survey
+
+_MOST_ODDITIES = 10
+
+
+def add_arguments(actions: Actions) -> None:
+    """Declare the action."""
+    learning = actions.add_parser(
+        "learn",
+        help="what speaks on a bus or in a log, and a profile with the reasons for it; exit code 1 where none fits",
+    )
+    learning.add_argument(
+        "--dbc", type=Path, action="append", default=[], metavar="FILE",
+        help="message definitions: .dbc, .sym, .kcd, .arxml; may be given again (default: those that come along)",
+    )  # fmt: skip
+    source = learning.add_mutually_exclusive_group()
+    source.add_argument("--log", type=Path, metavar="FILE", help="a CAN log: .log (candump), .trc, .asc, .blf, .mf4")
+    source.add_argument("--can", metavar="IF:CH", help="listen to a bus: a python-can interface and channel")
+    learning.add_argument("--seconds", type=float, default=30.0, metavar="S", help="how long to listen (default: 30)")
+    learning.add_argument("--name", default="", help="what people call the battery (default: the DBC's name)")
+    learning.add_argument("--out", type=Path, metavar="FILE", help="write the profile (default: standard output)")
+    learning.add_argument("--signals", action="store_true", help="list every signal with its range too")
+    learning.add_argument(
+        "--with-states", action="store_true",
+        help="take the states as proposed (default: in comments, for a person to confirm)",
+    )  # fmt: skip
+    learning.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what is received and write the profile; 1 where none fits."""
+    from app.battery.source import STATES
+    from app.sources.dbc.frames import frames_of
+    from app.sources.dbc.learn.learning import learn
+    from app.sources.dbc.learn.lesson import Lesson
+    from app.sources.dbc.learn.lines import Choice
+    from app.sources.dbc.learn.profile_text import profile_text
+    from app.sources.dbc.listening import bus_frames
+
+    frames = frames_of([])
+    if args.log is not None:
+        frames = log_frames(args.log)
+    elif args.can is not None:
+        print(f"listening to {args.can} for {args.seconds:g} s", file=sys.stderr)
+        frames = bus_frames(args.can, args.seconds)
+    elif not args.dbc:
+        raise ConfigError("dbc", "", "say --dbc, --log or --can")
+    definitions, files = (definitions_of(args.dbc), args.dbc) if args.dbc else _bundled(frames)
+    _print_oddities(definitions)
+    lesson = Lesson(definitions, (), frames, "")
+    found = lesson.survey
+    _print_messages(found, with_signals=args.signals)
+    folder = Path() if args.out is None else args.out.parent
+    names = tuple(_relative(file, folder) for file in files)
+    confirmed = {f"state.{name}": Choice(is_taken=True) for name in STATES} if args.with_states else {}
+    learned = learn(found, frames, args.name or files[0].stem, names, confirmed)
+    if learned is None:
+        print(render(Message("learn-nothing")))
+        return 1
+    _print_summary(learned, lesson.running(learned))
+    print()
+    write_out(profile_text(learned), args.out)
+    if args.out is not None:
+        print(f"{args.out} written; read it, correct it, then: voltwall battery check {args.out}")
+    return 0
+
+
+def _bundled(frames: Frames) -> tuple[Definitions, list[Path]]:
+    """The definitions that come along of which most frames are received."""
+    import numpy as np
+
+    from app.battery.library import bundled_profiles, load_profile
+
+    best: tuple[int, Definitions, list[Path]] = (0, Definitions(()), [])
+    for name in bundled_profiles():
+        try:
+            files = load_profile(name).dbc_files
+        except ConfigError:  # a part, no whole battery
+            continue
+        definitions = definitions_of(files)
+        received = int(np.isin(frames.can_id, np.array(list(definitions.by_id()), np.uint32)).sum())
+        if received > best[0]:
+            best = received, definitions, list(files)
+    if not best[0]:
+        raise ConfigError("dbc", "", "none of the frames is of a battery that is known here: say --dbc FILE")
+    return best[1], best[2]
+
+
+def _relative(file: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:  # another drive
+        return file.as_posix()
+
+
+def _print_oddities(definitions: Definitions) -> None:
+    for oddity in definitions.oddities[:_MOST_ODDITIES]:
+        place = oddity.file if oddity.line is None else f"{oddity.file}:{oddity.line}"
+        print(f"{place}: {render(oddity.what)}")
+    if len(definitions.oddities) > _MOST_ODDITIES:
+        print(f"... and {len(definitions.oddities) - _MOST_ODDITIES} more: voltwall battery check tells all")
+
+
+def _print_messages(found: Survey, with_signals: bool) -> None:
+    messages = found.definitions.by_id()
+    if not found.n_frames:
+        print(f"{len(messages)} messages in the DBC; without --log or --can nothing is known of their values")
+        return
+    print(f"{found.n_frames} frames in {found.duration_s:.1f} s; {len(found.heard)} of {len(messages)} messages heard")
+    print(f"{'id':>10}  {'message':32} {'signals':>7} {'frames':>8} {'Hz':>8}")
+    for can_id, heard in sorted(found.heard.items()):
+        message = heard.message
+        print(
+            f"{_id(can_id):>10}  {message.name:32} {len(message.signals):>7} {len(heard.group.frames):>8}"
+            f" {number(heard.rate_hz, 2):>8}"
+        )
+        for signal in message.signals if with_signals else ():
+            values = heard.signal(signal.name)
+            if values is not None:
+                print(f"{'':12}{signal.name}: {values.low:.6g} to {values.high:.6g} {signal.unit}")
+    if found.unknown:
+        most = sorted(found.unknown.items(), key=lambda each: -each[1])[:8]
+        print(
+            f"not in the DBC: {', '.join(f'{_id(i)} ({n})' for i, n in most)}"
+            + (", ..." if len(found.unknown) > 8 else "")
+        )
+
+
+def _id(can_id: int) -> str:
+    return f"{can_id & 0x1FFFFFFF:08X}x" if can_id >> 31 else f"{can_id:03X}"
+
+
+def _reading_of(key: str, running: Running | None) -> str:
+    """What a line read last, for the line's end."""
+    from app.sources.dbc.learn.lines import LINE_UNITS
+
+    if running is None:
+        return ""
+    known = [each for each in running.values if each is not None]
+    if not known:
+        return ", not measured"
+    if running.raw is not None:
+        return f", now {running.raw} {running.text}".rstrip() + f": {'yes' if known[0] else 'no'}"
+    if key == "soc":
+        return f", now {100 * known[0]:.4g} %"
+    unit = LINE_UNITS.get(key.partition(".")[0], "")
+    if len(running.values) > 1:
+        return f", now {min(known):.4g} to {max(known):.4g} {unit} of {len(known)}"
+    return f", now {known[0]:.5g} {unit}"
+
+
+def _print_summary(learned: Learned, running: dict[str, Running]) -> None:
+    from app.sources.dbc.learn.lines import title
+
+    battery = learned.battery
+    print(
+        f"\nsuggested: {battery.n_cells} cells in {battery.n_segments} segments,"
+        f" {battery.n_sensors} temperature sensors"
+    )
+    for key, line in learned.lines.items():
+        reads = _reading_of(key, running.get(key))
+        print(f"  {key}: {title(line.chosen)}{reads}{'' if line.is_taken else '  (to confirm)'}")
+        for reason in line.chosen.reasons:
+            print(f"    {render(reason)}")
+        others = [title(each) for each in line.candidates if title(each) != title(line.chosen)]
+        if others:
+            print(f"    or: {', '.join(others)}")
+    for doubt in learned.doubts:
+        print(f"  to decide: {render(doubt)}")
+
+
+def definitions_of(files: Iterable[Path]) -> Definitions:
+    """Return the messages of files, the first one's first.
+
+    Raises:
+        ExtraMissing, ImportFailed: a file cannot be read.
+        ConfigError: a file is missing.
+    """
+    from app.sources.dbc.dbc_file import load_definitions
+
+    found = Definitions(())
+    for file in files:
+        found = found.joined(load_definitions(existing("dbc", file)))
+    return found
+
+
+def log_frames(path: Path) -> Frames:
+    """Return the frames of a log; the terminal shows how far it is read.
+
+    Raises:
+        ConfigError: there is no such file.
+        ImportFailed: it cannot be read.
+    """
+    from app.sources.dbc.log_file import load_log
+
+    size = existing("log", path).stat().st_size
+    with Progress(path.name) as progress:
+        return load_log(path, lambda at: progress(at, size))

@@ -1,1 +1,0 @@
-"""`voltwall identify` and `voltwall estimate`: a model fitted to measurements, a filter run over them."""

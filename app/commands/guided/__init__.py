@@ -1,1 +1,0 @@
-"""What walks through something from its beginning to its end: a reaction test."""

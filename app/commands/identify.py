@@ -1,0 +1,111 @@
+"""`voltwall identify`: fit a cell model to measurements, write it as a cell file, say how well it fits."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.commands.arguments import add_reading_arguments, read_recording
+from app.commands.console import Progress
+
+if TYPE_CHECKING:
+    from app.estimation.identification.identify import Identification
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.set_defaults(run=run)
+    parser.description = (
+        "Fit OCV, resistances and time constants of a cell to slow tests, pulse tests and, better, a drive."
+    )
+    parser.add_argument(
+        "--ocv", nargs="+", required=True, type=Path, metavar="FILE", help="slow discharge and charge, C/10 or less"
+    )
+    parser.add_argument(
+        "--pulses", nargs="+", default=[], type=Path, metavar="FILE", help="pulse tests, at one or more temperatures"
+    )
+    parser.add_argument(
+        "--drive", nargs="+", default=[], type=Path, metavar="FILE", help="drives with the currents of a race"
+    )
+    parser.add_argument("--rc", type=int, default=2, choices=range(5), metavar="N", help="RC pairs, 0..4 (default 2)")
+    parser.add_argument("--out", required=True, type=Path, metavar="CELL.toml", help="the cell file to write")
+    parser.add_argument("--name", help="name of the cell; left out: that of the cell file")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw OCV, resistances and the residual of each file")
+    add_reading_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command.
+
+    Raises:
+        EstimatorError: the files cannot be used.
+    """
+    from app.commands.cell_charts import check_picture_name, draw_identification
+    from app.estimation.cell_model.cell_file import save_cell
+    from app.estimation.identification.identify import identify
+
+    if args.plot is not None:
+        check_picture_name(args.plot)
+    slow, pulses, drives = (
+        [read_recording(path, args) for path in paths] for paths in (args.ocv, args.pulses, args.drive)
+    )
+    with Progress(args.out.stem) as progress:
+        found = identify(slow, pulses, drives, args.rc, args.name or args.out.stem, progress)
+    save_cell(found.model, args.out)
+    if args.plot is not None:
+        draw_identification(args.plot, found)
+    read_notes = [(r.source, note) for r in (*slow, *pulses, *drives) for note in r.notes]
+    if args.json:
+        print(json.dumps(_report(found, read_notes, args.out)))
+    else:
+        _print_report(found, read_notes, args.out)
+    return 0
+
+
+def _report(found: Identification, read_notes: list[tuple[str, str]], out: Path) -> dict[str, object]:
+    parts = [{k: v for k, v in vars(part).items() if k not in ("soc", "residual_v")} for part in found.parts]
+    for part in parts:
+        low, high = part["temperature_range_degc"]
+        part["temperature_range_degc"] = None if math.isnan(low) else [low, high]
+        if math.isnan(part["voltage_rms_v"]):
+            part["voltage_rms_v"] = None
+    return {
+        "cell": str(out),
+        "capacity_ah": found.model.capacity_ah,
+        "counted_ah": found.counted_ah,
+        "tau_s": list(found.tau_s),
+        "activation_j_mol": found.activation_j_mol,
+        "fit_voltage_rms_v": found.model.fit_voltage_rms_v,
+        "parts": parts,
+        "notes": [f"{source}: {note}" for source, note in read_notes] + list(found.notes),
+        "warnings": list(found.warnings),
+    }
+
+
+def _print_report(found: Identification, read_notes: list[tuple[str, str]], out: Path) -> None:
+    model = found.model
+    at = (0.5, 25.0)
+    values = model.parameters(*at)
+    print(f"{out}: {model.capacity_ah:.4g} Ah, {model.n_rc} RC pairs")
+    print(f"  at 50 % and 25 degC: R0 {1e3 * values[0]:.3g} mohm", end="")
+    for k, tau in enumerate(found.tau_s):
+        print(f", R{k + 1} {1e3 * values[2 + k]:.3g} mohm with {tau:.3g} s", end="")
+    print(f", asinh term {1e3 * values[1]:.3g} mV")
+    print("  open-loop voltage error")
+    for part in found.parts:
+        kind = "drive" if part.is_drive else "pulses"
+        low, high = (100.0 * soc for soc in part.soc_range)
+        print(
+            f"    {part.name} ({kind}): {1e3 * part.voltage_rms_v:.1f} mV RMS, up to {part.current_max_a:.3g} A, "
+            f"SOC {low:.0f} to {high:.0f} %"
+        )
+    for source, note in read_notes:
+        print(f"  note: {source}: {note}")
+    for note in found.notes:
+        print(f"  note: {note}")
+    for warning in found.warnings:
+        print(f"  warning: {warning}")

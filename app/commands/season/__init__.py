@@ -1,1 +1,0 @@
-"""The work of `voltwall season`: what many sessions say together."""

@@ -1,0 +1,217 @@
+"""Serves until a signal ends it: the socket, uvicorn, the simulated car where no hardware is named."""
+
+import asyncio
+import contextlib
+import errno
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import uvicorn
+
+from app.api.access.certificate import Certificate
+from app.api.application import Replay, create_app, create_fleet_app
+from app.api.web.connection import server_config
+from app.api.web.connection_limits import ACCEPTED_AT_ONCE, ClientConnections, most_connections
+from app.commands.tls import Renewal, certificate_of, certificate_text, context_of
+from app.errors import ConfigError
+from app.service import log
+from app.service.folder_lock import locked_folder
+from app.service.health.watchdog import keep_alive, notify
+from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit, return_freed_memory
+from app.service.settings import Settings
+from app.service.simulator_process import SimulatorProcess
+from app.sessions.worker import command_of
+from app.sources.connections import Connections, Setup
+from app.sources.loaded_battery import load_battery
+from app.telemetry import Source
+from app.words import Message
+
+AGAIN = -1  # instead of an exit code
+_CLOSING_S = 2.0  # from the end of most connections of a crowd to that of the rest
+_WAIT_AT_THE_DOOR = 1024  # connections that the system holds until the service takes them
+
+
+def serve(settings: Settings, replay: Replay | None = None) -> int:
+    """Serve until a signal ends it; what is read cannot be chosen on the page.
+
+    Raises:
+        ConfigError: the port is taken, the folder cannot be used or is used by another service.
+    """
+    return serve_once(settings, replay)[0]
+
+
+def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bool = True) -> tuple[int, int]:
+    """Bind, lock the data folder, run; return the exit code, AGAIN for other connections, and the port.
+
+    Raises:
+        ConfigError: the port is taken, the folder cannot be used or is used by another service.
+    """
+    give_freed_memory_back()
+    sys.setswitchinterval(0.001)  # a frame on its way to the pages does not wait 5 ms for the recorder's thread
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(locked_folder(settings.data))
+        certificate = certificate_of(settings)
+        listener = stack.enter_context(_bind(settings))
+        if settings.fleet is not None:
+            return _run(create_fleet_app(settings), listener, settings, certificate)
+        source, serial_url, can_url, car = _source(settings, stack, replay, by_operator=is_fixed)
+        in_force = Connections(settings.serial, settings.can, settings.battery)
+        setup = Setup(settings.data, in_force, fixed=is_fixed)
+        app = create_app(
+            settings,
+            source,
+            serial_url=serial_url,
+            can_url=can_url,
+            replay=replay,
+            simulated_car=car,
+            setup=setup,
+            certificate=certificate,
+        )
+        service = app.state.parts.service
+        return _run(
+            app,
+            listener,
+            settings,
+            certificate,
+            setup,
+            service.health.stalls,
+            partial(service.events.note, "warning", "certificate-renewed"),
+        )
+
+
+def _run(
+    app: Any,
+    listener: socket.socket,
+    settings: Settings,
+    certificate: Certificate | None,
+    setup: Setup | None = None,
+    stalls: Callable[[], list[Message]] = list,
+    tell: Callable[[Message], None] = lambda message: None,
+) -> tuple[int, int]:
+    """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port.
+
+    While `stalls` says nothing, systemd is told that the service is alive.
+    """
+    address, port = listener.getsockname()[:2]
+    host = f"[{address}]" if ":" in address else address
+    context = None if certificate is None else context_of(certificate)
+    renewal = None
+    if certificate is not None and context is not None:
+        renewal = Renewal(settings, certificate, context, tell)
+    ready = f"Voltwall: {'https' if certificate else 'http'}://{host}:{port}"
+    connections = ClientConnections(most_connections(raise_descriptor_limit()), _return_memory_soon)
+    server = _Server(
+        ready if certificate is None else f"{ready}\n{certificate_text(certificate, settings, port)}",
+        server_config(app, connections, context, backlog=ACCEPTED_AT_ONCE, timeout_graceful_shutdown=2),
+        connections,
+        stalls,
+        renewal,
+    )
+    if setup is not None:
+        setup.on_choice = server.start_again
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the last of a terminal that is closed; Windows has none
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as nohup asks
+            # Until uvicorn listens to it; it ends in order, then raises the signal again
+            signal.signal(number, lambda *_: setattr(server, "should_exit", True))
+    asyncio.run(server.serve(sockets=[listener]))
+    if not server.started:
+        print("voltwall serve: did not start", file=sys.stderr)
+        return 1, port
+    return AGAIN if server.is_again else 0, port
+
+
+def _source(
+    settings: Settings, stack: contextlib.ExitStack, replay: Replay | None, *, by_operator: bool
+) -> tuple[Source, str | None, str | None, SimulatorProcess | None]:
+    """Return (source, RS232 URL, CAN bus, simulator); the simulator is started where no hardware is named.
+
+    What a page kept, `by_operator` false, may name no more than a request.
+    """
+    if replay is not None:
+        return "replay", None, None, None
+    Connections(settings.serial, settings.can, settings.battery).check(by_operator=by_operator)
+    speaks_can = load_battery(settings.battery).speaks_dbc is not None
+    if not settings.simulates:
+        return "serial" if settings.serial else "can", settings.serial, settings.can, None
+    of_battery = command_of("app.cli", "simulate", "--battery", settings.battery) if speaks_can else None
+    simulator = SimulatorProcess(settings, of_battery=of_battery)
+    stack.callback(simulator.stop)
+    simulator.start()
+    return "simulator", None if speaks_can else simulator.ports.serial_url, simulator.ports.can_url, simulator
+
+
+class _Server(uvicorn.Server):
+    """Says where it is once it takes connections; may end to be started again."""
+
+    def __init__(
+        self,
+        ready: str,
+        config: uvicorn.Config,
+        connections: ClientConnections,
+        stalls: Callable[[], list[Message]],
+        renewal: Renewal | None,
+    ) -> None:
+        super().__init__(config)
+        self._connections = connections
+        self._renewal = renewal
+        self._ready_line = ready
+        self._stalls = stalls
+        self._tasks: list[asyncio.Task[None]] = []
+        self.is_again = False
+
+    def start_again(self) -> None:
+        """End in order, to be started with other connections."""
+        self.is_again = True
+        self.should_exit = True
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start and tell."""
+        await super().startup(sockets)
+        for listener in sockets or ():
+            listener.listen(_WAIT_AT_THE_DOOR)  # in the kernel: the event loop takes but few at once
+        if self.started:
+            log.say(self._ready_line)
+            notify("READY=1")
+            self._tasks.append(asyncio.create_task(keep_alive(self._stalls)))
+            if self._renewal is not None:
+                self._tasks.append(asyncio.create_task(self._renewal.keep()))
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Tell and end."""
+        for task in self._tasks:
+            task.cancel()
+        if not self.is_again:
+            notify("STOPPING=1")
+        for connection in self._connections:
+            connection.shutdown()
+        await super().shutdown(sockets)
+
+
+def _return_memory_soon() -> None:
+    """Return the memory of connections to the system once they are closed, in a thread of its own."""
+    loop = asyncio.get_running_loop()
+    loop.call_later(_CLOSING_S, loop.run_in_executor, None, return_freed_memory)
+
+
+def _bind(settings: Settings) -> socket.socket:
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    listener = HighListener(family, socket.SOCK_STREAM)
+    if os.name == "posix":
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    else:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)  # type: ignore[attr-defined,unused-ignore]
+    try:
+        listener.bind((settings.host, settings.port))
+    except OSError as error:
+        listener.close()
+        if error.errno == errno.EADDRINUSE:
+            raise ConfigError("port", settings.port, Message("port-taken")) from error
+        reason = error.strerror or str(error)
+        raise ConfigError("host", f"{settings.host}:{settings.port}", reason) from error
+    return listener

@@ -1,1 +1,0 @@
-"""What `voltwall sessions` is made of."""

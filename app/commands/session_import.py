@@ -1,0 +1,161 @@
+"""`voltwall sessions import` and `columns`: other systems' recordings, and CAN logs, as sessions."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.commands.arguments import Actions, add_json_argument, data_folder, existing, new_action, unix_s
+from app.commands.console import Progress, printable
+from app.errors import ConfigError
+from app.estimation.filters.filter_names import FILTERS
+from app.words import render
+
+if TYPE_CHECKING:
+    from app.estimation.arrays import FloatArray
+    from app.sources.recordings.profile import ImportProfile, ProfileStore
+    from app.sources.recordings.table import Table
+
+_NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
+
+
+def add_arguments(actions: Actions) -> None:
+    """Declare the actions."""
+    taking = new_action(actions, "import", "make a session of another system's recording, estimated", import_recording)
+    taking.epilog = (
+        "CSV or Parquet; or a CAN log: candump, .asc, .blf, .trc, SavvyCAN, CRTD, .mf4; known by content. A CAN log\n"
+        "is of --battery, without it of our own master; with --dbc its signals are taken as a table. A table has the\n"
+        "shape of --battery, else one segment."
+    )
+    text = "what is in such a file, and the profile that is guessed for it"
+    columns = new_action(actions, "columns", text, show_columns)
+    for action in (taking, columns):
+        action.add_argument("file", type=Path, metavar="FILE", help="the recording")
+        action.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
+    add_json_argument(columns)
+    taking.add_argument("--battery", metavar="NAME|FILE", help="whose frames a CAN log holds, or whose cells a table")
+    taking.add_argument("--profile", metavar="NAME|FILE", help="which columns are what: a kept profile, or TOML")
+    taking.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="change the profile, as voltages='Cell {n} V', current='Pack I', charge_positive=true",
+    )
+    taking.add_argument("--save-profile", metavar="NAME", help="keep the profile under this name")
+    taking.add_argument("--name", default="", help="what to call the session (default: the file's name)")
+    taking.add_argument("--start", metavar="TIME", help="when it began, ISO 8601, where the file does not say")
+    taking.add_argument("--filter", choices=FILTERS, default="fused", help="state estimator (default: fused)")
+    taking.add_argument(
+        "--cell", metavar="CELL.toml", help="cell file or name of a bundled one (default: the battery's)"
+    )
+
+
+def import_recording(args: argparse.Namespace) -> int:
+    """Make a session of a recording."""
+    from app.live.pipeline_factory import PipelineFactory
+    from app.sessions.transfer.import_session import READING_TABLE, between, import_file
+    from app.sources.loaded_battery import load_battery
+    from app.sources.recordings.kind import is_can_log
+    from app.sources.recordings.profile import ImportProfile, ProfileStore
+    from app.sources.recordings.table import read_table
+
+    path = existing("file", args.file)
+    data = data_folder(args)
+    battery = None if args.battery is None else load_battery(args.battery)
+    store = ProfileStore(data / "profiles")
+    is_log = args.dbc is None and is_can_log(path)
+    has_table = args.dbc is None and not is_log
+    with Progress(path.name) as progress:
+        table = read_table(path, between(progress, 0.0, READING_TABLE)) if has_table else None
+        profile = ImportProfile() if is_log else _profile(args, table, store)
+        done = import_file(
+            path,
+            profile,
+            data / "sessions",
+            lambda of: PipelineFactory(args.filter, args.cell, of).pipeline(
+                "replay", "imported", "imported", looks_ahead=False
+            ),
+            battery=battery,
+            dbc=args.dbc,
+            table=table,
+            name=args.name,
+            started_unix_s=None if args.start is None else unix_s("start", args.start),
+            on_progress=progress,
+        )
+    for note in done.notes:
+        print(render(note), file=sys.stderr)
+    if args.save_profile:
+        store.save(args.save_profile, profile)
+    rows = f"{done.rows} {'frames' if is_log else 'rows'}"
+    of = f" of {done.cells} cells" if done.cells else ""
+    print(f"{done.info.id}: {rows}{of}, {done.info.duration_s / 60:.1f} min")
+    return 0
+
+
+def show_columns(args: argparse.Namespace) -> int:
+    """Print what is in a recording."""
+    from app.sources.recordings.can_log import read_signals
+    from app.sources.recordings.guess import guess
+    from app.sources.recordings.profile import profile_text
+    from app.sources.recordings.table import read_table
+
+    path = existing("file", args.file)
+    if args.dbc is not None:
+        signals = sorted(read_signals(path, args.dbc).found)
+        print(json.dumps({"signals": signals}, indent=2) if args.json else "\n".join(signals))
+        return 0
+    table = read_table(path)
+    columns = [_span(name, values) for name, values in table.columns.items()]
+    if args.json:
+        notes = [render(note) for note in table.notes]
+        print(json.dumps({"columns": columns, "notes": notes, "profile": asdict(guess(table))}, indent=2))
+        return 0
+    for i, each in enumerate(columns, 1):
+        span = "empty" if each["lowest"] is None else f"{each['lowest']:.6g} to {each['highest']:.6g}"
+        print(printable(f"{i:>4}  {each['name']}: {span}"))
+    for note in table.notes:
+        print(f"# {render(note)}")
+    print("# guessed profile\n" + profile_text(guess(table)), end="")
+    return 0
+
+
+def _span(name: str, values: FloatArray) -> dict[str, Any]:
+    known = [value for value in values.tolist() if math.isfinite(value)]
+    lowest, highest = (min(known), max(known)) if known else (None, None)
+    return {"name": name, "lowest": lowest, "highest": highest}
+
+
+def _profile(args: argparse.Namespace, table: Table | None, store: ProfileStore) -> ImportProfile:
+    from app.sources.recordings.guess import guess
+    from app.sources.recordings.profile import ImportProfile, parse_profile, profile_of
+
+    if args.profile is None:
+        profile = ImportProfile() if table is None else guess(table)
+    elif Path(args.profile).is_file():
+        profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
+    else:
+        profile = store.load(args.profile)
+    given: dict[str, object] = {}
+    for text in args.set:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise ConfigError("set", text, "FIELD=VALUE")
+        given[name] = _value(name, value)
+    return replace(profile, **given) if profile_of(given) else profile  # type: ignore[arg-type]
+
+
+def _value(name: str, text: str) -> object:
+    if name == "charge_positive":
+        return text.lower() in ("true", "yes", "1")
+    if name in _NUMBERS:
+        try:
+            return float(text)
+        except ValueError as error:
+            raise ConfigError(name, text, "a number") from error
+    return text

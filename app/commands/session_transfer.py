@@ -1,0 +1,164 @@
+"""`voltwall sessions fetch`, `missing` and `fill`: what another recorder of the same car has."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from app.clock import Clock
+from app.commands.arguments import (
+    Actions,
+    add_json_argument,
+    add_session_argument,
+    add_trust_argument,
+    catalogue,
+    data_folder,
+    find_session,
+    new_action,
+)
+from app.commands.console import Progress
+from app.words import render
+
+if TYPE_CHECKING:
+    from app.sessions.transfer.fetch_jobs import FetchState
+    from app.sessions.transfer.follow import Follower
+
+BAR = 40  # characters
+LOOK_S = 2.0
+
+
+def add_arguments(actions: Actions) -> None:
+    """Declare the actions."""
+    text = "bring the finished sessions of another voltwall, a recorder in the car, here"
+    fetching = new_action(actions, "fetch", text, fetch)
+    fetching.epilog = (
+        "They are called LABEL-ID here. A transfer that was cut off goes on, and gaps of the sessions recorded here\n"
+        "are filled. With --follow it ends by Ctrl-C, and goes on when it is started again.\n"
+        "The other service's password, or a token of it, in VOLTWALL_REMOTE_PASSWORD."
+    )
+    add_trust_argument(fetching)
+    fetching.add_argument("url", metavar="URL", help="the other service, as http://car.local:8000")
+    fetching.add_argument("--label", default="", help="what its sessions are called here (default: its host name)")
+    fetching.add_argument(
+        "--only", action="append", default=[], metavar="ID", help="this session, even while it is recorded"
+    )
+    fetching.add_argument("--no-fill", action="store_true", help="leave the sessions recorded here as they are")
+    fetching.add_argument(
+        "--follow",
+        action="store_true",
+        help="go on for ever, piece by piece, also with what is being recorded: over a radio that loses much",
+    )
+    fetching.add_argument(
+        "--order", choices=("oldest", "newest"), default="oldest", help="with --follow: which pieces come first"
+    )
+    text = "what is still missing of the sessions that are followed"
+    add_json_argument(new_action(actions, "missing", text, list_missing))
+    text = "put into a session what its link lost and another recorder has"
+    filling = new_action(actions, "fill", text, fill)
+    add_session_argument(filling)
+    filling.add_argument(
+        "--from", dest="source", required=True, metavar="SESSION", help="the other recorder's, id or file"
+    )
+
+
+def fetch(args: argparse.Namespace) -> int:
+    """Bring another recorder's sessions here."""
+    from app.sessions.transfer.fetch import Remote
+    from app.sessions.transfer.fetch_jobs import Fetch
+    from app.sessions.transfer.follow import Follower
+
+    remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"), trust=args.trust)
+    folder = data_folder(args) / "sessions"
+    if args.follow:
+        return _follow(Follower(remote, folder, Clock(), order=args.order, note=print), folder)
+    with _Shown() as shown:
+        done = Fetch(remote, folder, catalogue(args), Clock(), shown.show).run(args.only, fill=not args.no_fill)
+    print(f"{len(done.fetched)} fetched, {done.already_here} were here")
+    return 0
+
+
+def _follow(follower: Follower, folder: Path) -> int:
+    """Follow until Ctrl-C; a line whenever something changed."""
+    from app.sessions.transfer.session_copy import SessionCopy
+
+    ending = threading.Event()
+    thread = threading.Thread(target=follower.run, args=(ending,), name="follow", daemon=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    thread.start()
+    before: list[str] = []
+    try:
+        while thread.is_alive():
+            lines = [_line(copy.state()) for copy in SessionCopy.all_in(folder)]
+            if follower.state.error is not None:
+                lines.append(str(follower.state.error))
+            if lines != before:
+                print("\n".join(lines), flush=True)
+            before = lines
+            thread.join(LOOK_S)
+    except KeyboardInterrupt:
+        ending.set()
+    return 0
+
+
+def list_missing(args: argparse.Namespace) -> int:
+    """Print what is still missing of sessions that are followed."""
+    from app.sessions.transfer.session_copy import SessionCopy
+
+    states = [copy.state() for copy in SessionCopy.all_in(data_folder(args) / "sessions")]
+    print(json.dumps(states, indent=2) if args.json else "\n".join(map(_line, states)) or "nothing is missing")
+    return 0
+
+
+def _line(state: dict[str, Any]) -> str:
+    """A copy with its bar: what is here is full, what is missing is empty, a mixture half."""
+    length_s = max(state["pieces"] * state["piece_s"], 1e-9)
+    bar = ""
+    for step in range(BAR):
+        first_s, last_s = (state["started"] + length_s * edge / BAR for edge in (step, step + 1))
+        lacking_s = sum(max(0.0, min(end, last_s) - max(start, first_s)) for start, end in state["missing"])
+        share = lacking_s / (last_s - first_s)
+        bar += "█" if share < 0.01 else "░" if share > 0.99 else "▒"
+    what = "being recorded" if state["recording"] else "recorded"
+    return f"{state['id']:28} {bar} {state['missing_s']:.0f} s of {length_s:.0f} s missing, {what}"
+
+
+def fill(args: argparse.Namespace) -> int:
+    """Put into a session what another recorder has."""
+    from app.sessions.transfer.fill import fill_gaps
+
+    path, source = find_session(args, args.session), find_session(args, args.source)
+    with Progress(path.stem) as progress:
+        filled = fill_gaps(path, source, t_wall_ns=Clock().wall_ns(), on_progress=progress)
+    print(f"{path.stem}: {filled} from {source.stem}")
+    return 0
+
+
+class _Shown:
+    """A line a session; on a terminal how far it is."""
+
+    def __init__(self) -> None:
+        self._id, self._fetched, self._filled = "", 0, 0
+        self._progress = Progress()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.end()
+
+    def show(self, state: FetchState) -> None:
+        """Show what changed."""
+        if state.session_id != self._id:
+            self._id, self._progress = state.session_id, Progress(state.session_id)
+        if state.total_bytes:
+            self._progress(state.done_bytes, state.total_bytes)
+        lines = [f"{name}: {state.total_bytes / 1e6:.1f} MB" for name in state.fetched[self._fetched :]]
+        lines += [render(text) for text in state.filled[self._filled :]]
+        if lines:
+            self._progress.end()
+            print("\n".join(lines))
+        self._fetched, self._filled = len(state.fetched), len(state.filled)

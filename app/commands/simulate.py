@@ -1,0 +1,66 @@
+"""`voltwall simulate`: the simulated accumulator, or with `--battery` any other."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING
+
+from app.commands.arguments import chosen_cell
+from app.errors import ConfigError
+from app.words import render
+from simulator.cli import add_arguments as add_simulator_arguments
+from simulator.cli import run as run_simulator
+
+if TYPE_CHECKING:
+    from app.battery.source import SpeaksDbc
+    from app.sources.loaded_battery import LoadedBattery
+    from simulator.dbc_battery.battery import DbcBattery
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The simulator's own, and the battery."""
+    parser.set_defaults(run=run)
+    add_simulator_arguments(parser)
+    parser.add_argument(
+        "--battery",
+        metavar="NAME|FILE",
+        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC (default: the team's own)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run it in this process."""
+    if args.battery is None:
+        return run_simulator(args)
+    from app.sources.loaded_battery import load_battery
+
+    loaded = load_battery(args.battery)
+    source = loaded.speaks_dbc
+    return run_simulator(args, None if source is None else simulated(loaded, source))
+
+
+def simulated(loaded: LoadedBattery, source: SpeaksDbc) -> DbcBattery:
+    """Return what the simulator makes of a battery; what its DBC has no place for is told on standard error.
+
+    Raises:
+        ConfigError: its cell file is wrong, or no signal of its DBC fits the profile.
+    """
+    from app.sources.dbc.encoding.speech import Speech
+    from simulator.dbc_battery.battery import DbcBattery
+    from simulator.shape import Shape
+
+    battery = loaded.battery
+    profile = next(iter(loaded.files))
+    cell = chosen_cell(battery.cell, "battery.cell")
+    speech = Speech(battery, source, loaded.definitions)
+    for trouble in speech.lanes.troubles:
+        place = profile if trouble.line is None else f"{profile}:{trouble.line}"
+        print(f"voltwall simulate: {place}: {trouble.field}: {render(trouble.what)}", file=sys.stderr)
+    for kind, channels in speech.unsaid().items():
+        print(f"voltwall simulate: {len(channels)} values of {kind} have no place in the DBC", file=sys.stderr)
+    if math.isinf(speech.due_s):
+        raise ConfigError("source", profile, "no signal of the DBC fits the profile: nothing would be sent")
+    limits = {name: limit for name, limit in battery.limits.items() if isinstance(limit, float)}
+    return DbcBattery(Shape(battery.segments), battery.sensors, cell.capacity_ah, limits, speech)

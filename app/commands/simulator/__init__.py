@@ -1,1 +1,0 @@
-"""The commands that run the simulator: the only ones that import it."""
