@@ -17,7 +17,6 @@ void battery_init(battery_t *battery, vw_link_t *link, bool is_driving, bool is_
     memset((uint8_t *)memory + VW_CONFIG_SIZE, 0, VW_MASTER_SIZE - VW_CONFIG_SIZE);
     battery->memory = memory;
     battery->is_driving = is_driving;
-    faults_init(&battery->faults);
     vw_estimator_init(&battery->estimator);
     vw_master_init(&battery->task, link, is_latched, 0u);
     battery->task.is_soc_estimated = true;
@@ -33,8 +32,7 @@ void battery_init(battery_t *battery, vw_link_t *link, bool is_driving, bool is_
 static uint8_t take_current(battery_t *battery, uint32_t now_ms, int32_t means[MAX_MEANS])
 {
     vw_master_t *memory = battery->memory;
-    int32_t driven = battery->task.relays.state == VW_RELAYS_VEHICLE ? DRIVING_CURRENT : 0;
-    int32_t sample = battery->faults.has_current ? battery->faults.current : driven;
+    int32_t sample = battery->task.relays.state == VW_RELAYS_VEHICLE ? DRIVING_CURRENT : 0;
     uint8_t n = 0u;
     for (; battery->sampled_ms != now_ms; battery->sampled_ms++) {
         battery->current_sum += sample;
@@ -57,15 +55,16 @@ static void take_cells(const battery_t *battery, uint32_t now_ms)
     for (i = 0; i < VW_N_CELLS; i++) {
         uint16_t v = (uint16_t)(REST_V + SPREAD_V * (i * 5u % N_SPREAD) + (now_ms / 100u + i) % 3u);
         memory->v[i] = v;
+        memory->t[i] = (int8_t)(24 + (int)(i / VW_CELLS_PER_PACK) % 3);
         memory->slave[i / VW_CELLS_PER_PACK].cvr[i % VW_CELLS_PER_PACK] = v;
+        memory->slave[i / VW_CELLS_PER_PACK].status = 1u;
     }
-    faults_apply(&battery->faults, memory);
 }
 
 /* Minima, maxima and means into the struct, and what is judged of them. */
 static void summarise(vw_master_t *memory, vw_reading_t *reading)
 {
-    uint32_t i, sum = 0, n_known = 0;
+    uint32_t i, sum = 0;
     int32_t t_sum = 0;
     memset(reading, 0, sizeof *reading);
     reading->v_min = UINT16_MAX;
@@ -77,8 +76,7 @@ static void summarise(vw_master_t *memory, vw_reading_t *reading)
         int8_t t = memory->t[i];
         sum += v;
         t_sum += t;
-        n_known += v != VW_V_MISSING;
-        if (v != VW_V_MISSING && v <= reading->v_min) {
+        if (v <= reading->v_min) {
             reading->v_min = v;
             reading->v_min_id = (uint8_t)i;
         }
@@ -94,14 +92,11 @@ static void summarise(vw_master_t *memory, vw_reading_t *reading)
             reading->t_max = t;
             reading->t_max_id = (uint8_t)i;
         }
-        if (memory->slave[i / VW_CELLS_PER_PACK].status != 1u) {
-            reading->lost_slave = (uint8_t)(i / VW_CELLS_PER_PACK);
-        }
     }
     reading->i_fc = memory->i_fc;
-    memory->v_min = n_known == 0u ? VW_V_MISSING : reading->v_min;
+    memory->v_min = reading->v_min;
     memory->v_max = reading->v_max;
-    memory->v_avg = (uint16_t)(n_known == 0u ? VW_V_MISSING : sum / n_known);
+    memory->v_avg = (uint16_t)(sum / VW_N_CELLS);
     memory->v_tot = (uint16_t)(sum / 100u);
     memory->v_min_id = reading->v_min_id;
     memory->v_max_id = reading->v_max_id;
@@ -112,11 +107,10 @@ static void summarise(vw_master_t *memory, vw_reading_t *reading)
     memory->t_max_id = reading->t_max_id;
 }
 
-bool battery_measure(battery_t *battery, uint32_t now_ms)
+void battery_measure(battery_t *battery, uint32_t now_ms)
 {
     int32_t means[MAX_MEANS];
     vw_inputs_t inputs = { .means = means, .is_ready = true, .is_shutdown_closed = true };
-    bool was_open = battery->task.protection.is_open;
     inputs.is_drive_asked = battery->is_driving;
     inputs.link_permille = LINK_CHARGED;
     inputs.hardware = VW_STATUS_I2C1;
@@ -125,7 +119,6 @@ bool battery_measure(battery_t *battery, uint32_t now_ms)
     summarise(battery->memory, &inputs.reading);
     vw_master_step(&battery->task, &inputs, now_ms);
     while (vw_estimator_run(&battery->estimator, battery->memory, now_ms)) continue; /* a PC is quick */
-    return battery->task.protection.is_open && !was_open;
 }
 
 enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argument)

@@ -6,7 +6,6 @@
  */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
-#include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -44,8 +43,6 @@ static const char usage[] =
     "  [--cut-byte B]      what the byte under way is left as, 0..255\n"
     "  [--worn]            the EEPROM keeps what it holds\n"
     "  [--no-eeprom]       the EEPROM does not answer\n"
-    "  [--faults]          faults come as lines on standard input: `v CELL COUNTS`, `t CELL DEGC`, `i COUNTS`,\n"
-    "                      `slave PACK`, `clear`; standard error tells `fault US` and `open US` by the master's clock\n"
     "  [--driving]         the driver asks for the relays to close: configuration and charging are refused\n"
     "  [--other-map]       another memory map's hash in IDENT\n";
 
@@ -95,7 +92,6 @@ typedef struct {
     int fd;
     bool is_driving;
     bool has_other_map;
-    bool takes_faults;
 } options_t;
 
 static void boot(const options_t *options, uint8_t cause)
@@ -110,7 +106,7 @@ static void boot(const options_t *options, uint8_t cause)
     }
     battery_init(&pc.battery, &line, options->is_driving, pc.battery.task.protection.is_open);
     vw_can_init(&can, &board, &memory);
-    (void)battery_measure(&pc.battery, 0u);
+    battery_measure(&pc.battery, 0u);
     pc.is_restarting = false;
 }
 
@@ -136,33 +132,6 @@ static size_t transmit(int fd, uint32_t now_ms)
     return n;
 }
 
-/* What is true, for who judges the measuring of it, by the clock that frames tell. */
-static void tell(const char *what, uint64_t now_us)
-{
-    fprintf(stderr, "%s %llu\n", what, (unsigned long long)now_us);
-    (void)fflush(stderr);
-}
-
-/* Take the lines on standard input that are there. */
-static void take_faults(uint64_t now_us)
-{
-    static char said[64];
-    static size_t n;
-    char byte;
-    while (read(STDIN_FILENO, &byte, 1u) == 1) {
-        if (byte != '\n') {
-            n = n < sizeof said - 1u ? n + 1u : n;
-            said[n - 1u] = byte;
-            continue;
-        }
-        said[n] = '\0';
-        n = 0u;
-        if (faults_parse(&pc.battery.faults, said)) {
-            tell("fault", now_us);
-        }
-    }
-}
-
 static int run(const options_t *options, const pty_t *pty, int fd)
 {
     uint64_t start_us = clock_us(), now_us = 0u, busy_until_us = 0u;
@@ -183,14 +152,9 @@ static int run(const options_t *options, const pty_t *pty, int fd)
         if (pc.eeprom.is_power_lost) {
             return POWER_LOST;
         }
-        if (options->takes_faults) {
-            take_faults(now_us);
-        }
         if (now_ms - measured_ms >= MEASURE_MS) {
             measured_ms = now_ms;
-            if (battery_measure(&pc.battery, now_ms)) {
-                tell("open", now_us);
-            }
+            battery_measure(&pc.battery, now_ms);
         }
         if (now_us >= busy_until_us) {
             size_t n = transmit(fd, now_ms);
@@ -220,10 +184,6 @@ static bool parse(int argc, char **argv, options_t *options, const char **eeprom
         const char *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (strcmp(name, "--driving") == 0) {
             options->is_driving = true;
-            continue;
-        }
-        if (strcmp(name, "--faults") == 0) {
-            options->takes_faults = true;
             continue;
         }
         if (strcmp(name, "--other-map") == 0) {
@@ -281,9 +241,6 @@ int main(int argc, char **argv)
         return 1;
     }
     fd = options.link != NULL ? pty.master : options.fd;
-    if (options.takes_faults) {
-        (void)fcntl(STDIN_FILENO, F_SETFL, O_NONBLOCK);
-    }
     (void)signal(SIGTERM, on_signal);
     (void)signal(SIGINT, on_signal);
     (void)signal(SIGPIPE, SIG_IGN);
