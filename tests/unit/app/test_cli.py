@@ -1,4 +1,3 @@
-import io
 import json
 import os
 import subprocess
@@ -19,13 +18,6 @@ def test_ctrl_c_anywhere_is_one_line_and_130(monkeypatch, capsys):
     assert capsys.readouterr().err == "voltwall sessions: interrupted\n"
     assert main([]) == 130
     assert capsys.readouterr().err == "voltwall: interrupted\n"
-
-
-def test_a_name_that_the_code_page_lacks_is_printed_all_the_same(monkeypatch, tmp_path):
-    written = io.BytesIO()
-    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(written, encoding="cp1252", write_through=True))
-    assert main(["sessions", "import", str(tmp_path / "Łukasz.csv"), "--data", str(tmp_path)]) == 2
-    assert "?ukasz.csv" in written.getvalue().decode("cp1252")
 
 
 @pytest.mark.parametrize("words", [["serve"], ["--help"], []])
@@ -49,14 +41,6 @@ def test_no_color_is_told_to_what_colours(place, monkeypatch, capsys):
 def test_every_shell_is_told_how_to_complete(shell, capsys):
     assert main(["completion", shell]) == 0
     assert "voltwall" in capsys.readouterr().out
-
-
-def test_the_shell_is_answered_with_actions_and_options(tmp_path):
-    line = "voltwall dbc --o"
-    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9"}
-    answer = {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "answer")}
-    subprocess.run([sys.executable, "-m", "app.cli"], env=os.environ | asked | answer, check=True)
-    assert (tmp_path / "answer").read_text() == "--out "
 
 
 HEAVY = (

@@ -28,19 +28,8 @@ def test_a_battery_is_simulated_into_a_log(profile, tmp_path, capsys):
 
 
 def test_what_the_dbc_has_no_place_for_is_told(profile, tmp_path, capsys):
-    main(
-        [
-            "simulate",
-            "--battery",
-            profile("U{cell}", 3),
-            "--can",
-            f"log:{tmp_path}/a.log",
-            "--speed",
-            "max",
-            "--duration",
-            "1",
-        ]
-    )
+    words = ["--can", f"log:{tmp_path}/a.log", "--speed", "max", "--duration", "1"]
+    main(["simulate", "--battery", profile("U{cell}", 3), *words])
     assert "2 values of voltage have no place in the DBC" in capsys.readouterr().err
 
 
