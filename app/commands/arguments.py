@@ -86,7 +86,7 @@ def data_folder(args: argparse.Namespace) -> Path:
     """Return the data folder: the one chosen, else the service's."""
     from app.service.settings import Settings
 
-    return getattr(args, "data", None) or Settings.model_validate({}).data
+    return getattr(args, "data", None) or Settings().data
 
 
 def catalogue(args: argparse.Namespace) -> Catalogue:
@@ -115,7 +115,7 @@ def chosen_battery(args: argparse.Namespace) -> tuple[Battery, CellModel]:
     from app.service.settings import Settings
     from app.sources.loaded_battery import load_battery
 
-    settings = Settings.model_validate({})
+    settings = Settings()
     battery = load_battery(args.battery or settings.battery).battery
     return battery, chosen_cell(settings.cell or battery.cell)
 

@@ -169,7 +169,7 @@ def lake_of(args: argparse.Namespace) -> str:
     """Return where the lake of an action is."""
     from app.service.settings import Settings
 
-    return str(args.lake or Settings.model_validate({}).lake or data_folder(args) / "lake")
+    return str(args.lake or Settings().lake or data_folder(args) / "lake")
 
 
 def built_lake(lake: Place, places: Sequence[Path], *, again: bool = False, judge_anew: bool = False) -> Built:

@@ -1,13 +1,13 @@
 """Every setting once: a command-line flag, an environment variable VOLTWALL_*, a default."""
 
+import os
 from importlib.resources import files
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import platformdirs
-from pydantic import Field, SecretStr
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, model_validator
 
 from app.battery.shape import TEAM_PROFILE
 from app.errors import ConfigError
@@ -20,10 +20,10 @@ LEAST_DIFFERENT = 5  # characters: not 121212121212
 COMMON_PASSWORDS = files(__package__) / "common_passwords.txt"
 
 
-class Settings(BaseSettings):
+class Settings(BaseModel):
     """Flag over environment over default."""
 
-    model_config = SettingsConfigDict(env_prefix="VOLTWALL_", env_ignore_empty=True, frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True)
 
     serial: str | None = Field(
         default=None,
@@ -126,6 +126,13 @@ class Settings(BaseSettings):
         default=None, ge=0, le=2**32 - 1, description="seed of the simulated accumulator, 0 to 4294967295"
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_environment(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """What is not given comes from VOLTWALL_<NAME>, if that is not empty."""
+        variables = {name: os.environ.get(f"VOLTWALL_{name.upper()}") for name in cls.model_fields}
+        return {name: value for name, value in variables.items() if value} | given
 
     @property
     def simulates(self) -> bool:
