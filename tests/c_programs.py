@@ -32,14 +32,13 @@ def require_gcc() -> None:
 
 
 @cache
-def build_program(folder: str, *, sanitized: bool = True) -> Path:
+def build_program(folder: str) -> Path:
     """Return the program of `firmware_protocol/c/FOLDER`, with sanitizers where gcc has them.
 
     What is compiled once serves every test process, and later runs as long as no source has changed.
     """
     sources = sorted((C_FOLDER / folder).glob("*.c"))
-    how = (FLAGS, ON_CHIP, sanitized)
-    return _built(folder, [*LIBRARY, *sources], how, lambda part: _compile(part, sources, sanitized))
+    return _built(folder, [*LIBRARY, *sources], (FLAGS, ON_CHIP), lambda part: _compile(part, sources))
 
 
 @cache
@@ -117,13 +116,10 @@ def _built(name: str, sources: Iterable[Path], how: object, compile_into: Callab
     return built
 
 
-def _compile(program: Path, sources: list[Path], sanitized: bool) -> None:
-    if sanitized:
-        built = _link(program, sources, SANITIZERS)
-        if not (built.returncode and "cannot find" in built.stderr):  # a gcc without its sanitizers
-            assert built.returncode == 0, built.stderr
-            return
-    built = _link(program, sources, ())
+def _compile(program: Path, sources: list[Path]) -> None:
+    built = _link(program, sources, SANITIZERS)
+    if built.returncode and "cannot find" in built.stderr:  # a gcc without its sanitizers
+        built = _link(program, sources, ())
     assert built.returncode == 0, built.stderr
 
 

@@ -1,7 +1,7 @@
 import pytest
 
-from firmware_protocol.config_image import default_image
-from firmware_protocol.eeprom import plan_store
+from firmware_protocol.config_image import default_image, with_value
+from firmware_protocol.eeprom import StoredConfig, encode_slot, newest, plan_store
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, MAP_HASH, MASTER_SIZE
 from firmware_protocol.messages import (
@@ -20,6 +20,7 @@ from firmware_protocol.messages import (
     Write,
 )
 from simulator.bms_state import RelayState
+from simulator.eeprom import Eeprom
 from simulator.loads import ConstantCurrent
 from simulator.simulation import SLOW_PERIOD_S
 
@@ -192,6 +193,55 @@ def test_a_second_store_waits_for_the_first(host):
 def test_worn_pages_are_found_by_reading_back(host):
     host.simulation.board.eeprom.worn_pages = set(range(16))
     assert host.ask(Store()).result == Result.EEPROM_FAILED
+
+
+def eeprom_with(*slots: bytes) -> Eeprom:
+    eeprom, content = Eeprom(), b"".join(slots)
+    eeprom.content[: len(content)] = content
+    return eeprom
+
+
+OLD, NEW = (with_value(default_image(), "v_cell_chrg", value_v) for value_v in (4.1, 4.12))
+BLANK = b"\xff" * 512
+
+
+@pytest.mark.parametrize(
+    ("slots", "at_start", "slot", "counter"),
+    [
+        ((), default_image(), 0, 1),
+        ((bytes(1024),), default_image(), 0, 1),
+        ((BLANK, encode_slot(OLD, 5)), OLD, 0, 6),
+        ((encode_slot(OLD, 8), encode_slot(default_image(), 8)), OLD, 1, 9),
+    ],
+    ids=["never written", "zeros", "only slot 1", "the same counter in both"],
+)
+def test_a_store_goes_into_the_slot_that_the_specification_names(make_host, slots, at_start, slot, counter):
+    eeprom = eeprom_with(*slots)
+    before = bytes(eeprom.content)
+    host = make_host(eeprom)
+    assert config_of(host) == at_start
+    assert host.ask(Write(0, NEW)).result == Result.DONE
+    assert host.ask(Store()).result == Result.DONE
+    assert newest(bytes(eeprom.content)) == StoredConfig(NEW, counter, slot)
+    other = slice(512 * (1 - slot), 512 * (2 - slot))
+    assert eeprom.content[other] == before[other]
+
+
+@pytest.mark.parametrize(
+    ("request_", "code"), [(Command(CommandId.SET_SOC, 5000), EventCode.SOC_SET), (Store(), EventCode.CONFIG_STORED)]
+)
+def test_a_repeated_request_is_answered_and_not_done_twice(host, request_, code):
+    for _ in range(3):
+        host.send(request_, 77)
+    host.run(0.5)
+    host.send(request_, 77)
+    host.run(0.5)
+    assert {(reply.request_sequence, reply.result) for reply in host.replies} == {(77, Result.DONE)}
+    assert [event.code for event in host.events].count(code) == 1
+    host.send(request_, 78)
+    host.run(0.5)
+    assert host.replies[-1].request_sequence == 78
+    assert [event.code for event in host.events].count(code) == 2
 
 
 def test_eeprom_can_be_read_over_the_line(host):
