@@ -1,4 +1,4 @@
-"""Programs of the C reference, each compiled once for all tests of a run, and a master that is one of them."""
+"""Programs of the C reference, each compiled once for all tests of a run."""
 
 import hashlib
 import os
@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -138,36 +137,3 @@ def _library(flags: tuple[str, ...]) -> Path:
             subprocess.run(["gcc", "-r", "-o", str(part), *map(str, Path(made).glob("*.o"))], check=True)
 
     return _built("library", LIBRARY, (FLAGS, ON_CHIP, flags), compile_into)
-
-
-@dataclass
-class CMaster:
-    """The C reference as a master behind a pseudo-terminal, its EEPROM in a file that outlives it."""
-
-    program: Path
-    folder: Path
-    options: tuple[str, ...] = ()
-    process: subprocess.Popen[str] | None = None
-
-    @property
-    def link(self) -> Path:
-        """What `--serial` is given."""
-        return self.folder / "c-master"
-
-    def start(self, *arguments: str) -> "CMaster":
-        """Switch it on; the port is there on return."""
-        eeprom = ("--eeprom", str(self.folder / "c-eeprom.bin"))
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self.process = subprocess.Popen(
-            [self.program, "--serial", self.link, *eeprom, *self.options, *arguments], stdout=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout.readline() == "ready\n"
-        return self
-
-    def stop(self) -> int:
-        """Switch it off, if it still runs; its exit status."""
-        if self.process.poll() is None:
-            self.process.terminate()
-        status = self.process.wait(10)
-        self.process.stdout.close()
-        return status

@@ -1,7 +1,6 @@
-"""What tests of every kind share: the real service as a process, on the simulated car or on the host program.
+"""What tests of every kind share: the real service as a process, on the simulated car.
 
-A module whose tests need the host program of `firmware_protocol/c/host` says `MASTER = "host"`. A module whose tests
-change nothing in the service says `READS_ONLY = True`, and shares one with all others that do.
+A module whose tests change nothing in the service says `READS_ONLY = True`, and shares one with all others that do.
 """
 
 import gc
@@ -18,7 +17,6 @@ from hypothesis import HealthCheck, settings
 import app  # noqa: F401  before numpy: it keeps each process to one thread
 from hatch_build import build_libraries
 from tests.bytecode import write_bytecode
-from tests.c_programs import CMaster, build_program
 from tests.campaign import IS_FULL, examples, tell_figure
 from tests.service_process import Service, until
 
@@ -67,12 +65,6 @@ def keep_files_in_memory() -> None:
     if shutil.disk_usage(MEMORY).free > MEMORY_BYTES:
         os.environ["TMPDIR"] = str(MEMORY)
         tempfile.tempdir = None  # asked for before: look again
-
-
-@pytest.fixture(scope="session")
-def c_master_program() -> Path:
-    """The program `firmware_protocol/c/host`."""
-    return build_program("host")
 
 
 @pytest.fixture
@@ -126,25 +118,13 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         del item.config.stash[READ_SERVICE]
 
 
-@pytest.fixture(scope="module")
-def master(request: pytest.FixtureRequest) -> str:
-    """What the services of this module read: the car that is `simulated`, or the `host` program."""
-    return getattr(request.module, "MASTER", "simulated")
-
-
-def c_master_for(master: str, folder: Path, request: pytest.FixtureRequest) -> CMaster | None:
-    """The C master that goes with a service, None on the simulated one."""
-    return CMaster(request.getfixturevalue("c_master_program"), folder) if master == "host" else None
-
-
 @contextmanager
-def services(folder: Path, master: str, request: pytest.FixtureRequest) -> Iterator[Callable[..., Service]]:
+def services(folder: Path) -> Iterator[Callable[..., Service]]:
     """Start services with data in a folder; at the end they are stopped."""
     made: list[Service] = []
 
     def make(*arguments: str, data: Path | None = None, start: bool = True, **environment: str) -> Service:
-        c_master = None if "--serial" in arguments else c_master_for(master, folder / "car", request)
-        service = Service(data or folder / "data", list(arguments), environment, c_master=c_master)
+        service = Service(data or folder / "data", list(arguments), environment)
         made.append(service)
         return service.start() if start else service
 
@@ -155,18 +135,16 @@ def services(folder: Path, master: str, request: pytest.FixtureRequest) -> Itera
 
 
 @pytest.fixture
-def make_service(tmp_path: Path, master: str, request: pytest.FixtureRequest) -> Iterator[Callable[..., Service]]:
+def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
     """Start services for one test."""
-    with services(tmp_path, master, request) as make:
+    with services(tmp_path) as make:
         yield make
 
 
 @pytest.fixture(scope="module")
-def make_module_service(
-    tmp_path_factory: pytest.TempPathFactory, master: str, request: pytest.FixtureRequest
-) -> Iterator[Callable[..., Service]]:
+def make_module_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Service]]:
     """Start services for all tests of a module."""
-    with services(tmp_path_factory.mktemp("services"), master, request) as make:
+    with services(tmp_path_factory.mktemp("services")) as make:
         yield make
 
 
@@ -176,13 +154,10 @@ def scenario() -> str:
     return "race-day"
 
 
-def live_service(folder: Path, scenario: str, c_master: CMaster | None = None) -> Service:
+def live_service(folder: Path, scenario: str) -> Service:
     """A service that delivers snapshots of every cell already."""
-    running = Service(folder / "data", ["--seed", "1", "--scenario", scenario], c_master=c_master).start()
-    has_can = c_master is None
-    running.wait_for(
-        lambda s: s["accumulator"]["loaded_cells"] == 96 and (s["links"]["can"]["state"] == "live" or not has_can)
-    )
+    running = Service(folder / "data", ["--seed", "1", "--scenario", scenario]).start()
+    running.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96 and s["links"]["can"]["state"] == "live")
     return running
 
 
@@ -198,13 +173,12 @@ def read_service(request: pytest.FixtureRequest, make_folder: pytest.TempPathFac
 
 @pytest.fixture(scope="module")
 def service(
-    tmp_path_factory: pytest.TempPathFactory, master: str, scenario: str, request: pytest.FixtureRequest
+    tmp_path_factory: pytest.TempPathFactory, scenario: str, request: pytest.FixtureRequest
 ) -> Iterator[Service]:
     """One service for all tests of a module, or of all modules that only read."""
     if getattr(request.module, "READS_ONLY", False):
         yield read_service(request, tmp_path_factory)
         return
-    folder = tmp_path_factory.mktemp("service")
-    running = live_service(folder, scenario, c_master_for(master, folder, request))
+    running = live_service(tmp_path_factory.mktemp("service"), scenario)
     yield running
     running.stop()

@@ -13,7 +13,6 @@ from pathlib import Path
 import httpx
 from websockets.sync.client import connect
 
-from tests.c_programs import CMaster
 from tests.forked import start_program
 
 # on a machine that does ten other things too
@@ -44,14 +43,12 @@ class Service:
     base_url: str = ""
     lines: list[str] = field(default_factory=list)
     reader: threading.Thread | None = None
-    c_master: CMaster | None = None  # on which it runs, switched on and off with it
 
     def start(self) -> "Service":
         """Start and wait for the line that names the address."""
         self.lines = []
-        serial = () if self.c_master is None else ("--serial", str(self.c_master.start().link))
         ready = threading.Event()
-        arguments = ["serve", "--port", "0", "--data", str(self.data), *self.arguments, *serial]
+        arguments = ["serve", "--port", "0", "--data", str(self.data), *self.arguments]
         self.process, output = start_program(
             "app.cli", arguments, os.environ | {"VOLTWALL_SEASON": "0"} | self.environment
         )
@@ -80,8 +77,6 @@ class Service:
         self.process.kill()
         self.process.join(END_S)
         self.reader.join(END_S)
-        if self.c_master is not None:
-            self.c_master.stop()
 
     def stop(self) -> int:
         """SIGTERM and wait; the exit code."""
@@ -92,8 +87,6 @@ class Service:
             self.process.kill()
             raise AssertionError(f"it did not end within {END_S} s")
         self.reader.join(END_S)
-        if self.c_master is not None:
-            self.c_master.stop()
         return code
 
     @property

@@ -19,12 +19,13 @@ class Simulator:
 
     arguments: list[str]
     urls: dict[str, str] = field(default_factory=dict)
+    program: str = "simulator.cli"
     process: BaseProcess | None = None
     output: TextIO | None = None
 
     def start(self) -> "Simulator":
         """Start it and wait until its ports are open."""
-        self.process, self.output = start_program("simulator.cli", self.arguments)
+        self.process, self.output = start_program(self.program, self.arguments)
         said = []
         for line in self.output:
             if line == "ready\n":

@@ -15,12 +15,11 @@ from firmware_protocol.config_image import default_image
 from firmware_protocol.eeprom import plan_store
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.messages import MessageType
-
-MASTER = "host"
+from tests.failing_car import FailingCar
 
 
 class Cable:
-    """A line over TCP to the C master; cut at a WRITE, nothing passes either way until it is mended."""
+    """A line over TCP to the car; cut at a WRITE, nothing passes either way until it is mended."""
 
     def __init__(self, link) -> None:
         self._link = link
@@ -71,19 +70,22 @@ class Cable:
 
 
 @pytest.fixture
-def car(make_service):
-    """A service on a C master behind a cable, and the cable."""
-    service = make_service(start=False)
-    master, service.c_master = service.c_master, None
-    master.start()
-    cable = Cable(master.link)
-    service.arguments += ["--serial", cable.url]
-    service.start()
+def failing(tmp_path):
+    """A car that fails on request."""
+    car = FailingCar(tmp_path)
+    yield car
+    car.stop()
+
+
+@pytest.fixture
+def car(failing, make_service):
+    """A service on a car behind a cable, and the cable."""
+    cable = Cable(failing.start().link)
+    service = make_service("--serial", cable.url)
     service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"])
     yield service, cable
     service.stop()
     cable.close()
-    master.stop()
 
 
 def field(page, name):
@@ -126,19 +128,18 @@ N_WRITTEN = sum(len(page.data) for page in plan_store(b"\xff" * 1024, default_im
     [(100, "The EEPROM holds the old configuration"), (N_WRITTEN - 40, "The EEPROM holds the configuration in force")],
     ids=["old", "new"],
 )
-def test_the_power_is_cut_in_a_store_and_the_page_says_what_the_eeprom_holds(make_service, open_page, cut_after, said):
-    service = make_service(start=False)
-    service.c_master.options = ("--cut-after", str(cut_after))
-    service.start()
+def test_the_power_is_cut_in_a_store_and_the_page_says_what_the_eeprom_holds(
+    failing, make_service, open_page, cut_after, said
+):
+    service = make_service("--serial", str(failing.start("--cut-after", str(cut_after)).link))
     service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"])
     page = open_page(f"{service.base_url}/#/parameters", quiet=False)
     page.get_by_test_id("store").click()
     page.get_by_test_id("confirm").click()
     outcome = page.get_by_test_id("outcome")
     expect(outcome).to_contain_text("Not known which configuration is stored")
-    service.c_master.stop()
-    service.c_master.options = ()
-    service.c_master.start()
+    failing.stop()
+    failing.start()
     expect(outcome).to_contain_text(said)
     page.get_by_test_id("store").click()
     page.get_by_test_id("confirm").click()
@@ -146,10 +147,8 @@ def test_the_power_is_cut_in_a_store_and_the_page_says_what_the_eeprom_holds(mak
     expect(page.get_by_test_id("stored-state")).to_have_text("same as in force")
 
 
-def test_another_memory_map_is_said_and_nothing_can_be_written(make_service, open_page):
-    service = make_service(start=False)
-    service.c_master.options = ("--other-map",)
-    service.start()
+def test_another_memory_map_is_said_and_nothing_can_be_written(failing, make_service, open_page):
+    service = make_service("--serial", str(failing.start("--other-map").link))
     service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"] is False)
     page = open_page(f"{service.base_url}/#/parameters")
     expect(page.get_by_text("The firmware’s memory map is not the one this service knows.")).to_be_visible()
