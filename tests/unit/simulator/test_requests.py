@@ -227,23 +227,6 @@ def test_a_store_goes_into_the_slot_that_the_specification_names(make_host, slot
     assert eeprom.content[other] == before[other]
 
 
-@pytest.mark.parametrize(
-    ("request_", "code"), [(Command(CommandId.SET_SOC, 5000), EventCode.SOC_SET), (Store(), EventCode.CONFIG_STORED)]
-)
-def test_a_repeated_request_is_answered_and_not_done_twice(host, request_, code):
-    for _ in range(3):
-        host.send(request_, 77)
-    host.run(0.5)
-    host.send(request_, 77)
-    host.run(0.5)
-    assert {(reply.request_sequence, reply.result) for reply in host.replies} == {(77, Result.DONE)}
-    assert [event.code for event in host.events].count(code) == 1
-    host.send(request_, 78)
-    host.run(0.5)
-    assert host.replies[-1].request_sequence == 78
-    assert [event.code for event in host.events].count(code) == 2
-
-
 def test_eeprom_can_be_read_over_the_line(host):
     host.ask(Store())
     assert host.ask(Read(EEPROM_READ_BASE, 4)).data == b"VWCF"
