@@ -21,7 +21,7 @@ from app.commands.arguments import (
     new_action,
 )
 from app.commands.console import Progress
-from app.words import render
+from app.words import Message, Text, render
 
 if TYPE_CHECKING:
     from app.sessions.transfer.fetch_jobs import FetchState
@@ -74,7 +74,7 @@ def fetch(args: argparse.Namespace) -> int:
     remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"), trust=args.trust)
     folder = data_folder(args) / "sessions"
     if args.follow:
-        return _follow(Follower(remote, folder, Clock(), order=args.order, note=print), folder)
+        return _follow(Follower(remote, folder, Clock(), order=args.order, note=_print), folder)
     with _Shown() as shown:
         done = Fetch(remote, folder, catalogue(args), Clock(), shown.show).run(args.only, fill=not args.no_fill)
     print(f"{len(done.fetched)} fetched, {done.already_here} were here")
@@ -94,7 +94,7 @@ def _follow(follower: Follower, folder: Path) -> int:
         while thread.is_alive():
             lines = [_line(copy.state()) for copy in SessionCopy.all_in(folder)]
             if follower.state.error is not None:
-                lines.append(str(follower.state.error))
+                lines.append(_text(follower.state.error))
             if lines != before:
                 print("\n".join(lines), flush=True)
             before = lines
@@ -102,6 +102,14 @@ def _follow(follower: Follower, folder: Path) -> int:
     except KeyboardInterrupt:
         ending.set()
     return 0
+
+
+def _print(message: Message) -> None:
+    print(render(message), flush=True)
+
+
+def _text(told: Text) -> str:
+    return told if isinstance(told, str) else render(told)
 
 
 def list_missing(args: argparse.Namespace) -> int:
@@ -133,7 +141,7 @@ def fill(args: argparse.Namespace) -> int:
     path, source = find_session(args, args.session), find_session(args, args.source)
     with Progress(path.stem) as progress:
         filled = fill_gaps(path, source, t_wall_ns=Clock().wall_ns(), on_progress=progress)
-    print(f"{path.stem}: {filled} from {source.stem}")
+    print(f"{path.stem}: {render(filled.message(source.stem))}")
     return 0
 
 
@@ -157,7 +165,7 @@ class _Shown:
         if state.total_bytes:
             self._progress(state.done_bytes, state.total_bytes)
         lines = [f"{name}: {state.total_bytes / 1e6:.1f} MB" for name in state.fetched[self._fetched :]]
-        lines += [render(text) for text in state.filled[self._filled :]]
+        lines += map(render, state.filled[self._filled :])
         if lines:
             self._progress.end()
             print("\n".join(lines))

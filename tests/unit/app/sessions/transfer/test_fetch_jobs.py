@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
+from app.cli import main
 from app.clock import Clock
 from app.errors import NotNow
 from app.sessions.catalogue import Catalogue
@@ -83,6 +84,16 @@ def test_all_that_is_finished_and_not_here_is_fetched_once_and_fills_what_is_her
         assert session.info.frames == 100
     again = Fetch(remote, tmp_path / "pit", catalogue, Clock()).run()
     assert (again.fetched, again.already_here, again.filled) == ((), 2, ())
+
+
+@pytest.mark.parametrize("is_fetched", [True, False], ids=["fetch", "fill"])
+def test_the_commands_say_in_words_what_was_filled(car, tmp_path, capsys, is_fetched):
+    there = record(car.folder, "run", range(100))
+    here = record(tmp_path / "data" / "sessions", "pit", [*range(40), *range(60, 100)], start_ns=5 * 10**9)
+    words = ["fetch", car.url, "--label", "car"] if is_fetched else ["fill", str(here.path), "--from", str(there.path)]
+    assert main(["sessions", *words, "--data", str(tmp_path / "data")]) == 0
+    source = f"car-{there.id}" if is_fetched else there.id
+    assert f"{here.id}: 20 missing frames filled, 1.9 s in 1 gap, from {source}\n" in capsys.readouterr().out
 
 
 def test_a_recorder_without_a_clock_fills_all_the_same(car, remote, tmp_path):
