@@ -190,17 +190,19 @@ def test_a_cut_at_any_frame_of_a_load_leaves_one_of_the_two_and_says_which(cut_a
     assert car.in_force == OLD
 
 
-def pages_of_a_store() -> int:
-    car = Car(slots=1)
+def pages_of_a_store(slots: int) -> int:
+    """All of an erased slot; of one that is in use those that change."""
+    car = Car(slots)
     write(car)
     return len(plan_store(bytes(car.eeprom.content), NEW))
 
 
-@pytest.mark.parametrize("page", range(pages_of_a_store()))
-def test_a_power_cut_at_any_byte_of_the_eeprom_leaves_the_old_or_the_new_and_a_retry_is_safe(page):
-    """The other slot is erased, so all of its pages are written."""
+@pytest.mark.parametrize(
+    ("slots", "page"), [(slots, page) for slots in (1, 2) for page in range(pages_of_a_store(slots))]
+)
+def test_a_power_cut_at_any_byte_of_the_eeprom_leaves_the_old_or_the_new_and_a_retry_is_safe(slots, page):
     for byte in range(page % EVERY_BYTE, PAGE_SIZE, EVERY_BYTE):
-        car = Car(slots=1)
+        car = Car(slots)
         write(car)
         car.eeprom.bytes_left = page * PAGE_SIZE + byte
         with pytest.raises((LinkError, MasterRefused)):
