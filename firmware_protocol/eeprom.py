@@ -1,4 +1,4 @@
-"""The layout of the 32 kB EEPROM: two configuration slots and a journal of the charge drawn.
+"""The configuration in the 32 kB EEPROM: two slots. Behind them the firmware keeps its journal of the charge drawn.
 
 A slot is eight pages: a header page, then the image in seven. A page write may be cut after any byte, so a store
 first wipes the older slot's header, then writes the image, then the header whose last bytes are the CRC: until that
@@ -18,7 +18,6 @@ from firmware_protocol.older_maps import FIRST_LAYOUT, present_image
 
 EEPROM_SIZE = 32 * 1024
 PAGE_SIZE = 64
-N_PAGES = EEPROM_SIZE // PAGE_SIZE
 LAYOUT_VERSION = 2  # of the struct; a slot of none of these two is not understood
 
 SLOT_OFFSETS = (0, 8 * PAGE_SIZE)
@@ -28,7 +27,7 @@ _SLOT_HEADER = struct.Struct("<4sHHI")  # magic, length, layout version, counter
 _CRC = struct.Struct("<I")
 
 JOURNAL_OFFSET = 16 * PAGE_SIZE
-JOURNAL_PAGES = N_PAGES - JOURNAL_OFFSET // PAGE_SIZE
+JOURNAL_PAGES = EEPROM_SIZE // PAGE_SIZE - JOURNAL_OFFSET // PAGE_SIZE
 
 _COUNTER_END = 1 << 32
 

@@ -19,6 +19,9 @@ from firmware_protocol.older_maps import (
     is_known,
     present_image,
 )
+from simulator.accumulator import AccumulatorParameters
+from simulator.eeprom import Eeprom
+from simulator.simulation import Simulation
 
 RECORDED = Path(__file__).parents[2] / "recorded" / "first_map"  # by the program of the day before the change
 DEFAULT = config_image.default_image()
@@ -80,6 +83,18 @@ def test_an_eeprom_of_the_first_layout_is_migrated():
     assert stored.counter == 1
     values = {name: config_image.unit_value(stored.image, name) for name in ("telemetry_period", "ts", "v_cell_max")}
     assert values == {"telemetry_period": 250, "ts": 100, "v_cell_max": 4.2}
+
+
+def test_a_car_goes_on_counting_the_charge_that_was_counted_then():
+    chip = Eeprom()
+    chip.content[:] = lzma.decompress((RECORDED / "eeprom.bin.xz").read_bytes())
+    car = Simulation(AccumulatorParameters(start_soc=0.7), eeprom=chip, seed=1)
+    car.run_until(0.05)
+    car.reset(cause=2)
+    car.run_until(2.0)
+    dod, soc = (FIELDS[name].unpack(car.master.image)[0] for name in ("dod", "soc"))
+    assert soc == 8871
+    assert dod * FIELDS["dod"].scale == pytest.approx(10_165_135 / 3.6e6, abs=1e-3)
 
 
 def test_the_next_store_is_of_the_present_layout_and_leaves_the_old_one_as_a_fallback():

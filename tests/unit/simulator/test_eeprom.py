@@ -1,8 +1,12 @@
 import numpy as np
 import pytest
 
+from firmware_protocol.memory_map import FIELDS
+from simulator.accumulator import AccumulatorParameters
 from simulator.eeprom import ERASED, PAGE_WRITE_S, SIZE, Eeprom
 from simulator.errors import PortError
+from simulator.simulation import Simulation
+from tests.spec_codec import journal_entry
 
 
 def test_content_outlives_the_chip_object(tmp_path):
@@ -69,3 +73,27 @@ def test_a_page_that_the_file_does_not_take_keeps_what_it_held(tmp_path):
     (tmp_path / "away").rename(path)
     eeprom.write(0, b"new")
     assert Eeprom(path).read(0, 3) == b"new"
+
+
+def counted(*entries: tuple[int, bytes]) -> int:
+    """What the firmware takes for the charge drawn after a reset, with these bytes in its journal."""
+    chip = Eeprom()
+    for offset, data in entries:
+        chip.write(offset, data)
+    car = Simulation(AccumulatorParameters(start_soc=0.7), eeprom=chip, seed=1)
+    car.run_until(0.05)
+    car.reset(cause=2)
+    car.run_until(2.0)
+    return FIELDS["dod"].unpack(car.master.image)[0]
+
+
+@pytest.mark.parametrize("counters", [(990, 496, 3), (3, 496, 990)])
+def test_the_newest_entry_of_the_journal_counts_wherever_it_stands(counters):
+    entries = [journal_entry(counter, 1000 * counter, 9000) for counter in counters]
+    assert counted(*entries) == pytest.approx(990_000, abs=100)
+
+
+@pytest.mark.parametrize("cut", [0, 1, 8, 15, 19])
+def test_a_torn_entry_of_the_journal_leaves_the_one_before(cut):
+    offset, data = journal_entry(8, 6_000_000, 8999)
+    assert counted(journal_entry(7, 5_000_000, 9000), (offset, data[:cut])) == pytest.approx(5_000_000, abs=100)
