@@ -85,6 +85,6 @@ class Season(Closing):
         """
         paths = session_files([Path(place).expanduser() for place in places])
         built = build_lake(Place(self.lake), paths)
-        failed = {session: why if isinstance(why, str) else render(why) for session, why in built.failed}
+        failed = {session: render(why) for session, why in built.failed}
         said = {"made": built.made, "current": built.current, "not closed": built.not_closed}
         return {session: text for text, sessions in said.items() for session in sessions} | failed

@@ -189,7 +189,7 @@ def built_lake(lake: Place, places: Sequence[Path], *, again: bool = False, judg
     except OSError as error:
         raise ConfigError("lake", lake.url, error.strerror or str(error)) from error
     for session, why in built.failed:
-        print(f"{session} is left out: {why if isinstance(why, str) else render(why)}", file=sys.stderr)
+        print(f"{session} is left out: {render(why)}", file=sys.stderr)
     return built
 
 

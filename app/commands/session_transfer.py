@@ -21,7 +21,7 @@ from app.commands.arguments import (
     new_action,
 )
 from app.commands.console import Progress
-from app.words import Message, Text, render
+from app.words import Message, render
 
 if TYPE_CHECKING:
     from app.sessions.transfer.fetch_jobs import FetchState
@@ -94,7 +94,7 @@ def _follow(follower: Follower, folder: Path) -> int:
         while thread.is_alive():
             lines = [_line(copy.state()) for copy in SessionCopy.all_in(folder)]
             if follower.state.error is not None:
-                lines.append(_text(follower.state.error))
+                lines.append(render(follower.state.error))
             if lines != before:
                 print("\n".join(lines), flush=True)
             before = lines
@@ -106,10 +106,6 @@ def _follow(follower: Follower, folder: Path) -> int:
 
 def _print(message: Message) -> None:
     print(render(message), flush=True)
-
-
-def _text(told: Text) -> str:
-    return told if isinstance(told, str) else render(told)
 
 
 def list_missing(args: argparse.Namespace) -> int:

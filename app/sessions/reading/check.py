@@ -51,7 +51,7 @@ def find_problems(stored: StoredSession, on_read: Callable[[int, int], None] | N
             found += _frames(stored, read)
             found += _columns(stored, read)
     except NotASession as error:
-        found.append(error.reason if isinstance(error.reason, str) else render(error.reason))
+        found.append(render(error.reason))
     return found
 
 
