@@ -1,4 +1,4 @@
-"""A simulated car whose EEPROM loses its power or keeps nothing, or whose firmware is of another version."""
+"""A simulated car whose EEPROM loses its power in a store, or whose firmware is of another version."""
 
 import argparse
 import os
@@ -36,17 +36,15 @@ class FailingCar:
 
 
 class FailingEeprom(eeprom.Eeprom):
-    """Loses its power when so many bytes of the configuration have been written, or keeps none."""
+    """Loses its power when so many bytes of the configuration have been written."""
 
-    def __init__(self, path: Path | None = None, *, cut_after: int | None, is_worn: bool) -> None:
+    def __init__(self, path: Path | None = None, *, cut_after: int) -> None:
         super().__init__(path)
         self._left = cut_after
-        if is_worn:
-            self.worn_pages = set(range(len(SLOT_OFFSETS) * SLOT_SIZE // eeprom.PAGE_SIZE))
 
     def write(self, address: int, data: bytes) -> None:
         """Write a page, or what of it can be."""
-        if self._left is None or address >= len(SLOT_OFFSETS) * SLOT_SIZE:
+        if address >= len(SLOT_OFFSETS) * SLOT_SIZE:
             super().write(address, data)
             return
         super().write(address, data[: self._left])
@@ -71,10 +69,10 @@ def main(arguments: list[str]) -> int:
     """Be the process: what `voltwall simulate` takes, and how it fails."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--cut-after", type=int)
-    parser.add_argument("--worn", action="store_true")
     parser.add_argument("--other-map", action="store_true")
     fault, others = parser.parse_known_args(arguments)
-    eeprom.Eeprom = partial(FailingEeprom, cut_after=fault.cut_after, is_worn=fault.worn)
+    if fault.cut_after is not None:
+        eeprom.Eeprom = partial(FailingEeprom, cut_after=fault.cut_after)
     if fault.other_map:
         next_frame = VirtualMaster.next_frame
         VirtualMaster.next_frame = lambda master, now_s: of_another_map(next_frame, master, now_s)

@@ -168,3 +168,25 @@ def test_while_the_car_drives_only_what_is_safe_is_written(make_service):
         live = {f["name"] for f in client.get("/config/schema").json()["fields"] if f["live"]}
     assert "fan_ramp_max" in live
     assert "t_cell_max" not in live
+
+
+WORN = """title = "Worn"
+description = "An EEPROM that keeps nothing."
+loop = true
+[[phase]]
+load = "rest"
+for_s = 3600
+[[fault]]
+at_s = 0
+name = "eeprom-worn"
+"""
+
+
+def test_an_eeprom_that_keeps_nothing_is_an_error_and_the_write_stays_in_force(make_service, tmp_path):
+    scenario = tmp_path / "worn.toml"
+    scenario.write_text(WORN)
+    with make_service("--scenario", str(scenario)).client() as client:
+        until(lambda: is_ready(client.get("/snapshot")))
+        assert put(client, {"v_cell_chrg": 4.12}).status_code == 200
+        assert client.post("/config/store").status_code == 409
+        assert client.get("/config").json()["values"]["v_cell_chrg"] == 4.12
