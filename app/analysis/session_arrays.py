@@ -9,7 +9,7 @@ import numpy as np
 from app.analysis.totals import Totals
 from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.reading.reader import SessionFile
-from app.sessions.reading.samples import FieldSamples
+from app.sessions.reading.series import FieldSamples
 
 _SOC = "estimate.soc"
 TOTALS_FIELDS = ("i_fs", "v_tot", "v_min", "v_min_id", "v_max", "t_max", "t_max_id", "t_avg", "soc", _SOC)

@@ -13,7 +13,7 @@ from app.analysis.survey import Piece, Survey, Surveyor
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import SessionFile
-from app.sessions.reading.samples import FieldSamples
+from app.sessions.reading.series import FieldSamples
 from app.sessions.storage.battery_fields import IS_NEW
 
 _REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # of the team's boards

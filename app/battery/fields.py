@@ -97,7 +97,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
     "battery.limits": _LIMIT_FIELDS,
     "battery.rules": tuple(Field(f.name, "number", f.meaning + ", by the rules", unit=f.unit, low=f.low, high=f.high) for f in _LIMIT_FIELDS),  # noqa: E501
     "source": (
-        Field("kind", "text", "`dbc`: CAN by a DBC; `master`: the team's own master", "`dbc`", one_of=("dbc", "master")),  # noqa: E501
+        Field("kind", "text", "`dbc`: CAN by a DBC; `master`: the team's own master; `table`: an imported table, in its session alone", "`dbc`", one_of=("dbc", "master", "table")),  # noqa: E501
         Field("dbc", "texts", "files of message definitions (DBC, SYM, KCD, ARXML), relative to the profile", ""),
         Field("period_s", "number", "between two measurements that are made of what was heard", "0.1", "s", 0.001, 60),
         Field("bit_rate", "count", "of the bus: what its load is a share of", "by the bus named with `?bitrate=`", "bit/s", 5_000, 8_000_000),  # noqa: E501

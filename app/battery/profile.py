@@ -14,6 +14,7 @@ from app.battery.source import (
     Source,
     SpeaksDbc,
     SpeaksMaster,
+    SpeaksTable,
     StateSignal,
 )
 from app.battery.table_reader import ProfileError, TableReader
@@ -183,6 +184,8 @@ def _source(document: Document) -> Source:
     table = _table(document, "source")
     if table.text("kind", "dbc") == "master":
         return SpeaksMaster()
+    if table.text("kind", "dbc") == "table":
+        return SpeaksTable()
     table.check_names((*KINDS, *_READINGS, "state"))
     values = table.values
     readings = {name: _reading(document, f"source.{name}") for name in _READINGS if name in values}

@@ -90,4 +90,9 @@ class SpeaksMaster:
     """The team's own master, by its memory map."""
 
 
-Source = SpeaksDbc | SpeaksMaster
+@dataclass(frozen=True, slots=True)
+class SpeaksTable:
+    """Rows of a table that was imported: each tells every cell at one instant."""
+
+
+Source = SpeaksDbc | SpeaksMaster | SpeaksTable

@@ -190,7 +190,7 @@ def _check(args: argparse.Namespace) -> int:
     """Print every doubt; 1 where there is one, 2 where the profile cannot work."""
     from app.battery.library import load_part
     from app.battery.profile_errors import errors_of
-    from app.battery.source import SpeaksMaster
+    from app.battery.source import SpeaksDbc
 
     document = load_part(args.profile)
     errors, profile = errors_of(document)
@@ -198,11 +198,10 @@ def _check(args: argparse.Namespace) -> int:
     n_errors, n_doubts = len(errors), 0
     if profile is not None:
         doubts = _of_cell(profile.battery.cell, profile.file)
-        if isinstance(profile.source, SpeaksMaster):
-            if not args.json:
-                print(f"{profile.file}: the team's own master; nothing of a DBC to check")
-        else:
+        if isinstance(profile.source, SpeaksDbc):
             doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
+        elif not args.json:
+            print(f"{profile.file}: the team's own master; nothing of a DBC to check")
         if errors:  # doubts would be of what was set aside
             doubts = [doubt for doubt in doubts if doubt.is_error and not _is_known(doubt.field, errors)]
         for doubt in doubts:

@@ -213,7 +213,7 @@ def log_frames(path: Path) -> Frames:
         ConfigError: there is no such file.
         ImportFailed: it cannot be read.
     """
-    from app.sources.dbc.log_file import load_log
+    from app.sources.dbc.frames import load_log
 
     size = existing("log", path).stat().st_size
     with Progress(path.name) as progress:

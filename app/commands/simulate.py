@@ -47,7 +47,7 @@ def simulated(loaded: LoadedBattery, source: SpeaksDbc) -> DbcBattery:
     Raises:
         ConfigError: its cell file is wrong, or no signal of its DBC fits the profile.
     """
-    from app.sources.dbc.encoding.speech import Speech
+    from app.sources.dbc.encoder import Speech
     from simulator.dbc_battery.battery import DbcBattery
     from simulator.shape import Shape
 

@@ -28,8 +28,7 @@ from typing import Any, Literal, get_args
 
 from filelock import FileLock
 
-from app.sources.data_file import checked, parse_object
-from app.sources.whole_file import flush_folder, replace_file
+from app.sources.data_file import checked, flush_folder, parse_object, replace_file
 
 
 class JsonLines:

@@ -9,7 +9,7 @@ from pathlib import Path
 from app.clock import Clock
 from app.configuration.profile import Profile, parse_profile, profile_text
 from app.errors import AppError, ConfigError
-from app.sources.whole_file import replace_file
+from app.sources.data_file import replace_file
 from app.words import Message
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{0,39}")

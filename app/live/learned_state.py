@@ -17,7 +17,7 @@ from app.estimation.health.cell_watch import CellWatchMemory
 from app.estimation.health.charge_watch import STATES, ChargeMemory
 from app.estimation.health.joint_watch import LooseJoints
 from app.live.prediction import LearnedCells
-from app.sources.whole_file import replace_file
+from app.sources.data_file import replace_file
 from app.telemetry import FloatArray
 
 log = logging.getLogger(__name__)

@@ -15,6 +15,7 @@ from app.sources.dbc.source import DbcSource
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
 from app.sources.source import MeasurementSource
+from app.sources.table_source import TableSource
 from app.telemetry import FloatArray, Source
 from app.telemetry.cell_findings import sensors_of
 from app.words import Message
@@ -135,6 +136,8 @@ class PipelineFactory:
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
         speaks = self.battery.speaks_dbc
+        if speaks is None and not self.battery.has_memory_map:
+            return TableSource(self.battery.battery, name)
         if speaks is None:
             return MasterSource(name, rs232_url, can_url)
         return DbcSource(self.battery.battery, speaks, self.battery.definitions, can_url, name=name)

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.sessions.storage.migrate import BLACKBOXES
-from app.sessions.storage.own_database import OnSetAside, nobody_asks
-from app.sessions.storage.small_store import Store, packed
+from app.sessions.storage.database import BLACKBOXES
+from app.sessions.storage.own_database import OnSetAside, Store, nobody_asks, packed
 from app.telemetry import Severity
 from app.words import RenderedMessage, rendered_as_stored
 

@@ -18,7 +18,7 @@ import orjson
 
 from app.clock import Clock
 from app.sessions.errors import RecordingFailed, SessionError
-from app.sessions.storage.migrate import EVENTS
+from app.sessions.storage.database import EVENTS
 from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Event
 from app.words import Message, Quantity, render

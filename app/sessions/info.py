@@ -84,20 +84,13 @@ class RecordedFrame:
 
 @dataclass(frozen=True, slots=True)
 class RecordedCanFrame:
-    """A CAN frame; bit 31 of the id marks a 29-bit id, bits 29 and 30 are the number of the bus.
-
-    The number is 0 but in sessions of versions that read several buses.
-    """
+    """A CAN frame; bit 31 of the id marks a 29-bit id. `bus` is 0 but in sessions of versions that read several."""
 
     t_mono_ns: int
     t_wall_ns: int
     can_id: int
     data: bytes
-
-    @property
-    def bus(self) -> int:
-        """Number of its bus; the battery's own is 0."""
-        return self.can_id >> 29 & 3
+    bus: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,11 +16,11 @@ from app.errors import AppError, ConfigError, NotNow, message_of
 from app.live.accumulator import charge_of
 from app.live.cells import extreme, mean
 from app.live.pipeline import Pipeline
-from app.sessions.info import RecordedCanFrame, RecordedFrame
+from app.sessions.info import RecordedCanFrame
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.recorded_estimates import RecordedEstimates
-from app.sessions.replay_schedule import LEAD_S, MIN_LOOP_S, Pacer
-from app.sources.items import CanItem, Item, LinkChange, SerialItem
+from app.sessions.replay_schedule import LEAD_S, MIN_LOOP_S, Pacer, Received
+from app.sources.items import CanItem, Item, LinkChange, SerialItem, TableItem
 from app.telemetry import FloatArray, Snapshot, TripCause
 from app.telemetry.service_state import Replay, ReplayCompared
 from app.words import Message
@@ -71,8 +71,10 @@ class _Replay:
 Orders = queue.SimpleQueue[Callable[[_Replay, float], None] | None]
 
 
-def item_of(received: RecordedFrame | RecordedCanFrame) -> Item:
+def item_of(received: Received) -> Item:
     """The item that the link delivered when this was recorded."""
+    if isinstance(received, TableItem):
+        return received
     if isinstance(received, RecordedCanFrame):
         return CanItem(received.t_mono_ns, received.t_wall_ns, received.can_id, received.data)
     return SerialItem(received.t_mono_ns, received.t_wall_ns, decode_chunk(received.raw))
@@ -277,7 +279,7 @@ class ReplayPlayer:
                 return
             order(replay, self._clock.monotonic_s())
 
-    def _take(self, replay: _Replay, due: Sequence[RecordedFrame | RecordedCanFrame]) -> bool:
+    def _take(self, replay: _Replay, due: Sequence[Received]) -> bool:
         """Put what is due through the pipeline; True where something was shown."""
         shown = False
         for received in due:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from app.errors import ConfigError
 from app.sessions.info import RecordedCanFrame, RecordedFrame
+from app.sources.items import TableItem
 
 if TYPE_CHECKING:
     from app.sessions.reading.reader import SessionFile
@@ -15,7 +16,7 @@ LEAD_S = 5.0  # after a jump, so much from before it comes first: every window o
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
 MIN_LOOP_S = 0.5
 MAX_ITEMS = 64  # at a time: orders are heard in between
-Received = RecordedFrame | RecordedCanFrame
+Received = RecordedFrame | RecordedCanFrame | TableItem
 
 
 class Pacer:
@@ -84,14 +85,14 @@ class Pacer:
         return max(0.0, (self._position_of(self._next) - self.position_s(now_s)) / self.speed)
 
     def step(self) -> list[Received]:
-        """Pause and return everything up to and with the next serial frame."""
+        """Pause and return everything up to and with the next serial frame, or row of a table."""
         self.is_paused = True
         found: list[Received] = []
         while (item := self._next) is not None:
             found.append(item)
             self._next = next(self._items, None)
             self._at_s = max(self._at_s, self._position_of(item))
-            if isinstance(item, RecordedFrame):
+            if isinstance(item, RecordedFrame | TableItem):
                 break
         return found
 
@@ -135,7 +136,10 @@ class Pacer:
         self._at_s = min(max(position_s, 0.0), self.duration_s)
         self._now_s = now_s
         lead_s = self._session.unix_s(self._start_ns + round((self._at_s - LEAD_S) * 1e9)) if self._at_s else None
-        sources: list[Iterator[Received]] = [self._session.frames(lead_s), self._session.can_frames(lead_s)]
+        session = self._session
+        sources: list[Iterator[Received]] = [
+            session.frames(lead_s), session.can_frames(lead_s), session.measurements(lead_s)
+        ]  # fmt: skip
         self._items = merge(*sources, key=lambda item: item.t_mono_ns)
         self._next = next(self._items, None)
 

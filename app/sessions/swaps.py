@@ -17,8 +17,8 @@ from app.battery.battery import Battery
 from app.battery.library import file_name_of
 from app.errors import ConfigError
 from app.sessions.errors import RecordingFailed
+from app.sources.data_file import replace_file
 from app.sources.loaded_battery import team_battery
-from app.sources.whole_file import replace_file
 from app.words import Message
 
 log = logging.getLogger(__name__)

@@ -17,11 +17,10 @@ from app.battery.by_shape import files_of_shape
 from app.battery.library import bundled_profiles
 from app.battery.shape import TEAM_PROFILE
 from app.errors import ConfigError, NotNow
-from app.sources.data_file import checked, parse_object, set_aside
+from app.sources.data_file import checked, parse_object, replace_file, set_aside
 from app.sources.links.can_bus import parse_bus
 from app.sources.links.serial_url import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
-from app.sources.whole_file import replace_file
 from app.words import Message
 
 if TYPE_CHECKING:  # `voltwall sessions --help` needs no learning

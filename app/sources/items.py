@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from app.estimation.arrays import FloatArray
 from app.telemetry import BusState, LinkName
 from app.words import Text
 from firmware_protocol.framing import BadFrame, Frame
@@ -31,6 +32,15 @@ class CanItem:
 
 
 @dataclass(frozen=True, slots=True)
+class TableItem:
+    """A row of a table: what one instant says of the battery, NaN where it was not measured."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    numbers: FloatArray  # current [A], positive on discharge; SOC; voltage of each cell [V]; each sensor [degC]
+
+
+@dataclass(frozen=True, slots=True)
 class LinkChange:
     """A link opened, closed or failed."""
 
@@ -54,4 +64,4 @@ class CanFault:
     rx_errors: int | None = None
 
 
-Item = SerialItem | CanItem | CanFault | LinkChange
+Item = SerialItem | CanItem | CanFault | LinkChange | TableItem

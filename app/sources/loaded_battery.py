@@ -8,7 +8,7 @@ from pathlib import Path
 from app.battery.battery import Battery
 from app.battery.library import profile_files, profile_of
 from app.battery.shape import TEAM_PROFILE
-from app.battery.source import Source, SpeaksDbc
+from app.battery.source import Source, SpeaksDbc, SpeaksMaster, SpeaksTable
 from app.battery.table_reader import ProfileError
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
@@ -32,6 +32,11 @@ class LoadedBattery:
         return self.source if isinstance(self.source, SpeaksDbc) else None
 
     @property
+    def has_memory_map(self) -> bool:
+        """Whether its values are those of our own master."""
+        return isinstance(self.source, SpeaksMaster)
+
+    @property
     def uses_fd(self) -> bool:
         """Its messages are longer than classic CAN allows."""
         return any(message.length > CLASSIC_BYTES for message in self.definitions.messages)
@@ -49,6 +54,8 @@ def load_battery(name: str, *, own_folder: bool = False) -> LoadedBattery:
         ImportFailed, ExtraMissing: a DBC cannot be read.
     """
     loaded = battery_from_files(profile_files(name, own_folder=own_folder))
+    if isinstance(loaded.source, SpeaksTable):
+        raise ProfileError(name, None, "source.kind", "table", Message("table-in-session"))
     cell = Path(name).parent / loaded.battery.cell
     if not cell.is_file():
         return loaded

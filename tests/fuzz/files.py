@@ -94,7 +94,7 @@ def profile(data: bytes) -> None:
 
 def can_log(data: bytes) -> None:
     """A CAN log of any program: frames with times and at most 64 bytes, or a refusal."""
-    from app.sources.dbc.log_file import load_log
+    from app.sources.dbc.frames import load_log
 
     endings = tuple(each for each in ENDINGS if each != ".mf4")  # asammdf's own, in a worker with limits
     path = _folder() / f"x{endings[data[0] % len(endings) if data else 0]}"

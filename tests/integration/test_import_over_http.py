@@ -40,7 +40,7 @@ def test_a_file_becomes_a_session_and_its_mapping_a_profile(service, csv):
         state = done(client)
         assert (state["error"], state["done"]) == (None, 300)
         session = client.get(f"/sessions/{state['session_id']}").json()
-        assert (session["name"], session["can_frames"], session["closed"]) == ("their run", 600, True)
+        assert (session["name"], session["can_frames"], session["closed"]) == ("their run", 0, True)
         assert "estimate.soc" in session["signals"]
         assert "their bms" in client.get("/imports").json()["profiles"]
         again = client.post("/imports", params={"filename": "next.csv"}, content=csv).json()

@@ -16,7 +16,7 @@ from app.sources.dbc.assembly import Assembler
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import load_definitions, parse_definitions
 from app.sources.dbc.definitions import Definitions
-from app.sources.dbc.encoding.speech import Speech
+from app.sources.dbc.encoder import Speech
 from app.sources.dbc.frames import frames_of
 from tests.campaign import of_size
 from tests.peer_batteries import PEERS

@@ -13,7 +13,7 @@ from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntAr
 from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.reading.reader import SessionFile
-from app.sessions.reading.samples import FieldSamples
+from app.sessions.reading.series import FieldSamples
 from app.sessions.storage.battery_fields import IS_NEW
 from firmware_protocol.can_tables import rx_messages, tx_messages
 from firmware_protocol.config_image import default_image
@@ -34,8 +34,9 @@ _CODE_V = 1e-4
 def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recording:
     """Return what a session holds between two unix times."""
     found: dict[str, list[FieldSamples]] = defaultdict(list)
-    battery, is_team = session.battery, session.loaded_battery.speaks_dbc is None
-    for piece in session.fields(_FIELDS if is_team else (*_FIELDS, IS_NEW), from_s, to_s):
+    battery, is_team = session.battery, session.loaded_battery.has_memory_map
+    in_turns = session.loaded_battery.speaks_dbc is not None
+    for piece in session.fields((*_FIELDS, IS_NEW) if in_turns else _FIELDS, from_s, to_s):
         for name, samples in piece.items():
             found[name].append(samples)
     time_s = np.concatenate([samples.time_s for samples in found["v"] or found["i_fs"]] or [np.empty(0)])
@@ -67,7 +68,7 @@ def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recordin
         start_s=session.info.started_wall_ns / 1e9,
         bits={name: k for k, name in enumerate(STATUS_FLAGS)},
         segments=battery.segments,
-        tells_at_once=is_team or _share_new(found[IS_NEW]) > AT_ONCE,
+        tells_at_once=not in_turns or _share_new(found[IS_NEW]) > AT_ONCE,
     )
 
 

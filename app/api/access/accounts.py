@@ -21,8 +21,7 @@ from filelock import FileLock
 from app.api.access.roles import MOST_DAYS, Role
 from app.errors import AppError, ConfigError
 from app.service.settings import MOST_CHARACTERS, check_password
-from app.sources.data_file import checked, parse_object
-from app.sources.whole_file import replace_file
+from app.sources.data_file import checked, parse_object, replace_file
 from app.words import Message
 
 FILE = "accounts.json"

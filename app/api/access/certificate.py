@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from app.errors import ConfigError
-from app.sources.whole_file import replace_file
+from app.sources.data_file import replace_file
 from app.words import Message
 
 CERTIFICATE, KEY = "tls-certificate.pem", "tls-key.pem"

@@ -15,9 +15,8 @@ from app.api.web.request_body import Body, FileText
 from app.sessions.worker import DEFINITIONS, INSPECTION, Workers
 from app.sources.dbc.check import Doubt
 from app.sources.dbc.frames import Frames, frames_of
-from app.sources.dbc.learn.from_files import lesson_from_files
 from app.sources.dbc.learn.learning import Learned
-from app.sources.dbc.learn.lesson import Correction, Lesson, Running
+from app.sources.dbc.learn.lesson import Correction, Lesson, Running, lesson_from_files
 from app.sources.dbc.learn.lines import LINE_UNITS, UNITS, Candidate, Choice, Line, title
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.proposal import CellProposal

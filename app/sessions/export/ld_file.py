@@ -5,7 +5,7 @@ knows no missing values: until the next sample the last one is held, over a gap 
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.sessions.export.table import AGE, FILLED, SIMULATED, SignalTable
-from app.sessions.reading.samples import Samples
-from app.sessions.reading.series import find_gaps
+from app.sessions.reading.series import Samples, find_gaps
 from app.sessions.storage.chunks import Track
 from app.sessions.storage.signals import Signal
 from app.words import Message
@@ -38,13 +37,14 @@ _FLOAT, _FLOAT_SIZE = 7, 4
 _FIRST_CHANNEL_ID = 0x2EE1
 MAX_RATE_HZ = 1000
 _CONSTANT = (FILLED, SIMULATED)
-_READ_TOGETHER = 64  # signals held in memory at a time
 
 
 def write_ld(table: SignalTable, path: Path) -> None:
-    """Write the file."""
-    times, rate_hz = _extent(table, is_told=True)
+    """Write the file; every signal is read once."""
     signals = _channels(table)
+    samples = _samples(table)
+    table.on_progress(1, 1 + len(signals))
+    times, rate_hz = _extent(table, samples.values())
     name_of = dict(zip(table.signals, table.names, strict=True))
     n_samples = 0 if times is None else int((times[1] - times[0]) * rate_hz) + 1
     start_s = table.info.started_wall_ns / 1e9 if times is None else times[0]
@@ -54,9 +54,9 @@ def write_ld(table: SignalTable, path: Path) -> None:
         for i, signal in enumerate(signals):
             file.write(_channel(i, len(signals), name_of[signal], signal.unit, data_at, n_samples, rate_hz))
         grid_s = start_s + np.arange(n_samples) / rate_hz
-        for i, values in enumerate(_resampled(table, grid_s), 1):
+        for i, values in enumerate(_resampled(table, samples, grid_s), 2):
             file.write(values.astype("<f4").tobytes())
-            table.on_progress(len(signals) + i, 2 * len(signals))
+            table.on_progress(i, 1 + len(signals))
 
 
 def _channels(table: SignalTable) -> list[Signal]:
@@ -64,21 +64,16 @@ def _channels(table: SignalTable) -> list[Signal]:
     return [signal for signal in table.signals if signal is not AGE]
 
 
-def _extent(table: SignalTable, *, is_told: bool = False) -> tuple[tuple[float, float] | None, int]:
-    """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up.
+def _samples(table: SignalTable) -> dict[Signal, Samples]:
+    """The samples of each signal of the session, packed as they are stored until they are asked for."""
+    recorded = [signal for signal in _channels(table) if signal not in _CONSTANT]
+    return dict(zip(recorded, table.session.samples(recorded, table.t_from_s, table.t_to_s), strict=True))
 
-    With `is_told` it is the first half of an export: all signals are read, and read again afterwards.
-    """
+
+def _extent(table: SignalTable, samples: Iterable[Samples]) -> tuple[tuple[float, float] | None, int]:
+    """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up."""
     first, last, rate_hz = [], [], 1
-    track: Track | None = None
-    n_signals = len(_channels(table))
-    for i, (_, samples) in enumerate(_samples(table), 1):
-        if is_told:
-            table.on_progress(i, 2 * n_signals)
-        if samples is None or samples.track is track:
-            continue
-        track = samples.track
-        times_us = track.times_us
+    for times_us in {id(each.track): each.track.times_us for each in samples}.values():
         if len(times_us):
             first.append(table.session.unix_s(int(times_us[0]) * 1000))
             last.append(table.session.unix_s(int(times_us[-1]) * 1000))
@@ -88,28 +83,19 @@ def _extent(table: SignalTable, *, is_told: bool = False) -> tuple[tuple[float, 
     return ((min(first), max(last)) if first else None), rate_hz
 
 
-def _samples(table: SignalTable) -> Iterator[tuple[Signal, Samples | None]]:
-    """Each signal with its samples, none for what a table adds; some are read together, not all of them held."""
-    channels = _channels(table)
-    for start in range(0, len(channels), _READ_TOGETHER):
-        signals = channels[start : start + _READ_TOGETHER]
-        recorded = [signal for signal in signals if signal not in _CONSTANT]
-        yield from zip(recorded, table.session.samples(recorded, table.t_from_s, table.t_to_s), strict=True)
-        yield from ((signal, None) for signal in signals if signal in _CONSTANT)
-
-
-def _resampled(table: SignalTable, grid_s: FloatArray) -> Iterator[FloatArray]:
-    """Each signal's (n,) last value before each grid time, NaN before the first one and in gaps."""
+def _resampled(table: SignalTable, samples: dict[Signal, Samples], grid_s: FloatArray) -> Iterator[FloatArray]:
+    """Each channel's (n,) last value before each grid time, NaN before the first one and in gaps; `samples` empties."""
     track: Track | None = None
-    for signal, samples in _samples(table):
-        if samples is None:
+    for signal in _channels(table):
+        if signal in _CONSTANT:
             yield table.constant(signal, grid_s)
             continue
-        if samples.track is not track:
-            track = samples.track
+        found = samples.pop(signal)
+        if found.track is not track:
+            track = found.track
             index, is_known = _last_before(table, track.times_us, grid_s)
         values = np.full(len(grid_s), np.nan)
-        values[is_known] = signal.physical(samples.counts)[index[is_known]]
+        values[is_known] = signal.physical(found.counts)[index[is_known]]
         yield values
 
 
@@ -191,7 +177,7 @@ def write_ldx(table: SignalTable, path: Path) -> None:
     Raises:
         ConfigError: there is no lap in the table's range.
     """
-    times, _ = _extent(table)
+    times, _ = _extent(table, _samples(table).values())
     start_s, end_s = times if times is not None else (0.0, -1.0)
     beacons = [time_s - start_s for time_s in _beacons(table) if start_s < time_s <= end_s]
     if not beacons:

@@ -91,7 +91,7 @@ class SignalTable:
         self._added = [
             *([FILLED] if self._filled else []),
             *([SIMULATED] if self.is_simulated else []),
-            *([] if session.loaded_battery.speaks_dbc else [AGE]),
+            *([AGE] if session.loaded_battery.has_memory_map else []),
         ]
         self.signals = [*self.signals, *self._added]
         self.t_from_s, self.t_to_s = t_from_s, t_to_s

@@ -160,7 +160,9 @@ class BlockReader:
 
     def _decode_tail(self) -> Chunk:
         stored = self._stored
-        state = tuple(stored.last_id(table) for table in ("frames", "can_frames", "estimates", "chunks"))
+        state = tuple(
+            stored.last_id(table) for table in ("frames", "can_frames", "measurements", "estimates", "chunks")
+        )
         if self._tail is None or self._tail[0] != state:
             last_chunk = stored.rows("SELECT last_frame, boots, last_uptime_ms FROM chunks ORDER BY id DESC LIMIT 1")
             last_frame, boots, last_uptime_ms = last_chunk[0] if last_chunk else (0, 0, None)
@@ -177,10 +179,12 @@ class BlockReader:
                 decodes_can=FOREIGN_CAN not in metadata,
                 map_hash=self._map_hash,
             )
+            can_frames = stored.iterate("can_frames", "t_mono_ns, can_id, data, bus", (last_us + 1) * 1000, None)
             builder.add(
                 stored.rows("SELECT t_mono_ns, raw FROM frames WHERE id > ? AND ok ORDER BY id", (last_frame,)),
-                stored.iterate("can_frames", "t_mono_ns, can_id, data", (last_us + 1) * 1000, None),
+                (frame for *frame, bus in can_frames if not bus),  # type: ignore[misc]
                 stored.rows("SELECT t_mono_ns, image FROM configs ORDER BY id"),
+                stored.iterate("measurements", "t_mono_ns, numbers", (last_us + 1) * 1000, None),
             )
             for row in stored.rows("SELECT t_mono_ns, uptime_ms, soc, sigma FROM estimates ORDER BY id"):
                 builder.add_estimate(*row)

@@ -8,7 +8,7 @@ import numpy as np
 from app.sessions.errors import NotASession
 from app.sessions.recording.session_writer import IDS_PER_CHUNK
 from app.sessions.storage.chunks import Chunk, ChunkBuilder, SeriesKey
-from app.sessions.storage.digests import COLUMNS, KEY, META, Digest, meta_digest
+from app.sessions.storage.digests import COLUMNS, KEY, META, Digest, digested, meta_digest
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.streams import stream_ranges, unpack_streams
 from app.sources.data_file import parse_object
@@ -16,7 +16,7 @@ from app.words import render
 from firmware_protocol.framing import Frame, decode_chunk
 from firmware_protocol.older_maps import fields_of, is_known
 
-_COUNTED = ("frames", "can_frames", "events")  # tables that may be long
+_COUNTED = ("frames", "can_frames", "measurements", "events")  # tables that may be long
 
 
 class _Read:
@@ -56,7 +56,7 @@ def find_problems(stored: StoredSession, on_read: Callable[[int, int], None] | N
 
 
 def _rows_missing(stored: StoredSession) -> Iterator[str]:
-    for table in ("frames", "can_frames"):
+    for table in ("frames", "can_frames", "measurements"):
         missing = stored.last_id(table) - stored.rows(f"SELECT count(*) FROM {table}")[0][0]
         if missing:
             yield f"{table}: {missing} rows are missing"
@@ -73,7 +73,7 @@ def _digests(stored: StoredSession, read: _Read) -> Iterator[str]:
         else:
             here = Digest()
             for rows in _all_rows(stored, table, last_id):
-                here.add_all(rows)
+                here.add_all(digested(table, rows))
                 read(len(rows) if table in _COUNTED else 0)
             is_sound = here.value == (last_id, digest)
         if not is_sound:

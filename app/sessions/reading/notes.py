@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.errors import NotASession, RecordingFailed
-from app.sessions.storage.foreign import require_own_tables
-from app.sessions.storage.migrate import SESSION, check, migrate
+from app.sessions.storage.database import SESSION, check, migrate, require_own_tables
 from app.sessions.storage.queries import StoredSession
 from app.sources.data_file import parse_json
 from app.words import Message

@@ -23,13 +23,13 @@ from app.sessions.reading.notes import read_note
 from app.sessions.reading.parse import Parse, in_process
 from app.sessions.reading.rows import CARRIED_US
 from app.sessions.reading.rows import in_rows as rows_of
-from app.sessions.reading.samples import FieldSamples, Samples, joined
-from app.sessions.reading.series import Series, reduce_samples
+from app.sessions.reading.series import FieldSamples, Samples, Series, joined, reduce_samples
 from app.sessions.reading.session_info import filled_spans, info_of, meta_of, wall_offset_ns
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.digests import KEY
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, Signals
+from app.sources.items import TableItem
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
 from app.words import Message
 from firmware_protocol.memory_map import FIELDS
@@ -37,7 +37,7 @@ from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 
 MAX_POINTS = 100_000
 OnRead = Callable[[int, int], None]  # parts read, parts in all
-Received = RecordedFrame | RecordedCanFrame | RecordedConfig
+Received = RecordedFrame | RecordedCanFrame | RecordedConfig | TableItem
 MOST_FILES = 50  # of a battery
 MOST_FILE_BYTES = 32 << 20
 _ALWAYS_US = 1 << 62
@@ -147,10 +147,19 @@ class SessionFile:
     ) -> Iterator[RecordedCanFrame]:
         """Yield the CAN frames of a range, both ends included, in order; those of the battery's own bus, or all."""
         first_ns, last_ns = self._range_ns(t_from_s, t_to_s)
-        for row in self._stored.iterate("can_frames", "t_mono_ns, t_wall_ns, can_id, data", first_ns, last_ns):
+        for row in self._stored.iterate("can_frames", "t_mono_ns, t_wall_ns, can_id, data, bus", first_ns, last_ns):
             frame = RecordedCanFrame(*row)
             if all_buses or frame.bus == 0:
                 yield frame
+
+    def measurements(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[TableItem]:
+        """Yield the rows of an imported table in a range, both ends included, in order."""
+        columns = "t_mono_ns, t_wall_ns, numbers"
+        for t_mono_ns, t_wall_ns, numbers in self._stored.iterate(
+            "measurements", columns, *self._range_ns(t_from_s, t_to_s)
+        ):
+            with self._stored.sound():
+                yield TableItem(t_mono_ns, t_wall_ns, np.frombuffer(numbers, "<f8"))
 
     def count_can_frames(self, t_from_s: float | None = None, t_to_s: float | None = None) -> int:
         """Return how many CAN frames are in a range, both ends included."""
@@ -169,11 +178,12 @@ class SessionFile:
         return [RecordedConfig(row["t_mono_ns"], row["t_wall_ns"], row["why"], row["image"]) for row in rows]
 
     def received(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[Received]:
-        """Yield everything that came from the master, in order of arrival; all configurations, whatever the range."""
+        """Yield everything that was received, in order of arrival; all configurations, whatever the range."""
         sources: list[Iterable[Received]] = [
             self.configs(),
             self.frames(t_from_s, t_to_s),
             self.can_frames(t_from_s, t_to_s),
+            self.measurements(t_from_s, t_to_s),
         ]
         yield from merge(*sources, key=lambda item: item.t_mono_ns)
 
@@ -197,7 +207,8 @@ class SessionFile:
             if len(found) == len(ESTIMATES):
                 track = found[ESTIMATES[0]].track
                 values = [wanted[0].physical(found[name].counts) for name in ESTIMATES]
-                times_ns, uptimes_ms = track.times_us * 1000, track.instants & 0xFFFFFFFF
+                times_ns = track.times_us * 1000
+                uptimes_ms = np.where(track.instants < 0, times_ns // 1_000_000, track.instants & 0xFFFFFFFF)
                 yield from zip(times_ns.tolist(), uptimes_ms.tolist(), *values, strict=True)
 
     def markers(self) -> list[Marker]:

@@ -9,9 +9,9 @@ import numpy as np
 from app.battery.source import SpeaksDbc
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.blocks import Block, Column, ElementArray
+from app.sessions.storage.battery_columns import Holder, Samples, grid_of
 from app.sessions.storage.battery_fields import IS_NEW, ages_of
 from app.sessions.storage.chunks import Track
-from app.sessions.storage.holding import Holder, Samples, grid_of
 from app.sessions.storage.signals import Signals
 from app.sources.dbc.assembly import UNKNOWN_AGE_S
 

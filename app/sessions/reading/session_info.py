@@ -111,6 +111,6 @@ def wall_offset_ns(stored: StoredSession, meta: Mapping[str, str]) -> int:
 def _last_times(stored: StoredSession) -> list[int]:
     return [
         int(row[0])
-        for table in ("frames", "can_frames", "clock")
+        for table in ("frames", "can_frames", "measurements", "clock")
         for row in stored.rows(f"SELECT t_mono_ns FROM {table} ORDER BY id DESC LIMIT 1")
     ]

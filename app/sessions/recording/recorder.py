@@ -135,7 +135,7 @@ class Recorder:
         """Record a CAN frame; bit 31 of the id marks a 29-bit id."""
         with self._lock:
             self._watch_clock(t_mono_ns, t_wall_ns)
-            self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data))
+            self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data, 0))
 
     def estimates(self, t_mono_ns: int, uptime_ms: int, soc: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
         """Record the (n_cells,) estimated SOC and its standard deviation, fractions; not finite is missing."""

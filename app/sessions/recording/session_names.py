@@ -9,8 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.errors import ConfigError
-from app.sources.data_file import parse_object, set_aside
-from app.sources.whole_file import replace_file
+from app.sources.data_file import parse_object, replace_file, set_aside
 from app.words import Message
 
 log = logging.getLogger(__name__)

@@ -3,8 +3,8 @@
 import json
 import sqlite3
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain
 from operator import itemgetter
@@ -17,10 +17,9 @@ import orjson
 from app.sessions.info import SessionInfo
 from app.sessions.recording.file_watch import FileWatch
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
-from app.sessions.storage.database import open_for_writing
+from app.sessions.storage.database import SESSION, open_for_writing
 from app.sessions.storage.digests import COLUMNS, KEY, Digests
 from app.sessions.storage.files import remove
-from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.telemetry import Event
@@ -34,7 +33,8 @@ TableRow = tuple[str, Row]  # table and values
 
 _INSERT = {
     "frames": ("INSERT INTO frames (t_mono_ns, t_wall_ns, link, ok, raw)", 5),
-    "can_frames": ("INSERT INTO can_frames (t_mono_ns, t_wall_ns, can_id, data)", 4),
+    "can_frames": ("INSERT INTO can_frames (t_mono_ns, t_wall_ns, can_id, data, bus)", 5),
+    "measurements": ("INSERT INTO measurements (t_mono_ns, t_wall_ns, numbers)", 3),
     "estimates": ("INSERT INTO estimates (t_mono_ns, uptime_ms, soc, sigma)", 4),
     "events": (
         "INSERT INTO events (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit_value, unit, who, message)",
@@ -66,7 +66,9 @@ def event_row(t_mono_ns: int, event: Event, segments: Sequence[int] = ()) -> Tab
     return "events", (t_mono_ns, event.time_ns, event.severity, event.code, *values)
 
 
-_RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "series", "tracks", "columns"}
+_RECEIVED = {
+    "meta", "frames", "can_frames", "measurements", "estimates", "configs", "chunks", "series", "tracks", "columns",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +146,17 @@ class SessionWriter:
         """Of file and log, at the last `is_intact`."""
         return self._watch.size_bytes
 
+    @property
+    def cells(self) -> set[int]:
+        """Cells of which a voltage is in a chunk."""
+        voltages = [key for key in self._series if key.field == "v"]
+        return {key.first_element + i for key in voltages for i in range(key.elements)}
+
+    @property
+    def bad_checksums(self) -> int:
+        """CAN frames whose checksum, by the battery's profile, does not fit."""
+        return self._builder.bad_checksums
+
     def is_intact(self) -> bool:
         """Whether what was written is still in the file: see `FileWatch`."""
         return self._watch.is_intact()
@@ -161,27 +174,29 @@ class SessionWriter:
             rows["estimates"] = _encoded(rows["estimates"])
         told = rows.pop(MEMORY_MAP, [])
         rows["meta"] += [("map_hash", map_hash) for _, map_hash in told]
-        digests = self._digests.copy()
-        for table, of_table in rows.items():
-            digests.take(table, of_table)
         if told and self._chunks:  # where digests stand in the file, they are of all that it says of itself
+            digests = self._digests.copy()
+            for table, of_table in rows.items():
+                digests.take(table, of_table)
             rows["meta"].append((KEY, digests.text()))
-        with _Transaction(self._connection):
+        with _transaction(self._connection):
             for table, of_table in rows.items():
                 _insert(self._connection, table, of_table)
-        self._digests = digests
+        for table, of_table in rows.items():
+            self._digests.take(table, of_table)
         if told:
             self._builder.map_hash = told[-1][1]
         self._builder.add(
             [(row[0], row[4]) for row in rows["frames"] if row[3]],
-            [(row[0], row[2], row[3]) for row in rows["can_frames"]],
+            [(row[0], row[2], row[3]) for row in rows["can_frames"] if not row[4]],
             [(row[0], row[3]) for row in rows["configs"]],
+            [(row[0], row[2]) for row in rows["measurements"]],
         )
         self._bad_frames += sum(not row[3] for row in rows["frames"])
         for row in rows["estimates"]:
             self._builder.add_estimate(*row)
         if self._chunk_start_ns is None:
-            first = (*rows["frames"][:1], *rows["estimates"][:1], *rows["can_frames"][:1])
+            first = [row for table in ("frames", "estimates", "can_frames", "measurements") for row in rows[table][:1]]
             self._chunk_start_ns = min((row[0] for row in first), default=None)
         self._frames += len(rows["frames"])
         self._watch.written()
@@ -231,7 +246,7 @@ class SessionWriter:
                 schema: {row[0] for row in self._connection.execute(f"SELECT name FROM {schema}.sqlite_master")}
                 for schema in ("main", "other")
             }
-            with _Transaction(self._connection):
+            with _transaction(self._connection):
                 for table in sorted((names["main"] & names["other"]) - _RECEIVED):
                     if not table.startswith("sqlite_"):
                         about = self._connection.execute(f"PRAGMA other.table_info({table})")
@@ -277,7 +292,7 @@ class SessionWriter:
         digests = self._digests.copy()
         for table, rows in (("chunks", [row]), ("series", series), ("tracks", tracks), ("columns", columns)):
             digests.take_with_ids(table, rows)
-        with _Transaction(self._connection):
+        with _transaction(self._connection):
             self._connection.execute("INSERT INTO chunks VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
             self._connection.executemany("INSERT INTO series VALUES (?, ?, ?, ?, ?)", series)
             self._connection.executemany("INSERT INTO tracks VALUES (?, ?, ?, ?)", tracks)
@@ -346,25 +361,14 @@ def _encoded(rows: list[Row]) -> list[Row]:
     ]
 
 
-class _Transaction:
+@contextmanager
+def _transaction(connection: sqlite3.Connection) -> Iterator[None]:
     """All or nothing; a failing rollback is the failure of the transaction, which is already on its way up."""
-
-    def __init__(self, connection: sqlite3.Connection) -> None:
-        self._connection = connection
-
-    def __enter__(self) -> None:
-        self._connection.execute("BEGIN IMMEDIATE")
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            try:
-                self._connection.execute("COMMIT")
-            except sqlite3.Error:
-                self._roll_back()
-                raise
-        else:
-            self._roll_back()
-
-    def _roll_back(self) -> None:
-        if self._connection.in_transaction:
-            self._connection.execute("ROLLBACK")
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise

@@ -129,8 +129,10 @@ def _size(item: TableRow) -> int:
 
 def _payload_bytes(item: TableRow) -> int:
     table, row = item
-    if table in ("frames", "can_frames", "configs"):
+    if table in ("frames", "configs"):
         return len(row[-1])
+    if table == "can_frames":
+        return len(row[3])
     if table == "estimates":
         return int(row[2].nbytes + row[3].nbytes)
     return len(row[4]) + len(row[10]) if table == "events" else len(row[3]) if table == "markers" else 0

@@ -1,6 +1,7 @@
-"""CAN frames of a battery with a DBC to columns: each value at the time of its frame, and what all cells make together.
+"""What a battery without our memory map measured, as columns: by CAN frames and a DBC, or in rows of a table.
 
-Pure, no I/O. The columns of two chunks go on in each other: what was heard last is held.
+Pure, no I/O. Each value is at its own time, beside what all cells make together. The columns of two chunks go on in
+each other: what a frame carried last is held.
 """
 
 from collections import defaultdict
@@ -14,10 +15,68 @@ from app.battery.battery import Battery
 from app.battery.source import SpeaksDbc
 from app.estimation.arrays import FloatArray
 from app.sessions.storage.battery_fields import EXTREMES, FIELD_OF_KIND, ages_of, has_sensor_a_cell
-from app.sessions.storage.holding import Holder, Samples, grid_of
+from app.sources.dbc.assembly import LEAST_AGE_S, PERIODS_BRIDGED, UNKNOWN_AGE_S
 from app.sources.dbc.battery_decoder import BatteryDecoder, Values
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import TimedFrame, frames_of
+
+_NEVER_US = -np.inf
+Samples = tuple[NDArray[np.intp], NDArray[np.int64], FloatArray]  # (k,) elements, (n,) times [us], (n, k) values
+
+
+class Holder:
+    """Remembers the newest value of each element from one call to the next."""
+
+    def __init__(self, n_elements: int, max_age_s: float | None = None) -> None:
+        """`max_age_s`: from then on a value is missing; None: three of its own periods as heard."""
+        self._value = np.full(n_elements, np.nan)
+        self._t_us = np.full(n_elements, _NEVER_US)
+        self._period_us = np.full(n_elements, np.nan)
+        self._max_age_s = max_age_s
+
+    def rows(self, samples: Iterable[Samples], grid_us: NDArray[np.int64]) -> FloatArray:
+        """Return (n, elements) the newest values at ascending times; samples are not older than those of before."""
+        return self.rows_and_times(samples, grid_us)[0]
+
+    def rows_and_times(self, samples: Iterable[Samples], grid_us: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """As `rows`, with the (n, elements) times of the values [us]."""
+        shape = (len(grid_us), len(self._value))
+        found, at_us = np.broadcast_to(self._value, shape).copy(), np.broadcast_to(self._t_us, shape).copy()
+        for elements, times_us, values in samples:
+            self._learn(elements, times_us)
+            newest = np.searchsorted(times_us, grid_us, side="right") - 1
+            is_there = np.flatnonzero(newest >= 0)
+            newest = newest[is_there]
+            place = np.ix_(is_there, elements)
+            is_newer = times_us[newest][:, None] >= at_us[place]
+            found[place] = np.where(is_newer, values[newest], found[place])
+            at_us[place] = np.where(is_newer, times_us[newest][:, None], at_us[place])
+            last = times_us[-1] >= self._t_us[elements]
+            self._value[elements] = np.where(last, values[-1], self._value[elements])
+            self._t_us[elements] = np.where(last, times_us[-1], self._t_us[elements])
+        age_us = grid_us[:, None] - at_us
+        found[age_us > self._most_us()] = np.nan
+        return found, at_us
+
+    def _learn(self, elements: NDArray[np.intp], times_us: NDArray[np.int64]) -> None:
+        """The longest gap between two samples that is no pause."""
+        before_us = self._t_us[elements[0]]
+        gaps_us = np.diff(times_us, prepend=before_us) if before_us != _NEVER_US else np.diff(times_us)
+        gaps_us = gaps_us[gaps_us > 0]
+        if len(gaps_us):
+            self._period_us[elements] = min(float(gaps_us.max()), PERIODS_BRIDGED * float(np.median(gaps_us)))
+
+    def _most_us(self) -> FloatArray | float:
+        if self._max_age_s is not None:
+            return 1e6 * self._max_age_s
+        most_us = np.maximum(1e6 * LEAST_AGE_S, PERIODS_BRIDGED * self._period_us)
+        return np.where(np.isnan(most_us), 1e6 * UNKNOWN_AGE_S, most_us)
+
+
+def grid_of(first_us: int, last_us: int, period_us: int) -> NDArray[np.int64]:
+    """Return the multiples of a period within a range, ends included."""
+    return np.arange(-(-first_us // period_us), last_us // period_us + 1, dtype=np.int64) * period_us
+
 
 TimesAndElements = tuple[NDArray[np.int64], int, FloatArray]
 
@@ -48,6 +107,11 @@ class BatteryColumns:
 
     def __len__(self) -> int:
         return len(self._frames)
+
+    @property
+    def bad_checksums(self) -> int:
+        """Frames whose checksum does not fit."""
+        return self._decoder.bad_checksums
 
     def add(self, t_mono_ns: int, can_id: int, data: bytes) -> None:
         """Take a frame."""
@@ -122,6 +186,44 @@ class BatteryColumns:
             elif of_cell[cell][0] in one:
                 times_us, values = one[of_cell[cell][0]]
                 yield times_us, cell, values
+
+
+class TableColumns:
+    """Collects rows of a table; `build` gives the columns."""
+
+    def __init__(self, battery: Battery) -> None:
+        self._n_cells = battery.n_cells
+        self._times_us: list[int] = []
+        self._rows: list[bytes] = []
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add_all(self, rows: Iterable[tuple[int, bytes]]) -> None:
+        """Take rows in their order: monotonic time [ns], the numbers of a `TableItem` as bytes."""
+        for t_mono_ns, numbers in rows:
+            self._times_us.append(t_mono_ns // 1000)
+            self._rows.append(numbers)
+
+    def clear(self) -> None:
+        """Forget the rows."""
+        self._times_us, self._rows = [], []
+
+    def build(self) -> Iterator[ColumnOfBattery]:
+        """Yield what was measured, as one column a field."""
+        if not self._rows:
+            return
+        times_us, of = np.array(self._times_us, np.int64), 2 + self._n_cells
+        rows = np.frombuffer(b"".join(self._rows), "<f8").reshape(len(times_us), -1)
+        voltage_v, degc = rows[:, 2:of], rows[:, of:]
+        for field, values in (("i_fs", rows[:, :1]), ("soc", rows[:, 1:2]), ("v", voltage_v), ("t", degc)):
+            if np.isfinite(values).any():
+                yield ColumnOfBattery(field, 0, times_us, np.ascontiguousarray(values))
+        for (name, _), cells in zip(EXTREMES, (voltage_v, degc), strict=True):
+            yield from _extremes(name, cells, times_us)
+        whole = np.isfinite(voltage_v).all(axis=1)
+        if whole.any():
+            yield ColumnOfBattery("v_tot", 0, times_us[whole], voltage_v[whole].sum(axis=1)[:, None])
 
 
 def _samples(columns: list[ColumnOfBattery]) -> Iterator[Samples]:

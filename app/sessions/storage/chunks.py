@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sessions.storage.battery_columns import BatteryColumns
+from app.sessions.storage.battery_columns import BatteryColumns, TableColumns
 from app.sessions.storage.streams import CountArray
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from firmware_protocol.can_tables import TableReader
@@ -128,13 +128,14 @@ class ChunkBuilder:
         battery = battery or team_battery()
         speaks = battery.speaks_dbc
         self._battery = None if speaks is None else BatteryColumns(battery.battery, speaks, battery.definitions)
+        self._table = TableColumns(battery.battery) if speaks is None and not battery.has_memory_map else None
         self._n_cells = battery.battery.n_cells
         self._boots = boots
         self._last_uptime_ms = last_uptime_ms
         self._last_frame_ns = last_frame_ns
         self._decodes_can = decodes_can
         self.map_hash = map_hash
-        self._can_tables = TableReader(default_image())
+        self._can_tables: TableReader | None = None  # those of a new master, until a configuration says others
         self._restart()
 
     def _restart(self) -> None:
@@ -147,20 +148,33 @@ class ChunkBuilder:
         self._boots_at_start = self._boots
 
     def __len__(self) -> int:
-        return len(self._times_us) + len(self._estimate_times_us) + (0 if self._battery is None else len(self._battery))
+        of_others = sum(len(each) for each in (self._battery, self._table) if each is not None)
+        return len(self._times_us) + len(self._estimate_times_us) + of_others
 
     @property
     def master_clock(self) -> tuple[int, int | None]:
         """How often the master's clock has gone back, and what it showed in the last intact frame [ms]."""
         return self._boots, self._last_uptime_ms
 
+    @property
+    def bad_checksums(self) -> int:
+        """CAN frames whose checksum, by the battery's profile, does not fit."""
+        return 0 if self._battery is None else self._battery.bad_checksums
+
     def add(
         self,
         frames: Iterable[tuple[int, bytes]],
         can_frames: Iterable[tuple[int, int, bytes]] = (),
         configs: Iterable[tuple[int, bytes]] = (),
+        measurements: Iterable[tuple[int, bytes]] = (),
     ) -> None:
-        """Take what was received, each kind in order: (t_mono_ns, raw), (t_mono_ns, id, data), (t_mono_ns, image)."""
+        """Take what was received, each kind in order: (t_mono_ns, raw), (t_mono_ns, id, data), (t_mono_ns, image).
+
+        `measurements` are (t_mono_ns, numbers), rows of a table, whose session has CAN frames that nobody decodes.
+        """
+        if self._table is not None:
+            self._table.add_all(measurements)
+            return
         if self._battery is not None and not configs and not frames:
             self._battery.add_all(can_frames)
             return
@@ -184,6 +198,8 @@ class ChunkBuilder:
             return
         if self._last_frame_ns is not None and t_mono_ns - self._last_frame_ns < SERIAL_LIVE_NS:
             return
+        if self._can_tables is None:
+            self._can_tables = TableReader(default_image())
         windows = self._can_tables.windows(can_id, data)
         layout = tuple((w.offset, len(w.data)) for w in windows)
         if _segments(layout, self.map_hash):
@@ -244,7 +260,8 @@ class ChunkBuilder:
             if number == len(tracks):
                 tracks.append(Track(times_us[indices], instants[indices]))
             columns[key] = (number, values)
-        for column in [] if self._battery is None else self._battery.build():
+        of_others = self._table if self._battery is None else self._battery
+        for column in [] if of_others is None else of_others.build():
             number = numbers.setdefault(column.times_us.tobytes(), len(tracks))
             if number == len(tracks):
                 tracks.append(Track(column.times_us, -column.times_us))
@@ -263,9 +280,11 @@ class ChunkBuilder:
 
     def _estimate_track(self, times_us: NDArray[np.int64], instants: NDArray[np.int64]) -> Track:
         """Give each estimate the boot of the last frame before it, or the one before, where the uptime says so."""
+        own_us = np.array(self._estimate_times_us, np.int64)
+        if self._table is not None:
+            return Track(own_us, -own_us)  # as its rows
         by_master = instants >= 0
         times_us, instants = times_us[by_master], instants[by_master]
-        own_us = np.array(self._estimate_times_us, np.int64)
         uptimes_ms = np.array(self._estimate_uptimes_ms, np.int64)
         known = np.insert(instants, 0, self._boots_at_start << 32 | 0xFFFFFFFF)
         before = known[np.searchsorted(times_us, own_us, side="right")]
@@ -275,5 +294,6 @@ class ChunkBuilder:
     def clear(self) -> None:
         """Forget what was added; the master's clock goes on."""
         self._restart()
-        if self._battery is not None:
-            self._battery.clear()
+        for each in (self._battery, self._table):
+            if each is not None:
+                each.clear()

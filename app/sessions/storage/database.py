@@ -1,12 +1,187 @@
-"""Opening SQLite files the way this package needs them."""
+"""SQLite files the way this package needs them: their versions, opening them, and what one must not do.
+
+Schema steps are numbered SQL files, applied once each, every one in a transaction of its own; the `user_version` of a
+file is the number of its last one. Steps that were released are never edited. A file may come from elsewhere: SQLite
+runs views, triggers and generated columns when a table is read, so only tables as our own steps make them are let in.
+"""
 
 import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from pathlib import Path
 
-from app.sessions.errors import NotASession, SessionError
-from app.sessions.storage.foreign import Watch, require_own_tables
-from app.sessions.storage.migrate import Schema, check, migrate
+from app.sessions.errors import NotASession, SchemaTooNew, SessionError
 from app.words import Message
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """What a kind of file looks like: its mark in the file's header and its steps in order."""
+
+    application_id: int
+    steps: tuple[str, ...]
+    readable_from: int | None = None  # the oldest version that is read as it is; None: the newest alone
+
+    @property
+    def oldest_readable(self) -> int:
+        """Reading a file of this version or a newer one changes nothing in it."""
+        return self.version if self.readable_from is None else self.readable_from
+
+    @property
+    def version(self) -> int:
+        """The newest version."""
+        return len(self.steps)
+
+
+def _steps(kind: str) -> tuple[str, ...]:
+    folder = resources.files(__package__) / "schema" / kind
+    files = sorted((entry for entry in folder.iterdir() if entry.name.endswith(".sql")), key=lambda entry: entry.name)
+    return tuple(entry.read_text(encoding="utf-8") for entry in files)
+
+
+SESSION = Schema(int.from_bytes(b"VWse"), _steps("session"), readable_from=2)
+EVENTS = Schema(int.from_bytes(b"VWev"), _steps("events"))
+BLACKBOXES = Schema(int.from_bytes(b"VWbb"), _steps("blackboxes"))
+
+
+def check(connection: sqlite3.Connection, schema: Schema, path: str) -> int:
+    """Return the file's schema version, 0 for an empty file.
+
+    Raises:
+        NotASession: another program's file, or another kind of ours.
+        SchemaTooNew: a newer program wrote it.
+    """
+    mark = connection.execute("PRAGMA application_id").fetchone()[0]
+    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    is_used = mark or version or connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+    if is_used and (mark != schema.application_id or version < 0):
+        raise NotASession(path, Message("another-kind-of-file"))
+    if version > schema.version:
+        raise SchemaTooNew(path, version, schema.version)
+    return version
+
+
+def migrate(connection: sqlite3.Connection, schema: Schema, path: str) -> int:
+    """Bring the file to the newest version and return how many steps that took; a failing step changes nothing.
+
+    The connection must be in autocommit mode (isolation_level None).
+
+    Raises:
+        NotASession, SchemaTooNew: as `check`.
+        sqlite3.Error: a step failed.
+    """
+    taken = 0
+    while (version := check(connection, schema, path)) < schema.version:
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            if check(connection, schema, path) == version:
+                for statement in statements(schema.steps[version]):
+                    connection.execute(statement)
+                connection.execute(f"PRAGMA application_id = {schema.application_id}")
+                connection.execute(f"PRAGMA user_version = {version + 1}")
+                taken += 1
+            connection.execute("COMMIT")
+        except sqlite3.Error:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise
+    return taken
+
+
+def statements(script: str) -> list[str]:
+    """Return the statements of a step."""
+    found, current = [], ""
+    for line in script.splitlines(keepends=True):
+        current += line
+        if sqlite3.complete_statement(current):
+            found.append(current)
+            current = ""
+    return found
+
+
+QUERY_S = 20.0  # of one query; those of the service take milliseconds
+LENGTH_BYTES = 256 << 20  # of one value
+_LOOK_AFTER = 100_000  # instructions of the virtual machine
+
+
+@cache
+def _known(schema: Schema) -> frozenset[tuple[str, str, str | None]]:
+    """Kind, name and text of everything that a file of any version of a schema holds."""
+    found: set[tuple[str, str, str | None]] = set()
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    try:
+        for step in schema.steps:
+            for statement in statements(step):
+                connection.execute(statement)
+            found.update(connection.execute("SELECT type, name, sql FROM sqlite_master"))
+    finally:
+        connection.close()
+    return frozenset(found)
+
+
+def require_own_tables(connection: sqlite3.Connection, schema: Schema, path: str) -> None:
+    """Refuse a file with anything but our own tables, as they are, and plain tables that nobody reads.
+
+    Raises:
+        NotASession: names what is there.
+    """
+    known = _known(schema)
+    own = {name for _, name, _ in known}
+    for kind, name, text in connection.execute("SELECT type, name, sql FROM sqlite_master"):
+        is_plain = kind == "table" and name not in own and " VIRTUAL " not in f" {text} ".upper()[:40]
+        is_automatic = kind == "index" and text is None
+        if not ((kind, name, text) in known or is_plain or is_automatic):
+            raise NotASession(path, Message("session-foreign-table", kind=str(kind), name=str(name)[:100]))
+
+
+@cache
+def _newest(schema: Schema) -> frozenset[tuple[str, str, str | None]]:
+    """Kind, name and text of everything that a file of the newest version of a schema holds."""
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    try:
+        migrate(connection, schema, ":memory:")
+        return frozenset(connection.execute("SELECT type, name, sql FROM sqlite_master"))
+    finally:
+        connection.close()
+
+
+def require_all_tables(connection: sqlite3.Connection, schema: Schema, path: str) -> None:
+    """Refuse a file that lacks one of our tables.
+
+    Raises:
+        NotASession: names what it lacks.
+    """
+    there = set(connection.execute("SELECT type, name, sql FROM sqlite_master"))
+    if missing := sorted(name for _, name, _ in _newest(schema) - there):
+        raise NotASession(path, Message("damaged-lacks", missing=tuple(missing)))
+
+
+class Watch:
+    """Ends a query of a connection that takes longer than QUERY_S."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        connection.execute("PRAGMA trusted_schema = OFF")
+        connection.execute("PRAGMA cell_size_check = ON")
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LENGTH_BYTES)
+        connection.set_progress_handler(self._look, _LOOK_AFTER)
+        self._until_s = float("inf")
+
+    @contextmanager
+    def query(self) -> Iterator[None]:
+        """One query."""
+        self._until_s = time.monotonic() + QUERY_S
+        try:
+            yield
+        finally:
+            self._until_s = float("inf")
+
+    def _look(self) -> int:
+        return time.monotonic() > self._until_s
+
 
 _BUSY_S = 5.0
 

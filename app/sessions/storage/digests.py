@@ -13,7 +13,8 @@ from typing import Any
 KEY = "digests"
 COLUMNS = {
     "frames": "id, t_mono_ns, t_wall_ns, link, ok, raw",
-    "can_frames": "id, t_mono_ns, t_wall_ns, can_id, data",
+    "can_frames": "id, t_mono_ns, t_wall_ns, can_id, data, bus",
+    "measurements": "id, t_mono_ns, t_wall_ns, numbers",
     "events": "id, t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit_value, unit, who, message",
     "markers": "id, t_mono_ns, t_wall_ns, kind, text, who",
     "configs": "id, t_mono_ns, t_wall_ns, why, image",
@@ -82,7 +83,7 @@ class Digests:
             self._meta |= dict(rows)
         elif table in self._tables:
             digest = self._tables[table]
-            digest.add_all((number, *row) for number, row in enumerate(rows, digest.last_id + 1))
+            digest.add_all(digested(table, ((number, *row) for number, row in enumerate(rows, digest.last_id + 1))))
 
     def take_with_ids(self, table: str, rows: Iterable[Row]) -> None:
         """Take rows that bring their ids."""
@@ -104,6 +105,15 @@ class Digests:
         """What is written into `meta`."""
         found = {table: digest.value for table, digest in self._tables.items()}
         return json.dumps(found | {META: meta_digest(self._meta)})
+
+
+def digested(table: str, rows: Iterable[Row]) -> Iterable[Row]:
+    """Return rows, ids first, as their digest takes them: with the bus in bits 29 and 30 of the id, as it once was."""
+    if table != "can_frames":
+        return rows
+    return (
+        (number, mono_ns, wall_ns, can_id | bus << 29, data) for number, mono_ns, wall_ns, can_id, data, bus in rows
+    )
 
 
 def meta_digest(meta: dict[str, str]) -> tuple[int, str]:

@@ -11,13 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.errors import NotASession
-from app.sessions.storage.database import open_for_reading
-from app.sessions.storage.foreign import Watch
-from app.sessions.storage.migrate import SESSION
+from app.sessions.storage.database import SESSION, Watch, open_for_reading
 from app.words import Message
 
 FETCH_ROWS = 500
 _KINDS = {"INTEGER": (int,), "REAL": (int, float), "TEXT": (str,), "BLOB": (bytes,)}
+_BUS_SINCE = 5  # schema
+_OLD_TABLES = """
+CREATE TEMP VIEW can_frames AS
+    SELECT id, t_mono_ns, t_wall_ns, can_id & ~(3 << 29) AS can_id, data, can_id >> 29 & 3 AS bus FROM main.can_frames;
+CREATE TEMP TABLE measurements (id INTEGER PRIMARY KEY, t_mono_ns INTEGER, t_wall_ns INTEGER, numbers BLOB);
+"""  # an older file as the newest schema has it; nothing in it changes
 
 
 class StoredSession:
@@ -32,6 +36,8 @@ class StoredSession:
         """
         self.path = path
         self._connection = open_for_reading(path, SESSION)
+        if self._connection.execute("PRAGMA user_version").fetchone()[0] < _BUS_SINCE:
+            self._connection.executescript(_OLD_TABLES)
         self._watch = Watch(self._connection)
         self._lock = threading.RLock()
 

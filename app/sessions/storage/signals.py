@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.source import SpeaksDbc
 from app.sessions.errors import UnknownSignal
 from app.sessions.storage.battery_fields import IS_NEW, battery_fields
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMATES
@@ -62,14 +63,14 @@ def _missing(name: str) -> int | None:
 
 
 def _fields_of(battery: LoadedBattery, map_hash: str | None) -> dict[str, _Field]:
-    speaks = battery.speaks_dbc
-    if speaks is None:
+    if battery.has_memory_map:
         fields = fields_of(map_hash).values()
         return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in fields}
-    is_new = {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
+    speaks = battery.speaks_dbc
+    is_new = {} if speaks is None else {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
     return is_new | {
         name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)
-        for name, field in battery_fields(battery.battery, speaks).items()
+        for name, field in battery_fields(battery.battery, speaks or SpeaksDbc(())).items()
     }
 
 
@@ -80,7 +81,7 @@ class Signals:
         estimate = _Field((battery.battery.n_cells,), "1", ESTIMATE_SCALE, ESTIMATE_MISSING)
         self._fields: Mapping[str, _Field] = {**_fields_of(battery, map_hash), **dict.fromkeys(ESTIMATES, estimate)}
         self._of_table = (
-            tuple(n for n in self._fields if n != IS_NEW) if battery.speaks_dbc else (*FAST_FIELDS, *ESTIMATES)
+            (*FAST_FIELDS, *ESTIMATES) if battery.has_memory_map else tuple(n for n in self._fields if n != IS_NEW)
         )
         self.order = {name: i for i, name in enumerate(self._fields)}  # of fields, as people want to read them
 

@@ -230,7 +230,7 @@ def _frame_row(frame: RecordedFrame) -> TableRow:
 
 
 def _can_row(frame: RecordedCanFrame) -> TableRow:
-    return "can_frames", (frame.t_mono_ns, frame.t_wall_ns, frame.can_id, frame.data)
+    return "can_frames", (frame.t_mono_ns, frame.t_wall_ns, frame.can_id, frame.data, frame.bus)
 
 
 def _can_frames(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from heapq import heapify, heappop, heapreplace
 from operator import itemgetter
 from pathlib import Path
-from typing import Self
 
 from app.sources.recordings.can_log import Frame
 
@@ -34,21 +33,16 @@ class FrameSpool:
             folder: where there is room for them; nothing is left in it.
             run: how many are sorted in memory.
         """
-        self._file = tempfile.SpooledTemporaryFile(_IN_MEMORY, dir=str(folder))  # noqa: SIM115  closed by __exit__
+        self._file = tempfile.SpooledTemporaryFile(_IN_MEMORY, dir=str(folder))  # noqa: SIM115  closed by close
         self._run = run
         self._runs: list[_Run] = []
         self._waiting: list[Frame] = []
-        self._in_runs = 0
+        self.n = 0  # frames
         self.last_s = float("-inf")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Forget the frames."""
         self._file.close()
-
-    def __len__(self) -> int:
-        return self._in_runs + len(self._waiting)
 
     @property
     def first_s(self) -> float:
@@ -63,6 +57,7 @@ class FrameSpool:
             OSError: the disk does not take it.
         """
         self._waiting.append(frame)
+        self.n += 1
         if len(self._waiting) >= self._run:
             self._end_run()
 
@@ -78,7 +73,6 @@ class FrameSpool:
             run.blocks.append((self._file.tell(), len(block)))
             self._file.write(block)
         self._runs.append(run)
-        self._in_runs += len(self._waiting)
         self._waiting = []
 
     def __iter__(self) -> Iterator[Frame]:

@@ -26,7 +26,8 @@ MOST_BYTES = 64 << 20  # of a piece, unpacked: the fullest stream is below 1 MB
 _ALWAYS_NS = 1 << 62
 _COLUMNS = {  # of each table, and what each is: integer, string, bytes; upper case: or none
     "frames": ("t_mono_ns, t_wall_ns, link, ok, raw", "iiiib"),
-    "can_frames": ("t_mono_ns, t_wall_ns, can_id, data", "iiib"),
+    "can_frames": ("t_mono_ns, t_wall_ns, can_id | (bus << 29), data", "iiib"),  # as older versions send and take it
+    "measurements": ("t_mono_ns, t_wall_ns, numbers", "iib"),
     "configs": ("t_mono_ns, t_wall_ns, why, image", "iisb"),
     "markers": ("t_mono_ns, t_wall_ns, kind, text, who", "iissS"),
     "events": (
@@ -100,7 +101,11 @@ def parse_piece(body: bytes) -> Piece:
         rows = {
             table: [tuple(_checked(k, v) for k, v in zip(kinds, row, strict=True)) for row in document[table]]
             for table, (_, kinds) in _COLUMNS.items()
+            if table in document or table != "measurements"  # which older versions do not send
         }
+        rows["can_frames"] = [
+            (*t, can_id & ~(3 << 29), data, can_id >> 29 & 3) for *t, can_id, data in rows["can_frames"]
+        ]
     except (zlib.error, KeyError, TypeError, RecursionError, binascii.Error) as error:
         raise ValueError(f"no piece of a session: {error}") from error
     return Piece(first_ids, rows)
@@ -142,6 +147,8 @@ def head_of(session: SessionFile, info: SessionInfo, *, is_recording: bool) -> d
         "cell_file": session.cell_file,
         "battery_files": [
             [name, base64.b64encode(data).decode()]
-            for name, data in (session.loaded_battery.files.items() if session.loaded_battery.speaks_dbc else ())
+            for name, data in (
+                session.loaded_battery.files.items() if not session.loaded_battery.has_memory_map else ()
+            )
         ],
     }

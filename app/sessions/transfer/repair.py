@@ -21,7 +21,7 @@ from app.sessions.storage.queries import StoredSession
 from firmware_protocol.framing import Frame, decode_chunk
 
 BATCH = 2000
-_TABLES = ("frames", "can_frames", "events", "markers", "configs", "clock")
+_TABLES = ("frames", "can_frames", "measurements", "events", "markers", "configs", "clock")
 _AT_ONCE = 512
 Progress = Callable[[int, int], None]  # parts done, parts in all
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from app.battery.battery import Battery
 from app.battery.source import SpeaksDbc
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
-from app.sources.dbc.decoder import MessageFrames, by_message
+from app.sources.dbc.decoder import MessageFrames, by_message, physical_values, raw_values
 from app.sources.dbc.definitions import Definitions
-from app.sources.dbc.extraction import physical_values, raw_values
 from app.sources.dbc.frames import Frames
 from app.sources.dbc.lanes import Lane, channel, lanes_of
 from app.sources.dbc.plain_lanes import PlainLanes

@@ -1,12 +1,15 @@
-"""CAN frames in columns: what the decoder takes, live in batches and offline by the million."""
+"""CAN frames in columns: what the decoder takes, live in batches and of a log, whatever tool wrote it."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.sources.items import CanItem
+from app.sources.recordings.can_log import OnRead, read_frames
 
 TimedFrame = tuple[int, int, bytes]  # time [ns], id with bit 31 for 29-bit ones, data
 _WIDTHS = (8, 64)  # bytes of classic CAN and of CAN FD
@@ -45,3 +48,34 @@ def frames_of(items: Iterable[TimedFrame]) -> Frames:
 def frames_of_items(items: Iterable[CanItem]) -> Frames:
     """Return what a CAN link delivered as columns; time is that of the monotonic clock."""
     return frames_of([(item.t_mono_ns, item.can_id, item.data) for item in items])
+
+
+AT_ONCE = 50_000  # frames that become columns: as Python's objects each takes 300 bytes, in columns 21
+
+
+def load_log(path: Path, on_read: OnRead = lambda at: None) -> Frames:
+    """Return the frames of a log in the order of their time; time in ns since 1970, or since its begin.
+
+    `on_read` is told how many bytes are read, again and again.
+
+    Raises:
+        ImportFailed: the file cannot be read as what its name says.
+    """
+    frames = ((round(t_s * 1e9), can_id, data) for t_s, can_id, data in read_frames(path, on_read=on_read))
+    parts = [frames_of([])]
+    while part := list(islice(frames, AT_ONCE)):
+        parts.append(frames_of(part))
+    width = max(part.data.shape[1] for part in parts)
+    t_ns = np.concatenate([part.t_ns for part in parts])
+    order = np.argsort(t_ns, kind="stable")
+    return Frames(
+        t_ns[order],
+        np.concatenate([part.can_id for part in parts])[order],
+        np.concatenate([part.length for part in parts])[order],
+        np.concatenate([_wide(part.data, width) for part in parts])[order],
+    )
+
+
+def _wide(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """The bytes of classic CAN beside those of CAN FD: zero beyond their own."""
+    return np.pad(data, ((0, 0), (0, width - data.shape[1])))

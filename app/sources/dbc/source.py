@@ -1,10 +1,10 @@
 """A battery that speaks by a DBC as a source: CAN frames in, measurements of any number of cells out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.battery.battery import LIMITS, Battery, SignalName
 from app.battery.source import SpeaksDbc
@@ -17,7 +17,7 @@ from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.can_bus import bit_rate_of
 from app.sources.links.monitor import LinkMonitor
 from app.sources.source import NOTHING_RECEIVED, Received
-from app.telemetry import Ages, Charger, Event, FloatArray, Links, Master, ProtectionLimits, Source
+from app.telemetry import Ages, Charger, Event, Links, Master, ProtectionLimits, Source
 from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import STALE_S, Measurement, Reported
 from app.telemetry.snapshot import MasterState, Number
@@ -35,7 +35,7 @@ _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told count
 
 
 @dataclass(slots=True)
-class _Rhythm:
+class Rhythm:
     """How often each part comes: with it, how long a value of the part is live."""
 
     newest_ns: dict[str, int] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class DbcSource:
         self._waiting_of = 0  # number of the period of what waits
         self._newest: BatteryMeasurement | None = None
         self._sampled_ns: int | None = None
-        self._rhythm = _Rhythm()
+        self._rhythm = Rhythm()
         self._two_senders = TwoSenders(battery.n_cells)
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
         self._can.bit_rate = source.bit_rate or bit_rate_of(url)
@@ -154,55 +154,54 @@ class DbcSource:
             before_ns, self._sampled_ns = self._sampled_ns, found.t_ns
             dt_s = None if before_ns is None else (found.t_ns - before_ns) / 1e9
             is_new = np.ones(self.battery.n_cells, np.bool_) if before_ns is None else found.voltage_t_ns > before_ns
-        n_cells = self.battery.n_cells
-        unknown = np.full(n_cells, np.nan)
-        closed = found.states.get("closed")
-        voltage_v = np.where(self._two_senders.cells, np.nan, found.voltage_v)
-        return Measurement(
-            t_mono_ns=t_mono_ns,
-            t_wall_ns=t_wall_ns,
-            uptime_ms=found.t_ns // 1_000_000,
+        return measurement_of(
+            self.battery,
+            replace(found, voltage_v=np.where(self._two_senders.cells, np.nan, found.voltage_v)),
+            t_mono_ns,
+            t_wall_ns,
             dt_s=dt_s,
             is_sample=is_sample,
             is_fresh=is_fresh,
-            current_a=_number(found.current_a),
-            voltage_v=voltage_v,
-            temperature_degc=self.battery.cell_temperatures(found.temperature_degc),
-            resistance_ohm=found.resistance_ohm,
-            capacity_ah=unknown,
-            chip_voltage_v=unknown,
-            balancing=None if np.isnan(found.balancing).all() else found.balancing == 1.0,
-            relays_open=closed is False,
-            slave_status=(None,) * self.battery.n_segments,
-            reported=Reported(
-                _number(found.pack_voltage_v), *(_NO_EXTREME,) * 4, None, voltage_error=PACK_VOLTAGE_ERROR
-            ),
-            master=_master(found),
-            charger=_charger(found),
-            age_s=_ages(found, t_mono_ns),
             links=Links(self._rs232.status(t_mono_ns), self._can.status(t_mono_ns)),
-            disagreements=(),
-            limits=_limits(self.battery, found.limits),
-            config=None,
-            config_hash=None,
             is_new=is_new,
             awaited=self._assembler.awaited(t_mono_ns),
             live_s=self._rhythm.live_s(),
-            voltage_age_s=_ages_of(voltage_v, found.voltage_t_ns, t_mono_ns),
         )
 
 
-def _ages_of(values: FloatArray, t_ns: NDArray[np.int64], now_ns: int) -> FloatArray:
-    return np.where(np.isfinite(values), (now_ns - t_ns) / 1e9, np.nan)
+def measurement_of(
+    battery: Battery, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, **more: Any
+) -> Measurement:
+    """Return what a battery without a master of ours measured, as it is at an instant; `more` are other fields."""
+    unknown = np.full(battery.n_cells, np.nan)
+    return Measurement(
+        t_mono_ns=t_mono_ns,
+        t_wall_ns=t_wall_ns,
+        uptime_ms=found.t_ns // 1_000_000,
+        current_a=_number(found.current_a),
+        voltage_v=found.voltage_v,
+        temperature_degc=battery.cell_temperatures(found.temperature_degc),
+        resistance_ohm=found.resistance_ohm,
+        capacity_ah=unknown,
+        chip_voltage_v=unknown,
+        balancing=None if np.isnan(found.balancing).all() else found.balancing == 1.0,
+        relays_open=found.states.get("closed") is False,
+        slave_status=(None,) * battery.n_segments,
+        reported=Reported(_number(found.pack_voltage_v), *(_NO_EXTREME,) * 4, None, voltage_error=PACK_VOLTAGE_ERROR),
+        master=_master(found),
+        charger=_charger(found),
+        age_s=_of_parts({part: (t_mono_ns - t_ns) / 1e9 for part, t_ns in found.newest_ns.items()}),
+        disagreements=(),
+        limits=_limits(battery, found.limits),
+        config=None,
+        config_hash=None,
+        voltage_age_s=np.where(np.isfinite(found.voltage_v), (t_mono_ns - found.voltage_t_ns) / 1e9, np.nan),
+        **more,
+    )
 
 
 def _number(value: float) -> Number:
     return None if np.isnan(value) else value
-
-
-def _ages(found: BatteryMeasurement, now_ns: int) -> Ages:
-    """Of each part the newest value that is shown; None where there is none. Each voltage has its own age beside it."""
-    return _of_parts({part: (now_ns - t_ns) / 1e9 for part, t_ns in found.newest_ns.items()})
 
 
 def _of_parts(seconds: Mapping[str, float]) -> Ages:

@@ -76,7 +76,7 @@ class MasterSource:
             return self._on_can(item)
         if isinstance(item, CanFault):
             return self._on_fault(item)
-        return self._on_change(item)
+        return self._on_change(item) if isinstance(item, LinkChange) else NOTHING_RECEIVED
 
     def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
         """Return a measurement in which nothing is new but the ages."""

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.charge_state import signed
 from app.sources.recordings.profile import LONGEST_S, ImportProfile, parse_cells
-from app.sources.recordings.quantities import in_our_unit
+from app.sources.recordings.quantities import in_our_unit, signed
 from app.sources.recordings.table import Table
 from app.words import Message, Quantity
 

@@ -1,25 +1,23 @@
 """CAN logs of other tools as frames, and by a DBC as a table of signals."""
 
 import gzip
-import io
 import re
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from importlib import import_module
+from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, BinaryIO, NamedTuple, TextIO
 
 import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray, latest_at
 from app.sources.recordings.bad_rows import EARLY, BadRows, UnreadableLine
-from app.sources.recordings.candump import MOST_S, candump_frame
 from app.sources.recordings.kind import CAN_LOGS, kind_of
-from app.sources.recordings.line_logs import crtd_frame, savvycan_frame
+from app.sources.recordings.line_logs import MOST_S, candump_frame, crtd_frame, savvycan_frame
 from app.sources.recordings.mf4_log import mf4_frames
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import GZIP_MAGIC, Table, matching
@@ -29,6 +27,7 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 _ID_BITS = 0x1FFFFFFF
 _MOST_BYTES = 64  # of CAN FD
 _READ_AT_ONCE = 1 << 18
+_TOLD_EVERY = 500  # frames
 MOST_VALUES = 16_000_000  # of signals by a DBC: each takes 38 bytes until the table is made
 _ERROR_TEXT = 60  # characters of a library's reason
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
@@ -39,59 +38,62 @@ _RELATIVE = re.compile(r"\s*\d+\.\d+(?=\s)")
 _LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd_frame}
 
 
-def _not_told(position: int) -> None:
-    """What a reader is given of whom nobody wants to know how far it is."""
-
-
-def read_frames(path: Path, bad: BadRows | None = None, on_read: OnRead = _not_told) -> Iterator[Frame]:
+def read_frames(path: Path, bad: BadRows | None = None, on_read: OnRead | None = None) -> Iterator[Frame]:
     """Yield the data frames of a log, in its order; what it is is taken from its content.
 
     Args:
         path: candump, SavvyCAN, CRTD, .asc, .trc, .blf or MF4 bus logging; text also gzip.
         bad: gets the lines and frames that cannot be read.
-        on_read: told how many bytes are read, again and again; not of MF4.
+        on_read: given how many bytes are read, again and again; not of MF4.
 
     Raises:
         ImportFailed: it cannot be read, or more than half of it cannot.
         ExtraMissing: asammdf, which reads MF4, is not installed.
     """
+    kind, good = kind_of(path), 0
     bad = BadRows() if bad is None else bad
-    good = 0
-    for frame in _read(path, kind_of(path), bad, on_read):
-        if not abs(frame[0]) < MOST_S:  # not a number, too
-            bad.add(None, Message("odd-time", time=f"{frame[0]:g}"))
-        elif frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
-            bad.add(None, Message("odd-frame", id=f"{frame[1]:X}", bytes=len(frame[2])))
-        else:
-            good += 1
-            yield frame
-        if bad.count > EARLY and not good:
-            break
-    bad.check(path.name, good)
-
-
-def _read(path: Path, kind: str, bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
     if kind not in CAN_LOGS:
         raise ImportFailed(path.name, Message("no-can-log", error=Message("no-log-kind")))
     try:
-        if kind in _LINE_LOGS:
-            yield from _lines(path, _LINE_LOGS[kind], bad, on_read)
-        elif kind == "mf4":
-            yield from mf4_frames(path)
-        elif kind in ("asc", "trc"):
-            yield from _text_of_python_can(path, kind, bad, on_read)
-        else:
-            yield from _blf(path, bad, on_read)
+        with path.open("rb", _READ_AT_ONCE) as file:
+            for number, frame in enumerate(_frames(kind, path, file, bad)):
+                if on_read is not None and number % _TOLD_EVERY == 0:
+                    on_read(file.tell())
+                if not abs(frame[0]) < MOST_S:  # not a number, too
+                    bad.add(None, Message("odd-time", time=f"{frame[0]:g}"))
+                elif frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
+                    bad.add(None, Message("odd-frame", id=f"{frame[1]:X}", bytes=len(frame[2])))
+                else:
+                    good += 1
+                    yield frame
+                if bad.count > EARLY and not good:
+                    break
     except (ExtraMissing, MemoryError):
         raise
     except Exception as error:  # every reader raises its own: struct.error, MdfException, ...
         raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
+    if on_read is not None and kind != "mf4":
+        on_read(path.stat().st_size)
+    bad.check(path.name, good)
 
 
-def _lines(path: Path, frame_of: Callable[[str], Frame | None], bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
+def _frames(kind: str, path: Path, file: Any, bad: BadRows) -> Iterator[Frame]:
+    """The frames of a log; one that is text may be packed."""
+    if kind == "mf4":
+        return mf4_frames(path)
+    if kind == "blf":
+        return _blf(file, bad)
+    is_packed = file.peek(2)[:2] == GZIP_MAGIC
+    text = TextIOWrapper(gzip.GzipFile(fileobj=file) if is_packed else file, encoding="latin-1")
+    if kind in _LINE_LOGS:
+        return _lines(text, _LINE_LOGS[kind], bad)
+    return _text_of_python_can(text, kind, bad)
+
+
+def _lines(text: TextIO, frame_of: Callable[[str], Frame | None], bad: BadRows) -> Iterator[Frame]:
     """The frames of a log that has one a line; a last line without its end may be cut off."""
-    with _open_text(path, on_read) as lines:
-        for number, line in enumerate(lines, 1):
+    with text:
+        for number, line in enumerate(text, 1):
             try:
                 frame = frame_of(line) if line.strip() else None
             except UnreadableLine as error:
@@ -100,36 +102,6 @@ def _lines(path: Path, frame_of: Callable[[str], Frame | None], bad: BadRows, on
                 continue
             if frame is not None:
                 yield frame
-
-
-class _ToldFile(io.FileIO):
-    """A file that tells how far it is read."""
-
-    def __init__(self, path: Path, on_read: OnRead) -> None:
-        super().__init__(path)
-        self._on_read = on_read
-
-    def readinto(self, buffer: Any) -> int | None:
-        n_bytes = super().readinto(buffer)
-        self._on_read(self.tell())
-        return n_bytes
-
-
-@contextmanager
-def _open_binary(path: Path, on_read: OnRead) -> Iterator["io.BufferedReader[_ToldFile]"]:
-    with _ToldFile(path, on_read) as raw, io.BufferedReader(raw, _READ_AT_ONCE) as file:
-        yield file
-
-
-@contextmanager
-def _open_text(path: Path, on_read: OnRead) -> Iterator[TextIO]:
-    with _open_binary(path, on_read) as file:
-        if file.peek(2)[:2] == GZIP_MAGIC:
-            with gzip.open(file, "rt", encoding="latin-1") as text:
-                yield text
-        else:
-            with io.TextIOWrapper(file, encoding="latin-1") as text:
-                yield text
 
 
 class _Lines:
@@ -178,11 +150,10 @@ class _Lines:
         self._file.close()
 
 
-def _text_of_python_can(path: Path, kind: str, bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
+def _text_of_python_can(text: TextIO, kind: str, bad: BadRows) -> Iterator[Frame]:
     can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
-    is_done = False
-    with _open_text(path, on_read) as file:
-        lines = _Lines(file)
+    is_done, lines = False, _Lines(text)
+    with text:
         while not is_done:
             reader: Any = can.TRCReader(lines) if kind == "trc" else can.ASCReader(lines, relative_timestamp=False)
             before = lines.number
@@ -199,11 +170,11 @@ def _text_of_python_can(path: Path, kind: str, bad: BadRows, on_read: OnRead) ->
                 lines.repeat_header()
 
 
-def _blf(path: Path, bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
+def _blf(file: BinaryIO, bad: BadRows) -> Iterator[Frame]:
     can = import_module("can")
     good = 0
     try:
-        with _open_binary(path, on_read) as file, can.BLFReader(file) as reader:
+        with can.BLFReader(file) as reader:
             for message in reader:
                 good += 1
                 yield from _data_frame(message)
@@ -250,17 +221,26 @@ class LogSignals(NamedTuple):
         return Table(self.source, columns, notes=self.notes)
 
 
-def read_signals(path: Path, dbc: Path, most: int | None = None, on_read: OnRead = _not_told) -> LogSignals:
+def read_signals(
+    path: Path,
+    dbc: Path,
+    most: int | None = None,
+    on_read: OnRead | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
+) -> LogSignals:
     """Return the signals in a log's frames; of the first `most` frames where it is given.
 
-    `on_read` is told how many bytes are read, again and again.
+    `on_read` is told how many bytes are read, again and again; `on_frame` is given every frame.
 
     Raises:
         ExtraMissing: cantools is not installed.
         ImportFailed: the log or the DBC cannot be read.
     """
     unread, undecoded = BadRows(), BadRows(Message("frames-of-dbc"))
-    found = _signals(islice(read_frames(path, unread, on_read), most), path.name, dbc, bad=undecoded)
+    frames = islice(read_frames(path, unread, on_read), most)
+    if on_frame is not None:
+        frames = (on_frame(frame) or frame for frame in frames)  # type: ignore[assignment]
+    found = _signals(frames, path.name, dbc, bad=undecoded)
     decoded = max((len(times) for times, _ in found.values()), default=0)
     return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded)))
 

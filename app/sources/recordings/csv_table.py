@@ -14,9 +14,8 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.sources.recordings.bad_rows import REFUSED_SHARE, BadRows
-from app.sources.recordings.charge_state import state_of, tells_state
-from app.sources.recordings.encoding import text_of
-from app.sources.recordings.quantities import is_unit
+from app.sources.recordings.kind import text_of
+from app.sources.recordings.quantities import is_unit, state_of, tells_state
 from app.words import Message, render
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})

@@ -11,8 +11,15 @@ from typing import NamedTuple
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import FIELDS, Recording, clean
-from app.sources.recordings.charge_state import charges_positive, signed
-from app.sources.recordings.quantities import UNITS, Candidate, candidates, in_our_unit, is_wall_clock
+from app.sources.recordings.quantities import (
+    UNITS,
+    Candidate,
+    candidates,
+    charges_positive,
+    in_our_unit,
+    is_wall_clock,
+    signed,
+)
 from app.sources.recordings.table import Table, column_number, load_table
 from app.words import Message, render
 

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.charge_state import charges_positive
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportProfile
-from app.sources.recordings.quantities import UNITS, candidates, sounds_like, unit_of
+from app.sources.recordings.quantities import UNITS, candidates, charges_positive, sounds_like, unit_of
 from app.sources.recordings.table import Table, column_number, matching
 
 SOC_IN_PERCENT, KELVIN_FROM, MILLIVOLTS_FROM = 1.5, 200.0, 500.0  # medians beyond them

@@ -1,4 +1,4 @@
-"""What a recording is, by its content: the name of a file counts only where the content does not tell."""
+"""What a recording is, by its content, and how its text is encoded; its name counts only where nothing else tells."""
 
 import gzip
 import re
@@ -6,9 +6,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
-from app.sources.recordings.candump import CANDUMP_LINE
-from app.sources.recordings.encoding import wide_encoding
-from app.sources.recordings.line_logs import CRTD_LINE, SAVVYCAN_HEADER
+from app.sources.recordings.line_logs import CANDUMP_LINE, CRTD_LINE, SAVVYCAN_HEADER
 
 CAN_LOGS = ("candump", "asc", "trc", "blf", "savvycan", "crtd", "mf4")
 ENDINGS = {".log": "candump", ".asc": "asc", ".trc": "trc", ".blf": "blf", ".crtd": "crtd", ".mf4": "mf4"}
@@ -94,3 +92,35 @@ def _kind_of_text(raw: bytes) -> str | None:
     if _TRC.search(text):
         return "trc"
     return "asc" if _ASC.search("\n".join(lines[:5])) else None
+
+
+MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
+_LOOKED_AT = 1 << 12
+_CHINESE = re.compile("[电流压时间温度序号步容量能]")  # of the names that a cycler gives its columns
+
+
+def text_of(raw: bytes) -> str:
+    """Return a file's text; a zero byte stays in it where it is none."""
+    wide = wide_encoding(raw)
+    for encoding in (wide,) if wide else ("utf-8-sig", "gb18030"):
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if encoding != "gb18030" or _CHINESE.search(text):
+            return text
+    return raw.decode("latin-1")
+
+
+def wide_encoding(raw: bytes) -> str | None:
+    """Return which UTF-16 a file is in, None where it is in none; without a mark every other byte of it is zero."""
+    if raw[:2] in MARKS:
+        return "utf-16"
+    begin = raw[: min(_LOOKED_AT, len(raw) // 2 * 2)]
+    if not begin:
+        return None
+    zeros = begin[0::2].count(0), begin[1::2].count(0)
+    for encoding, of_letters, of_zeros in (("utf-16-le", *zeros), ("utf-16-be", *zeros[::-1])):
+        if not of_letters and of_zeros > 0.4 * len(begin):
+            return encoding
+    return None

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from app.errors import ImportFailed
 from app.estimation.toml_text import TomlError, read_toml
+from app.sources.data_file import replace_file
 from app.sources.recordings.bad_rows import some_of
 from app.sources.recordings.quantities import UNITS
-from app.sources.whole_file import replace_file
 from app.words import Message
 
 EXPORT_TIMES = ("time_s", "elapsed_s", "uptime_s")  # the first columns of a table that is exported

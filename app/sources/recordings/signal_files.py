@@ -6,7 +6,7 @@ too, at the times of their quickest group of channels, the others as last receiv
 
 import struct
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, time, timedelta
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -154,3 +154,34 @@ def _ld_start_s(raw: bytes) -> float:
 
 def _with_unit(name: str, unit: str) -> str:
     return f"{name} ({unit})" if unit and unit != "1" else name
+
+
+def largest_sheet(path: Path) -> tuple[str, bytes]:
+    """Return the name of the sheet with the most cells, and its rows as text with tabs between the columns.
+
+    Raises:
+        TableUnreadable: the file cannot be read.
+        ExtraMissing: python-calamine is not installed.
+    """
+    try:
+        calamine = import_module("python_calamine")
+    except ImportError as error:
+        raise ExtraMissing("an Excel file", "python-calamine", "excel") from error
+    try:
+        with path.open("rb") as file:  # by a path it goes by the ending
+            book = calamine.CalamineWorkbook.from_filelike(file)
+        sheets = {name: book.get_sheet_by_name(name).to_python() for name in book.sheet_names}
+    except Exception as error:  # calamine has a class for each part of the format
+        raise TableUnreadable(path.name, Message("cannot-be-read", error=str(error))) from error
+    name, rows = max(sheets.items(), key=lambda sheet: sum(len(row) for row in sheet[1]), default=("", []))
+    return name, "\n".join("\t".join(map(_text, row)) for row in rows).encode()
+
+
+def _text(value: object) -> str:
+    match value:
+        case timedelta():
+            return repr(value.total_seconds())
+        case datetime() | date() | time():
+            return value.isoformat()
+        case _:
+            return str(value).replace("\t", " ").replace("\n", " ")

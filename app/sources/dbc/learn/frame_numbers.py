@@ -8,8 +8,7 @@ import numpy as np
 from app.battery.source import CellSignals
 from app.sources.dbc.definitions import MessageDefinition, Signal
 from app.sources.dbc.learn.proposal import CellProposal, Member, judged
-from app.sources.dbc.learn.survey import Survey, distinct
-from app.sources.dbc.learn.words_of_names import (
+from app.sources.dbc.learn.survey import (
     FIRST,
     GROUP,
     NO_NUMBER,
@@ -18,6 +17,8 @@ from app.sources.dbc.learn.words_of_names import (
     SEGMENT,
     TEMPERATURE,
     VOLTAGE,
+    Survey,
+    distinct,
     name_set,
     numbers,
     skeleton,

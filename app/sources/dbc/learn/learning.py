@@ -12,7 +12,6 @@ from app.battery.source import STATES, CellSignals, SpeaksDbc, StateSignal
 from app.sources.dbc.assembly import PERIODS_BRIDGED
 from app.sources.dbc.battery_decoder import BatteryDecoder, Values
 from app.sources.dbc.frames import Frames
-from app.sources.dbc.learn.charger_and_limits import charger_proposals, limit_proposals
 from app.sources.dbc.learn.families import family_proposals
 from app.sources.dbc.learn.frame_numbers import frame_number_proposals
 from app.sources.dbc.learn.lines import Choice, Line, find_signal, line_of
@@ -20,13 +19,14 @@ from app.sources.dbc.learn.proposal import CellProposal
 from app.sources.dbc.learn.readings import (
     PackVoltage,
     ReadingProposal,
+    charger_proposals,
     current_proposals,
+    limit_proposals,
     pack_voltage_proposals,
     soc_proposals,
 )
 from app.sources.dbc.learn.states import Flow, StateProposal, state_proposals
-from app.sources.dbc.learn.survey import Survey
-from app.sources.dbc.learn.words_of_names import words
+from app.sources.dbc.learn.survey import Survey, words
 from app.words import Message, Text
 
 READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")

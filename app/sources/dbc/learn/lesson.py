@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from app.battery.source import SpeaksDbc
 from app.battery.table_reader import ProfileError
 from app.sources.dbc.battery_decoder import BatteryDecoder, Values
 from app.sources.dbc.check import Doubt, doubts_of, oddities_of
+from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
-from app.sources.dbc.frames import Frames
+from app.sources.dbc.frames import Frames, load_log
 from app.sources.dbc.learn.learning import Learned, learn, taken
 from app.sources.dbc.learn.lines import Choice, Line, find_signal
 from app.sources.dbc.learn.profile_text import profile_text
@@ -147,3 +149,23 @@ def _running(values: Values, size: int, now_ns: int, line: Line, heard: Survey) 
             raw = int(signal.raw[-1])
             return Running(numbers, age_s, raw, named[1].choices.get(raw, ""))
     return Running(numbers, age_s)
+
+
+def lesson_from_files(files: Mapping[str, str], heard: Frames | Path, name: str) -> Lesson:
+    """Return a lesson of files, with the profile that they suggest.
+
+    Args:
+        files: message definitions as text, by file name.
+        heard: frames of a bus, or a CAN log.
+        name: of the profile; the first file's where empty.
+
+    Raises:
+        ImportFailed, ExtraMissing: a file cannot be read.
+    """
+    definitions = Definitions(())
+    for each, text in files.items():
+        definitions = definitions.joined(parse_definitions(text.encode(), each))
+    frames = load_log(heard) if isinstance(heard, Path) else heard
+    lesson = Lesson(definitions, tuple(files), frames, name or Path(next(iter(files))).stem)
+    lesson.learned(Correction())
+    return lesson

@@ -14,8 +14,7 @@ from app.battery.source import STATES, StateSignal
 from app.estimation.arrays import BoolArray
 from app.sources.dbc.definitions import MessageDefinition, Signal
 from app.sources.dbc.learn.readings import unheard
-from app.sources.dbc.learn.survey import Heard, Survey
-from app.sources.dbc.learn.words_of_names import name_set, words
+from app.sources.dbc.learn.survey import Heard, Survey, name_set, words
 from app.words import Message, Text
 
 _MOST_BITS = 16  # of a state; a wider word is a set of flags

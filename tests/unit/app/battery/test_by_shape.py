@@ -4,7 +4,7 @@ import pytest
 
 from app.battery.by_shape import MOST_CELLS, files_of_shape
 from app.battery.table_reader import ProfileError
-from app.sources.dbc.encoding.speech import Speech
+from app.sources.dbc.encoder import Speech
 from app.sources.loaded_battery import load_battery
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from app.sessions.errors import RecordingFailed
 from app.sessions.event_log import EventLog
-from app.sessions.storage.migrate import EVENTS
+from app.sessions.storage.database import EVENTS
 from app.telemetry import Event, Severity
 from app.words import Message, render
 from tests.fake_clock import FakeClock

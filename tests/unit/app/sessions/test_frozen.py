@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.sessions.reading.reader import SessionFile
-from app.sessions.storage.migrate import SESSION
+from app.sessions.storage.database import SESSION
 from firmware_protocol.framing import Frame, decode_chunk
 
 FROZEN = Path(__file__).parent / "frozen"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.sources.whole_file import replace_file
+from app.sources.data_file import replace_file
 
 
 def test_the_new_content_stands_where_the_old_one_did(tmp_path):

@@ -12,7 +12,7 @@ from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.session_writer import SessionWriter, event_row
-from app.sessions.storage import foreign
+from app.sessions.storage import database
 from app.sessions.storage.streams import MOST_SAMPLES, pack_block, unpack_streams
 from app.sessions.transfer.repair import repair
 from app.telemetry import Event
@@ -35,7 +35,7 @@ def write(path):
     stream = Stream()
     for number in range(FRAMES):
         t_ns, wall_ns, raw = stream.next()
-        writer.write([("frames", (t_ns, wall_ns, 0, 1, raw)), ("can_frames", (t_ns, wall_ns, 0x123, bytes(8)))])
+        writer.write([("frames", (t_ns, wall_ns, 0, 1, raw)), ("can_frames", (t_ns, wall_ns, 0x123, bytes(8), 0))])
         if number % 100 == 50:
             writer.write([event_row(t_ns, Event(wall_ns, "info", "test", Message("file-empty"), value=5, limit=5.5))])
             writer.write([("markers", (t_ns, wall_ns, "note", "a pebble", None))])
@@ -161,7 +161,7 @@ def test_a_session_that_runs_something_is_none(sound, tmp_path, trap):
 
 
 def test_a_query_that_does_not_end_is_ended(sound, monkeypatch):
-    monkeypatch.setattr(foreign, "QUERY_S", 0.1)
+    monkeypatch.setattr(database, "QUERY_S", 0.1)
     with SessionFile(sound) as session, pytest.raises(SessionError, match="interrupted"):
         session._stored.rows(ENDLESS)
 

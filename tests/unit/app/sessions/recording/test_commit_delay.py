@@ -1,4 +1,4 @@
-from app.sessions.recording.commit_delay import KEPT_S, MOST_COMMIT_S, CommitDelay, oldest_frame_ns
+from app.sessions.recording.commit_queue import KEPT_S, MOST_COMMIT_S, CommitDelay, oldest_frame_ns
 
 S = 10**9
 

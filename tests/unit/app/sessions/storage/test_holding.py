@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from app.battery.battery import Battery
 from app.battery.source import CellSignals, SpeaksDbc
-from app.sessions.storage.holding import Holder, grid_of
+from app.sessions.storage.battery_columns import Holder, grid_of
 from app.sources.dbc.assembly import Assembler
 from app.sources.dbc.battery_decoder import Values
 from tests.campaign import examples

@@ -4,8 +4,7 @@ from pathlib import Path
 import pytest
 
 from app.sessions.errors import NotASession, SchemaTooNew
-from app.sessions.storage.database import open_for_reading, open_for_writing
-from app.sessions.storage.migrate import EVENTS, SESSION, Schema, migrate
+from app.sessions.storage.database import EVENTS, SESSION, Schema, migrate, open_for_reading, open_for_writing
 
 ONE = Schema(7, ("CREATE TABLE a (x);\nINSERT INTO a VALUES (1);",))
 TWO = Schema(7, (*ONE.steps, "ALTER TABLE a ADD COLUMN y DEFAULT 'new; text';"))

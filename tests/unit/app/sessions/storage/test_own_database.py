@@ -11,7 +11,7 @@ import pytest
 from app.sessions.black_box_store import BlackBoxStore
 from app.sessions.errors import RecordingFailed, SchemaTooNew
 from app.sessions.event_log import EventLog
-from app.sessions.storage.migrate import BLACKBOXES, EVENTS
+from app.sessions.storage.database import BLACKBOXES, EVENTS
 from app.telemetry import Event
 from app.words import Message
 from tests.fake_clock import FakeClock

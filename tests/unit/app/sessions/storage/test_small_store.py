@@ -4,8 +4,8 @@ import sqlite3
 import threading
 from contextlib import closing
 
-from app.sessions.storage.migrate import BLACKBOXES
-from app.sessions.storage.small_store import Store
+from app.sessions.storage.database import BLACKBOXES
+from app.sessions.storage.own_database import Store
 from tests.service_process import WAIT_S, until
 
 

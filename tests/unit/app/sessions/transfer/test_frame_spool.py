@@ -1,5 +1,6 @@
 """Frames beyond what is sorted in memory: they come back by time, and of one time in the order in which they came."""
 
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,12 +18,12 @@ def test_frames_come_back_by_time_and_then_as_they_came(times_s: list[float], ru
     with (
         TemporaryDirectory() as folder,
         pytest.MonkeyPatch.context() as patch,
-        FrameSpool(Path(folder), run) as spool,
+        closing(FrameSpool(Path(folder), run)) as spool,
     ):
         patch.setattr(frame_spool, "_BLOCK", block)
         for frame in frames:
             spool.add(frame)
-        assert len(spool) == len(frames)
+        assert spool.n == len(frames)
         expected = sorted(frames, key=lambda frame: frame[0])
         assert list(spool) == expected
         assert list(spool) == expected  # again
@@ -34,7 +35,7 @@ def test_what_does_not_fit_into_memory_goes_to_the_folder_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frame_spool, "_IN_MEMORY", 100)
-    with FrameSpool(tmp_path, run=10) as spool:
+    with closing(FrameSpool(tmp_path, run=10)) as spool:
         for number in range(95):
             spool.add((95.0 - number, number, b"\1" * 8))
         assert [frame[1] for frame in spool] == list(range(95))[::-1]

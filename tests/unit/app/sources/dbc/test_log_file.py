@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from app.errors import ImportFailed
-from app.sources.dbc import log_file
-from app.sources.dbc.log_file import load_log
+from app.sources.dbc import frames as columns
+from app.sources.dbc.frames import load_log
 
 FRAMES = [
     (0.0, 0x123, False, bytes(range(8)), False),
@@ -90,7 +90,7 @@ def test_a_log_is_the_same_whatever_part_of_it_is_taken_at_once(tmp_path, monkey
     whole = load_log(path)
     assert whole.data.shape == (8, 64)
     assert whole.can_id.tolist() == [0x700, 0x106, 0x104, 0x105, 0x102, 0x103, 0x100, 0x101]  # of one time in order
-    monkeypatch.setattr(log_file, "AT_ONCE", 3)
+    monkeypatch.setattr(columns, "AT_ONCE", 3)
     parts = load_log(path)
     for name in ("t_ns", "can_id", "length", "data"):
         assert getattr(parts, name).tolist() == getattr(whole, name).tolist()

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.sources.dbc.units import conversion, known_conversion
+from app.sources.dbc.lanes import conversion, known_conversion
 
 
 def value(kind, unit, number):

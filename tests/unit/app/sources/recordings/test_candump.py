@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.sources.recordings.bad_rows import UnreadableLine
-from app.sources.recordings.candump import candump_frame
+from app.sources.recordings.line_logs import candump_frame
 from app.words import Message
 from tests.campaign import examples
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from app.sources.recordings.battery_log import battery_log
-from app.sources.recordings.charge_state import charges_positive, signed, state_of, tells_state
 from app.sources.recordings.dataset import load_recording
 from app.sources.recordings.guess import guess
+from app.sources.recordings.quantities import charges_positive, signed, state_of, tells_state
 from app.sources.recordings.table import load_table
 
 MACCOR = "Rec#\tTestTime\tAmps\tVolts\tState\n" + "".join(

@@ -8,8 +8,8 @@ import pytest
 
 from app.errors import ImportFailed
 from app.sources.recordings.battery_log import battery_log
-from app.sources.recordings.encoding import text_of
 from app.sources.recordings.guess import guess
+from app.sources.recordings.kind import text_of
 from app.sources.recordings.table import read_table
 
 ROWS = [(10.0 * i, -1.5, 3.7 + 0.001 * i, 25.0) for i in range(12)]

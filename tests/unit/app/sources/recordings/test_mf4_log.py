@@ -51,5 +51,6 @@ def test_frames_come_in_pieces_and_none_is_lost_between_them(tmp_path: Path, mon
 
 def test_without_asammdf_the_line_to_install_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
+    (tmp_path / "run.mf4").write_bytes(b"MDF ")
     with pytest.raises(ExtraMissing, match=r"pip install .*mf4"):
         list(read_frames(tmp_path / "run.mf4"))

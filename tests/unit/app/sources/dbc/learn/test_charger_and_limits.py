@@ -4,7 +4,7 @@ import pytest
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
-from app.sources.dbc.learn.charger_and_limits import charger_proposals, limit_proposals
+from app.sources.dbc.learn.readings import charger_proposals, limit_proposals
 from app.sources.dbc.learn.survey import survey
 from tests.peer_messages import HEAD
 

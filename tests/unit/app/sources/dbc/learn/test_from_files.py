@@ -5,8 +5,7 @@ import pytest
 from app.battery.profile import read_document, understand
 from app.errors import ImportFailed
 from app.sources.dbc.frames import frames_of
-from app.sources.dbc.learn.from_files import lesson_from_files
-from app.sources.dbc.learn.lesson import Correction
+from app.sources.dbc.learn.lesson import Correction, lesson_from_files
 from app.sources.dbc.learn.profile_text import profile_text
 from tests.naming_habits import pairs_in_fd_frames
 

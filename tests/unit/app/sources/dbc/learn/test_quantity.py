@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from app.battery.source import TEMPERATURE_UNITS, VOLTAGE_UNITS, ZERO_AT
 from app.sources.dbc.definitions import Layout, Signal
-from app.sources.dbc.learn.quantity import (
+from app.sources.dbc.learn.proposal import (
     CELL_VOLTAGE_V,
     TEMPERATURE_DEGC,
     converted,

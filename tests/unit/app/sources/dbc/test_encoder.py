@@ -5,7 +5,7 @@ import pytest
 
 from app.battery.profile import read_document, understand
 from app.sources.dbc.dbc_file import parse_definitions
-from app.sources.dbc.encoding.speech import Speech
+from app.sources.dbc.encoder import Speech
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: B\n'
 CYCLE = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'

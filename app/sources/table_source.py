@@ -1,0 +1,140 @@
+"""A table of another system as a battery: its rows are measurements, each at its own time; nothing is decoded."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from app.battery.battery import Battery, SignalName
+from app.battery.source import STATES
+from app.errors import ImportFailed
+from app.estimation.arrays import FloatArray
+from app.sources.dbc.assembly import BatteryMeasurement
+from app.sources.dbc.source import Rhythm, measurement_of
+from app.sources.items import Item, TableItem
+from app.sources.links.monitor import LinkMonitor
+from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
+from app.sources.recordings.battery_log import BatteryLog
+from app.sources.source import NOTHING_RECEIVED, Received
+from app.telemetry import Identity, Links, Source
+from app.telemetry.measurement import Measurement
+from app.words import Message
+
+_NEVER_NS = -(1 << 62)
+
+
+def battery_of_table(log: BatteryLog, source: str, like: LoadedBattery | None = None) -> LoadedBattery:
+    """Return the battery of a table, as its session keeps it.
+
+    Args:
+        log: what the table holds.
+        source: name of its file.
+        like: a battery whose shape, cell and limits are the table's; None: the team's for as many cells as it has,
+            else one segment.
+
+    Raises:
+        ImportFailed: `like` has another number of cells.
+    """
+    if like is not None and like.battery.n_cells != log.n_cells:
+        raise ImportFailed(source, Message("not-so-many-cells", cells=log.n_cells, expected=like.battery.n_cells))
+    if like is None and log.n_cells == team_battery().battery.n_cells:
+        like = team_battery()
+    battery = Battery(source, (log.n_cells,)) if like is None else like.battery
+    drawing = battery.drawing
+    limits = {name: each for name, each in battery.limits.items() if not isinstance(each, SignalName)}
+    lines = [
+        "# The battery of an imported table.",
+        "[battery]",
+        f"name = {json.dumps(battery.name)}",
+        f"segments = {list(battery.segments)}",
+        f"parallel = {battery.parallel}",
+        f"cell = {json.dumps(battery.cell)}",
+        "[battery.drawing]",
+        f"rows = {drawing.rows}",
+        *([f"order = {[each + 1 for each in drawing.order]}"] if drawing.order else []),
+        f"turned = {[each + 1 for each in drawing.turned]}",
+        "[battery.temperatures]",
+        f"sensors = {log.n_cells if np.isfinite(log.temperatures_degc).any() else 0}",
+    ]
+    for table, values in (("limits", limits), ("rules", battery.rules)):
+        lines += [f"[battery.{table}]", *(f"{name} = {value!r}" for name, value in values.items())] if values else []
+    return battery_from_files({"table.toml": "\n".join([*lines, "[source]", 'kind = "table"', ""]).encode()})
+
+
+def numbers_of_rows(log: BatteryLog, battery: Battery) -> FloatArray:
+    """Return the (n, 2 + n_cells + n_sensors) numbers of all rows: what a `TableItem` holds."""
+    soc = np.full(len(log.time_s), np.nan) if log.soc is None else log.soc
+    return np.column_stack([log.current_a, soc, log.voltages_v, log.temperatures_degc[:, : battery.n_sensors]])
+
+
+class TableSource:
+    """Rows of a table in, measurements out. Called from one thread; time comes with the rows."""
+
+    identity: Identity | None = None
+    due_ns: int | None = None
+
+    def __init__(self, battery: Battery, name: Source = "replay") -> None:
+        self.name: Source = name
+        self.battery = battery
+        self._rs232, self._can = LinkMonitor(None), LinkMonitor(None)
+        self._rhythm = Rhythm()
+        self._sampled_ns: int | None = None
+        self._newest = self._found(_NEVER_NS, np.full(2 + battery.n_cells + battery.n_sensors, np.nan))
+
+    def believe_only(self, is_asked: Callable[[Any], bool]) -> None:
+        """A table answers nothing."""
+
+    def feed(self, item: Item) -> Received:
+        """Take a row; a measurement follows each."""
+        if not isinstance(item, TableItem) or len(item.numbers) != 2 + self.battery.n_cells + self.battery.n_sensors:
+            return NOTHING_RECEIVED
+        found = self._newest = self._found(item.t_mono_ns, item.numbers)
+        self._rhythm.see(found)
+        before_ns = self._sampled_ns
+        if found.is_sample:
+            self._sampled_ns = item.t_mono_ns
+        dt_s = None if before_ns is None or not found.is_sample else (item.t_mono_ns - before_ns) / 1e9
+        return Received(self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s, is_fresh=True))
+
+    def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
+        """Return a measurement in which nothing is new but the ages."""
+        return self._measurement(t_mono_ns, t_wall_ns, None, is_fresh=False)
+
+    def _measurement(self, t_mono_ns: int, t_wall_ns: int, dt_s: float | None, *, is_fresh: bool) -> Measurement:
+        return measurement_of(
+            self.battery,
+            self._newest,
+            t_mono_ns,
+            t_wall_ns,
+            dt_s=dt_s,
+            is_sample=is_fresh and self._newest.is_sample,
+            is_fresh=is_fresh,
+            links=Links(self._rs232.status(t_mono_ns), self._can.status(t_mono_ns)),
+            live_s=self._rhythm.live_s(),
+        )
+
+    def _found(self, t_ns: int, numbers: FloatArray) -> BatteryMeasurement:
+        (current_a, soc), n_cells = numbers[:2].tolist(), self.battery.n_cells
+        voltage_v, sensors_degc, unknown = numbers[2 : 2 + n_cells], numbers[2 + n_cells :], np.full(n_cells, np.nan)
+        parts = {"voltage": voltage_v, "temperature": sensors_degc, "current": numbers[:1], "soc": numbers[1:2]}
+        known = {part: t_ns for part, values in parts.items() if np.isfinite(values).any()}
+        return BatteryMeasurement(
+            t_ns=t_ns,
+            voltage_v=voltage_v,
+            voltage_t_ns=np.full(n_cells, t_ns),
+            temperature_degc=sensors_degc,
+            temperature_t_ns=np.full(len(sensors_degc), t_ns),
+            resistance_ohm=unknown,
+            balancing=unknown,
+            current_a=current_a,
+            current_t_ns=t_ns,
+            pack_voltage_v=np.nan,
+            soc=soc,
+            charger_voltage_v=np.nan,
+            charger_current_a=np.nan,
+            states=dict.fromkeys(STATES),
+            limits={},
+            is_sample={"voltage", "current"} <= known.keys(),
+            newest_ns=known,
+        )
