@@ -1,6 +1,6 @@
 """CAN tables out of a DBC file: its signals are looked up in the memory map by the names that our own DBC gives them.
 
-What cannot be placed is told, never guessed: its bytes stay unused.
+What cannot be placed is noted, never guessed: its bytes stay unused.
 """
 
 import re

@@ -1,6 +1,6 @@
 """ElCon (TC) chargers on CAN: the command that the BMS sends once a second and the status that comes back.
 
-29-bit ids, big endian, 0.1 V and 0.1 A a count. Without a command for 5 s the charger stops by itself.
+29-bit ids, big endian, 0.1 V and 0.1 A a count. Without a command for 5 s the charger stops.
 Source: the vendor's note on CAN commands; flag bits as used by several Formula Student teams.
 """
 

@@ -77,7 +77,7 @@ def cobs_encode(data: bytes) -> bytes:
         out.append(len(block) - start + 1)
         out += block[start:]
     if blocks[-1] and len(blocks[-1]) % 254 == 0:
-        out.pop()  # a full last block ends the data by itself
+        out.pop()  # a full last block ends the data
     return bytes(out)
 
 

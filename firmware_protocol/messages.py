@@ -180,7 +180,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class EventMessage:
-    """Something the master did by itself. `code` may be one this version does not know."""
+    """Something that happened in the master. `code` may be one this version does not know."""
 
     code: int
     argument: int

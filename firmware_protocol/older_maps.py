@@ -1,7 +1,7 @@
-"""Memory maps of before, by their hash: what an EEPROM, a recording or a profile of them means in the present one.
+"""Older memory maps, by their hash: what an EEPROM, a recording or a profile of them means in the present one.
 
 Only the first map differs: its `ts` was the time between two telemetry frames, which is `telemetry_period` now, and
-its `dod` counted mA s. The first two bytes of an image do not tell which map they are of; the bytes of
+its `dod` counted mA s. The first two bytes of an image do not show which map they are of; the bytes of
 `telemetry_period` do: they were padding, always 0, and 0 is no period.
 """
 

@@ -41,7 +41,7 @@ def can_findings(image: bytes, measured_period_s: Mapping[int, float]) -> list[F
 
 
 def wire_id(message: CanMessage) -> int:
-    """The id as it is told apart on the bus: bit 31 for 29 bits."""
+    """The id as it stands on the bus: bit 31 for 29 bits."""
     return message.can_id | (CAN_ID_EXTENDED if message.is_extended else 0)
 
 

@@ -7,10 +7,10 @@ The intent comes first: a line with the result "begun", on the disk before the m
 of the same number with the outcome, perhaps after those of others. Where the disk takes no intent, nothing is written.
 An intent without an outcome is shown as what it is.
 
-A record is one line of JSON with a signature: HMAC-SHA256, by a key that lies beside the file and that only its owner
+A record is one line of JSON with a signature: HMAC-SHA256, by a key in a file next to it that only its owner
 may read, over the record and the signature before it. So a record that was changed, or one taken out of the middle,
 shows when the file is read. It proves nothing against whoever can read the key, and it does not show that the last
-records were cut off; the event log names the same writes. Several processes may write: `voltwall accounts` does beside
+records were cut off; the event log names the same writes. Several processes may write: `voltwall accounts` does next to
 a running service.
 """
 

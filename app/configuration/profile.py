@@ -1,7 +1,7 @@
 """A configuration as a JSON file for people and for git: units, comments, one value a line, always in the same order.
 
 What is not a plain value is a CAN message, with its bytes as offsets and a comment that names them. A file of the first
-memory map is converted when it is read: its `ts` is the telemetry period of now, and `ts` gets its default.
+memory map is converted when it is read: its `ts` is the present telemetry period, and `ts` gets its default.
 """
 
 import json

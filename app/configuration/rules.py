@@ -43,7 +43,7 @@ PROTECTION = {  # the limits at which the master trips, and whether a higher one
     "i_chrg_max": True,
 }
 
-_WHY_OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
+_WHY_OF_MASTER = {  # what the master itself refuses: the fixed reasons of `check`
     "the master takes nothing else": Message("master-takes-nothing-else"),
     "the buffer of the current's samples takes no more": Message("current-buffer"),
     "an 11-bit id ends there": Message("short-id-ends"),
@@ -167,7 +167,7 @@ def _cell(image: bytes, cell: CellModel) -> Iterator[Finding]:
 
 
 def measured_range_a(image: bytes) -> tuple[float, float]:
-    """Return the lowest and highest current that the sensor can tell with the gain and offset of an image [A]."""
+    """Return the lowest and highest current that the sensor can measure with the gain and offset of an image [A]."""
     gain, offset = CONFIG["i_gain"].unpack(image)[0], CONFIG["i_offset"].unpack(image)[0]
     return -offset * gain / 5000 / 100, (ADC_MAX - offset) * gain / 5000 / 100
 
@@ -256,7 +256,7 @@ Error = tuple[str, str, int | None]  # code, field, element
 def allowed_ranges(image: bytes, context: Context) -> dict[str, Range]:
     """Return the lowest and highest raw count of each field of one number that would be written without an error.
 
-    A bit mask has no range. A field is left out where neither its value nor its default is allowed beside the others.
+    A bit mask has no range. A field is left out where neither its value nor its default is allowed with the others.
 
     Raises:
         DecodeError: the image is not 420 bytes long.

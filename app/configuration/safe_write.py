@@ -53,7 +53,7 @@ class Rejected(AppError):
 
 
 class ReasonRequired(AppError):
-    """The draft has warnings, and nobody said why it is right all the same."""
+    """The draft has warnings, and no reason is given."""
 
     def __init__(self, findings: list[Finding]) -> None:
         self.findings = findings

@@ -1,7 +1,7 @@
 """A slave's readings against a reference meter: which cells are further off than the board may be, and what that means.
 
 Nothing is corrected: the converter has no trim, and a number bent here would not be the one on which the master trips.
-What is out of tolerance is repaired and checked again; the errors before stay beside those after.
+What is out of tolerance is repaired and checked again; the errors before are kept next to those after.
 """
 
 import math
@@ -59,7 +59,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class CheckedCell:
-    """A reading beside the meter's; `is_good` None where one of them is missing."""
+    """A reading and the meter's; `is_good` None where one of them is missing."""
 
     cell: int
     value: float | None

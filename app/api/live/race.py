@@ -161,7 +161,7 @@ def tell_driver(
     if display.message is None:
         raise Problem(409, "not-now", Message("driver-message-not-mapped"))
     with signed.signed(user.name, "transmit", f"driver's message: {body.message}", is_needed=True):
-        display.tell(body.message)
+        display.show(body.message)
     events.note("info", "driver-message", Message("driver-message", message=body.message), user.name)
     return driver_can(display, links)
 

@@ -30,11 +30,11 @@ _PCAN_STATES: tuple[tuple[int, BusState], ...] = ((0x10, "off"), (0x40000, "pass
 LINUX_FORM = frozenset({"socketcan", "gs_usb", "socketcand", "virtual"})
 COUNTING = frozenset(
     {"socketcan", "gs_usb", "pcan", "kvaser", "vector", "ixxat", "neovi", "nican", "nixnet", "usb2can"}
-)  # hand error frames on, so that none heard means none seen
+)  # hand error frames on, so that none received means none seen
 
 
 def reported_state(message: can.Message) -> BusState | None:
-    """Return the state that an error frame of SocketCAN's form tells; None where it tells of something else."""
+    """Return the state in an error frame of SocketCAN's form; None where it is about something else."""
     if message.arbitration_id & _BUS_OFF:
         return "off"
     if message.arbitration_id & _CONTROLLER and len(message.data) > 1:
@@ -98,8 +98,8 @@ class CanLink:
 
         Args:
             url: INTERFACE:CHANNEL[?key=value&...].
-            sink: takes what is heard.
-            clock: of what is heard.
+            sink: takes what is received.
+            clock: of what is received.
             fd: frames of CAN FD are awaited, where one flag is all that the adapter asks for.
         """
         self.url = url

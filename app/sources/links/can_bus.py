@@ -191,8 +191,8 @@ def parse_bus(text: str, *, by_operator: bool = False) -> dict[str, Value]:
 
 def bit_rate_of(url: str | None) -> int | None:
     """Return the bit rate that a bus is named with, None where it is not [bit/s]."""
-    told = None if url is None or not re.search(r"[?&]bitrate=", url) else parse_bus(url, by_operator=True)["bitrate"]
-    return told if type(told) is int and told > 0 else None
+    rate = None if url is None or not re.search(r"[?&]bitrate=", url) else parse_bus(url, by_operator=True)["bitrate"]
+    return rate if type(rate) is int and rate > 0 else None
 
 
 def _convert(value: str) -> Value:

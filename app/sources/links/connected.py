@@ -48,7 +48,7 @@ def _described(text: str | None) -> str:
 
 
 def can_adapters() -> list[Found]:
-    """Return the CAN adapters that python-can finds, then serial adapters, which may speak SLCAN."""
+    """Return the CAN adapters that python-can finds, then serial adapters, which may be SLCAN."""
     named = [name for name in can.VALID_INTERFACES if name not in _NO_ADAPTERS]
     found = [
         Found(f"{each['interface']}:{each['channel']}", str(each.get("device_name", "")))

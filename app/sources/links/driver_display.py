@@ -26,7 +26,7 @@ UNKNOWN: Final = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class DriverFrame:
-    """Where a value is sent: bit 31 of the id marks a 29-bit one; bytes beside the value are 0."""
+    """Where a value is sent: bit 31 of the id marks a 29-bit one; the other bytes are 0."""
 
     can_id: int
     length: int
@@ -88,7 +88,7 @@ class DriverDisplay:
         if frames:
             self._sender.start_frames("driver display", self._frames(target, message), len(frames), who)
 
-    def tell(self, message: DriverMessage) -> None:
+    def show(self, message: DriverMessage) -> None:
         """Send another message from the next frame on."""
         self.shown = message
 

@@ -99,7 +99,7 @@ class LinkMonitor:
         self._sequence = frame.sequence
 
     def on_can_frame(self, t_ns: int, length: int, *, is_extended: bool = False) -> None:
-        """A CAN frame was heard."""
+        """A CAN frame was received."""
         self.frames += 1
         self._last_good_ns = self._last_sent_ns = t_ns
         self.bytes += length

@@ -66,7 +66,7 @@ class SerialLink:
         self._thread.start()
 
     def stop(self) -> None:
-        """Tell the master to stop, close the port, end the thread."""
+        """Stop the stream, close the port, end the thread."""
         self.streams = False
         with contextlib.suppress(LinkLost):
             self.write(bytes([STOP_STREAM]))

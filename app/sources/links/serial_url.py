@@ -102,7 +102,7 @@ def _may_be_requested(path: str) -> bool:
 
 
 def open_port(url: str, timeout_s: float) -> serial.Serial:
-    """Open a port as the master speaks; drivers raise their own errors.
+    """Open a port with the master's settings; drivers raise their own errors.
 
     Raises:
         ConfigError: it is no serial port by now.

@@ -142,7 +142,7 @@ class Decoder:
         return values.ravel()
 
     def slave_status(self) -> tuple[int | None, ...]:
-        """What each slave is said to do, by pack."""
+        """The status of each slave, by pack."""
         return tuple(self.integer(f"slave[{pack}].status") for pack in range(N_PACKS))
 
     def reported(self) -> Reported:

@@ -73,7 +73,7 @@ def boot_cause(message: EventMessage) -> Message:
 
 
 def charger_state(state: str | None) -> Message:
-    """The charger's state by the name that the firmware has for it, None where it said nothing."""
+    """The charger's state by the name that the firmware has for it, None where it is unknown."""
     return _CHARGER_STATES.get(state or "", Message("charger-state-unknown"))
 
 

@@ -34,7 +34,7 @@ CAN_ERRORS_NS = 5_000_000_000  # between two events of error frames on the CAN b
 CAN_ERRORS_LEAST = 5  # in that time
 EVENT_INTERVAL_NS = 60 * 10**9  # at least, between two events of one kind of what is wrong on the line
 UPTIME_WRAP_MS = 1 << 32
-RESTART_TOLD_NS = 60 * 10**9  # so long a restart is news
+RESTART_SHOWN_NS = 60 * 10**9  # a restart is shown for so long
 MAX_STEP_S = 3600.0
 _BUS_STATES: dict[BusState, tuple[Severity, Message]] = {
     "active": ("info", Message("can-active")),
@@ -105,7 +105,7 @@ class MasterSource:
         return Received(events=(event,))
 
     def _on_error_frames(self, fault: CanFault) -> Received:
-        """Tell of error frames at most every CAN_ERRORS_NS: one now and then is nothing to tell."""
+        """Report error frames at most every CAN_ERRORS_NS, and single ones not at all."""
         counted_ns, counted = self._can_errors
         errors = fault.errors or 0
         if errors < counted:
@@ -140,7 +140,7 @@ class MasterSource:
         if isinstance(message, EventMessage):
             if message.code in (EventCode.CONFIG_WRITTEN, EventCode.BOOT):
                 self._config_from_ns = measured_ns
-            if message.code == EventCode.BOOT and self._uptime_ms is not None:  # else it is the first that is heard
+            if message.code == EventCode.BOOT and self._uptime_ms is not None:  # else it is the first one received
                 self._restart = item.t_mono_ns, boot_cause(message)
             event, trip = describe(message, item.t_wall_ns)
             if trip is not None or message.code == EventCode.FAULTS_CLEARED:
@@ -179,8 +179,8 @@ class MasterSource:
         return Received(self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True))
 
     def _restarted(self, t_mono_ns: int) -> Message | None:
-        """Why the master began anew, for as long as it is news."""
-        if self._restart is None or t_mono_ns - self._restart[0] > RESTART_TOLD_NS:
+        """Why the master restarted, for RESTART_SHOWN_NS."""
+        if self._restart is None or t_mono_ns - self._restart[0] > RESTART_SHOWN_NS:
             return None
         return self._restart[1]
 
@@ -290,6 +290,6 @@ class MasterSource:
         )
 
     def _links(self, t_mono_ns: int) -> Links:
-        """Both links; a CAN controller sorts bad frames out by itself and does not tell how many."""
+        """Both links; a CAN controller drops bad frames itself and does not count them."""
         can = self._can.status(t_mono_ns)
         return Links(self._rs232.status(t_mono_ns), replace(can, crc_errors=None, resyncs=None))

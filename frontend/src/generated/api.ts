@@ -481,7 +481,7 @@ export interface Check {
   cell: number | null;
 }
 
-/** A reading beside the meter's; `is_good` None where one of them is missing. */
+/** A reading and the meter's; `is_good` None where one of them is missing. */
 export interface CheckedCell {
   cell: number;
   value: number | null;

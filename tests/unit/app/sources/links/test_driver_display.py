@@ -61,14 +61,14 @@ def display(car):
 
 
 def test_nothing_is_sent_before_somebody_maps_it(display, car):
-    display.tell("box")
+    display.show("box")
     assert car.frames == {}
 
 
 def test_both_frames_hold_their_value_where_it_was_mapped(display, car):
     display.send(TARGET, MESSAGE, "ada")
     car.awaits(TARGET, bytes.fromhex("0000 1e01 0000 0000"))
-    display.tell("box")
+    display.show("box")
     car.awaits(MESSAGE, b"\x03")
     display.send(None, None, "ada")
     assert display.target is None
