@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 from firmware_protocol.errors import EncodeError
 
-DELIMITER = 0
 START_STREAM = 0x78  # 'x'
 STOP_STREAM = 0x79  # 'y'
 MAX_BODY = 512

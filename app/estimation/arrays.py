@@ -1,4 +1,4 @@
-"""The array types of the product, one spelling for all that compute with cells, and samples read at other times."""
+"""The array types of the product, one spelling for all that compute with cells; medians, and samples at other times."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +6,12 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
+
+
+def median(values: FloatArray) -> float:
+    """Return the median of the known values; NaN where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
 
 
 def latest_at(times_s: FloatArray, at_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.analysis.survey import Survey
 from app.analysis.totals import number
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, median
 from app.words import Argument, Cell, Message, Quantity, RenderedMessage, render, rendered
 
 MAD_TO_SIGMA: Final = 1.4826
@@ -115,7 +115,7 @@ def odd_cells(survey: Survey) -> list[Odd]:
     for cell, value, usual in _outliers(survey.sag_v, LEAST_SAG_V):
         message = Message("odd-sag", more=Quantity(1000 * (value - usual), "mV", 0))
         found.append(_odd(message, cell, "sag", value, usual, "V"))
-    for cell, value, usual in _outliers(survey.resistance_ohm, LEAST_GROWTH * _median(survey.resistance_ohm)):
+    for cell, value, usual in _outliers(survey.resistance_ohm, LEAST_GROWTH * median(survey.resistance_ohm)):
         message = Message("odd-resistance", resistance=_milliohm(value), usual=_milliohm(usual))
         found.append(_odd(message, cell, "resistance", value, usual, "ohm"))
     for cell, value, usual in _outliers(survey.temperature_max_degc, LEAST_HEAT_K):
@@ -235,7 +235,7 @@ def key_figures(survey: Survey) -> dict[str, float | None]:
         "soc_first": first,
         "soc_last": last,
         "soc_spread_last": number(spread),
-        "resistance_median_ohm": number(_median(survey.resistance_ohm)),
+        "resistance_median_ohm": number(median(survey.resistance_ohm)),
         "resistance_max_ohm": _max(survey.resistance_ohm),
     }
 
@@ -244,7 +244,7 @@ def compare_cells(first: Survey, second: Survey, most: int = 10) -> list[CellCha
     """Return the cells whose resistance changed the most between two recordings, against the others' change."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = second.resistance_ohm / first.resistance_ohm
-    usual = _median(ratio)
+    usual = median(ratio)
     if not np.isfinite(usual):
         return []
     change = ratio / usual - 1.0
@@ -260,18 +260,13 @@ def compare_cells(first: Survey, second: Survey, most: int = 10) -> list[CellCha
 
 def _outliers(values: FloatArray, least: float) -> list[tuple[int, float, float]]:
     """Cells far above the others: (cell, value, median), the farthest first."""
-    usual = _median(values)
+    usual = median(values)
     if not np.isfinite(usual):
         return []
-    sigma = MAD_TO_SIGMA * _median(np.abs(values - usual))
+    sigma = MAD_TO_SIGMA * median(np.abs(values - usual))
     far = np.flatnonzero(np.nan_to_num(values - usual, nan=-1.0) > max(ODD_SIGMAS * sigma, least))
     ordered = sorted(far.tolist(), key=lambda cell: -values[cell])
     return [(cell, float(values[cell]), usual) for cell in ordered]
-
-
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
 
 
 def _mean(values: FloatArray) -> float | None:

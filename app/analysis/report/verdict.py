@@ -14,7 +14,7 @@ import numpy as np
 
 from app.analysis.report.findings import LEAST_GROWTH, MISSING_SHARE, SPREAD_SOC, Odd, percent
 from app.analysis.survey import Survey
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import median
 from app.telemetry.cell_findings import Finding
 from app.words import Cell, Message, Quantity
 
@@ -56,7 +56,7 @@ def verdicts(
 def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> Message:
     cell = Cell(index)
     used_by_cell = survey.soc_first - survey.soc_last
-    usual_used, usual_ohm = _median(used_by_cell), _median(survey.resistance_ohm)
+    usual_used, usual_ohm = median(used_by_cell), median(survey.resistance_ohm)
     tells_charge = usual_used >= USED_MIN and bool(np.isfinite(used_by_cell[index]))
     growth = float(survey.resistance_ohm[index] / usual_ohm - 1.0) if usual_ohm > 0.0 else np.nan
     used, usual = percent(float(used_by_cell[index])), percent(usual_used)
@@ -71,14 +71,9 @@ def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> Me
         if tells_charge:
             return Message("why-joint", cell=cell, more=more, used=used, usual=usual)
         return Message("why-resistance", cell=cell, more=more)
-    behind = _median(survey.soc_first) - survey.soc_first[index]
+    behind = median(survey.soc_first) - survey.soc_first[index]
     if behind > SPREAD_SOC:
         return Message("why-began-lower", cell=cell, below=percent(float(behind)))
     if survey.missing[index] > MISSING_SHARE * max(survey.samples, 1):
         return Message("why-not-measured", cell=cell)
     return Message("why-like-others", cell=cell)
-
-
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from app.analysis.root_cause.recording import Recording, Suspicion, row_mean
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, median
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
 
@@ -39,7 +39,7 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
         if rows.start == rows.stop:
             continue
         volts = float(np.min(_or_inf(recording.middle_v[rows])))
-        degc, soc = _median(recording.middle_degc[rows]), _median(recording.soc[rows])
+        degc, soc = median(recording.middle_degc[rows]), median(recording.soc[rows])
         limit = recording.limits.get("v_cell_min", 2.5)
         if "v-min" in event.code or "voltage-low" in event.code:
             if degc < COLD_DEGC:
@@ -63,12 +63,6 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
 def _or_inf(values: FloatArray) -> FloatArray:
     """Values whose missing ones are no minimum."""
     return np.where(np.isnan(values), np.inf, values)
-
-
-def _median(values: FloatArray) -> float:
-    """Of the known values; NaN where none is."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
 
 
 def _cold(degc: float) -> Message:

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.arrays import BoolArray, FloatArray, median
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import check_step
 from app.estimation.health.cell_finding import BAND_SIGMAS, SURE, CellFinding, FindingCode, confidence_of
@@ -181,10 +181,10 @@ class CellWatch:
         watch = self._joint_watch
         if not np.isfinite(watch.age_s):  # nothing has been seen since an earlier session
             return [each for (code, _), each in self._findings.items() if code in ("joint-grown", "resistance-grown")]
-        usual = _median(report.resistance_ohm)
+        usual = median(report.resistance_ohm)
         is_sure = watch.growth_sigma < GROWTH_SIGMA_MAX
         growth = self._growth.add(np.where(is_sure, report.cell_growth_frac, np.nan), watch.evidence_count)
-        scatter = 1.4826 * _median(np.abs(growth - _median(growth)))
+        scatter = 1.4826 * median(np.abs(growth - median(growth)))
         excess_ohm = np.nan_to_num(report.ohmic_excess_ohm)
         limit = max(GROWTH_MIN, GROWTH_SIGMAS * scatter)
         is_cell = np.zeros(len(growth), dtype=np.bool_)
@@ -227,7 +227,7 @@ class CellWatch:
         self._leaked = beyond
         for cell in sorted(beyond & before):  # two looks in a row
             size, sigma = float(drift.leak_a[cell]), float(drift.leak_sigma_a[cell])
-            usual = _median(drift.leak_a)
+            usual = median(drift.leak_a)
             found.append(
                 self._of_charge("cell-leaks", cell, size, sigma, "A", size, usual, confidence_of(size, sigma, 0.0))
             )
@@ -238,7 +238,7 @@ class CellWatch:
         found = []
         for cell in self._beyond("capacity-lost", drift.lost, limits):
             size, sigma = float(drift.lost[cell]), float(drift.lost_sigma[cell])
-            value, usual = 1.0 - size, 1.0 - _median(drift.lost)
+            value, usual = 1.0 - size, 1.0 - median(drift.lost)
             confidence = confidence_of(size, sigma, 0.0)
             found.append(self._of_charge("capacity-lost", cell, size, sigma, "1", value, usual, confidence))
         return self._lasting("capacity-lost", found, drift.lost, drift.lost_sigma)
@@ -316,8 +316,3 @@ class _Mean:
             before = np.where(np.isfinite(self._mean), self._mean, values)
             self._mean = np.where(is_known, before + share * (values - before), self._mean)
         return self._mean
-
-
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")

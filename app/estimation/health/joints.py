@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.arrays import BoolArray, FloatArray, median
 from app.estimation.errors import ShapeError
 from app.estimation.health.segments import Segments, medians
 
@@ -81,7 +81,7 @@ def judge_joints(
     if n != segments.n_cells:
         raise ShapeError("resistance_ohm", (2, segments.n_cells), resistance_ohm.shape)
     factor = np.broadcast_to(np.asarray(temperature_factor, dtype=np.float64), (n,))
-    typical = np.array([_median(row) for row in resistance_ohm])
+    typical = np.array([median(row) for row in resistance_ohm])
     excess = resistance_ohm - typical[:, None] * factor
     ohmic, pair = (segments.flat(_polished(segments.table(row))) for row in excess)
     full_slope = float(typical[0] / max(typical[1], abs(typical[0]) / SLOPE_MAX)) if typical[0] > 0.0 else 0.0
@@ -109,19 +109,14 @@ def _slope_of_sound(pair: FloatArray, ohmic: FloatArray) -> float:
     return float(np.sum(pair[sound] * ohmic[sound]) / np.sum(pair[sound] ** 2))
 
 
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
-
-
 def _mad_sigma(values: FloatArray) -> float:
-    centre = _median(values)
-    return MAD_TO_SIGMA * _median(np.abs(values - centre))
+    centre = median(values)
+    return MAD_TO_SIGMA * median(np.abs(values - centre))
 
 
 def _sound_sigma(values: FloatArray) -> float:
     """Return the standard deviation of the values within four sigma of the median by their MAD."""
-    sound = values[np.abs(values - _median(values)) <= 4.0 * _mad_sigma(values)]
+    sound = values[np.abs(values - median(values)) <= 4.0 * _mad_sigma(values)]
     return float(np.std(sound)) if sound.size else float("nan")
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, median
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportProfile
 from app.sources.recordings.quantities import UNITS, candidates, charges_positive, sounds_like, unit_of
 from app.sources.recordings.table import Table, column_number, matching
@@ -41,10 +41,10 @@ def guess(table: Table) -> ImportProfile:
         if not pattern:
             continue
         values = np.concatenate([table.columns[name] for name in members])
-        median = _median(values[values != 0.0])
-        if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < median < 400:
+        middle = median(values[values != 0.0])
+        if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < middle < 400:
             profile = replace(profile, temperatures=pattern)
-        elif not profile.voltages and sounds_like(members[0], "voltage") and _voltage_unit(median):
+        elif not profile.voltages and sounds_like(members[0], "voltage") and _voltage_unit(middle):
             profile = replace(profile, voltages=pattern)
     grouped = {name for pattern in (profile.voltages, profile.temperatures) for name in matching(pattern, names)}
     columns = {name: values for name, values in table.columns.items() if name not in grouped}
@@ -59,7 +59,7 @@ def guess(table: Table) -> ImportProfile:
         profile = replace(profile, voltages=best["voltage"], temperatures=profile.temperatures or best["temperature"])
     profile = with_units(profile, table, UNITS)
     if profile.voltages == best["voltage"] != "":
-        volts = _median(table.columns[profile.voltages]) * UNITS["voltage"][profile.voltage_unit][0]
+        volts = median(table.columns[profile.voltages]) * UNITS["voltage"][profile.voltage_unit][0]
         in_series = 1.0 if volts < ONE_CELL_BELOW_V else float(max(1, round(volts / USUAL_CELL_V)))
         profile = replace(profile, cells_in_series=in_series)
     return replace(profile, charge_positive=_charges_positive(table, profile))
@@ -88,15 +88,15 @@ def _named(profile: ImportProfile, quantity: str, table: Table) -> list[str]:
 
 def _unit(quantity: str, names: Sequence[str], values: FloatArray) -> str:
     said = unit_of(names[0], quantity)
-    median = _median(values[values != 0.0] if len(names) > 1 else values)
+    middle = median(values[values != 0.0] if len(names) > 1 else values)
     match quantity:
         case "voltage":
-            alone = said or ("mV" if median > MILLIVOLTS_FROM else "V")
-            return (_voltage_unit(median) or alone) if len(names) > 1 else alone
+            alone = said or ("mV" if middle > MILLIVOLTS_FROM else "V")
+            return (_voltage_unit(middle) or alone) if len(names) > 1 else alone
         case "temperature":
-            return said or ("K" if median > KELVIN_FROM else "degC")
+            return said or ("K" if middle > KELVIN_FROM else "degC")
         case "soc":
-            return said or ("percent" if median > SOC_IN_PERCENT else "fraction")
+            return said or ("percent" if middle > SOC_IN_PERCENT else "fraction")
         case "current":
             return said or ("mA" if np.any(np.abs(values) > MILLIAMPS_FROM) else "A")
         case _:
@@ -148,13 +148,8 @@ def _pattern(names: list[str]) -> str:
     return "".join(marks.get(i, part) for i, part in enumerate(parts[0]))
 
 
-def _voltage_unit(median: float) -> str:
+def _voltage_unit(middle: float) -> str:
     for unit, low in (("V", 1.5), ("mV", 1500.0), ("0.1mV", 15000.0)):
-        if low < median < low * 10 / 3:
+        if low < middle < low * 10 / 3:
             return unit
     return ""
-
-
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
