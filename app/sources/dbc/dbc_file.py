@@ -1,4 +1,4 @@
-"""Message definitions from a file that cantools reads: DBC, SYM, KCD, ARXML. DBCs are mended first."""
+"""Message definitions from a file that cantools reads: DBC, SYM, KCD, ARXML. DBCs are repaired first."""
 
 import contextlib
 import logging
@@ -10,7 +10,7 @@ from typing import Any
 
 from app.errors import ExtraMissing, ImportFailed
 from app.sources.dbc.definitions import FLOAT_BITS, Condition, Definitions, Layout, MessageDefinition, Oddity, Signal
-from app.sources.dbc.repair import mended
+from app.sources.dbc.repair import repaired
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
@@ -60,7 +60,7 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
     oddities: list[Oddity] = []
     text = _text(data, name, oddities)
     if ending == ".dbc":
-        text, found = mended(text, name)
+        text, found = repaired(text, name)
         oddities += found
     options = {"database_format": ending[1:]} if ending in DEFINITION_ENDINGS else {}
     logging.getLogger("cantools").setLevel(logging.ERROR)  # what it warns of is told as an oddity

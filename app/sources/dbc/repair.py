@@ -1,4 +1,4 @@
-"""DBC files as they are found: lines that cantools refuses are mended or left out, each with a warning."""
+"""DBC files as they are found: lines that cantools refuses are repaired or left out, each with a warning."""
 
 import math
 import re
@@ -32,17 +32,17 @@ _OF_SIGNAL = re.compile(
 )
 
 
-def mended(text: str, file: str) -> tuple[str, list[Oddity]]:
+def repaired(text: str, file: str) -> tuple[str, list[Oddity]]:
     """Return a DBC's text that a strict reader takes, and what was odd, by line.
 
     Left out: what is said of pseudo messages, of messages and signals that are not there, and attributes without a
-    definition. Mended: missing spaces, names that are not identifiers, a name given twice.
+    definition. Repaired: missing spaces, names that are not identifiers, a name given twice.
     """
-    worker = _Mending(file, text)
+    worker = _Repair(file, text)
     return worker.run(), worker.oddities
 
 
-class _Mending:
+class _Repair:
     def __init__(self, file: str, text: str) -> None:
         self._file = file
         self._lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -55,9 +55,9 @@ class _Mending:
         self._is_dropping = False
 
     def run(self) -> str:
-        return "\n".join(self._mended())
+        return "\n".join(self._repaired())
 
-    def _mended(self) -> Iterator[str]:
+    def _repaired(self) -> Iterator[str]:
         in_text = False  # a comment goes on over several lines
         is_left_out = False
         for number, line in enumerate(self._lines, 1):

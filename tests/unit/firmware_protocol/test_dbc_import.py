@@ -251,7 +251,7 @@ def test_ids_at_their_limits_have_a_place():
     ]  # fmt: skip
 
 
-def test_what_has_no_place_is_told_in_one_line_each():
+def test_what_has_no_place_is_told_and_takes_none():
     text = "BO_ 2048 Wide: 1 MASTER\nBO_ 2684354560 Wider: 1 MASTER\nBO_ 2 Empty: 0 MASTER\n"
     imported = from_dbc(summary(1) + text + "BO_ 2 Twin: 1 MASTER\n")
     assert [m.can_id for m in imported.tx] == [1]

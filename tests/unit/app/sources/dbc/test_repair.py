@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.sources.dbc.dbc_file import parse_definitions
-from app.sources.dbc.repair import mended
+from app.sources.dbc.repair import repaired
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: BMS\n'
 GOOD = 'BO_ 256 Cells: 8 BMS\n SG_ V1 : 0|16@1+ (0.001,0) [0|5] "V" X\n'
@@ -14,15 +14,15 @@ NEXT = GOOD.count("\n") + HEAD.count("\n") + 1  # line of what is appended
 
 
 def oddities(more, text=HEAD + GOOD):
-    return [(each.file, each.line, each.what.code, each.what.args) for each in mended(text + more, "x.dbc")[1]]
+    return [(each.file, each.line, each.what.code, each.what.args) for each in repaired(text + more, "x.dbc")[1]]
 
 
 def loaded(text):
-    return cantools.database.load_string(mended(text, "x.dbc")[0], database_format="dbc", strict=False)
+    return cantools.database.load_string(repaired(text, "x.dbc")[0], database_format="dbc", strict=False)
 
 
 def test_a_sound_file_stays_as_it_is_but_for_spaces():
-    text, found = mended(HEAD + GOOD + 'CM_ SG_ 256 V1 "one\ntwo";\n', "x.dbc")
+    text, found = repaired(HEAD + GOOD + 'CM_ SG_ 256 V1 "one\ntwo";\n', "x.dbc")
     assert found == []
     assert text.count("\n") == (HEAD + GOOD).count("\n") + 2
     assert 'CM_ SG_ 256 V1 "one\ntwo";' in text
@@ -106,7 +106,7 @@ def test_an_attribute_with_a_definition_is_kept():
 @pytest.mark.parametrize("ending", ["\r\n", "\r", "\n"])
 def test_line_ends_of_any_system_count_the_same_lines(ending):
     text = (HEAD + GOOD + "BO_ what\n").replace("\n", ending)
-    assert [each.line for each in mended(text, "x.dbc")[1]] == [NEXT]
+    assert [each.line for each in repaired(text, "x.dbc")[1]] == [NEXT]
 
 
 @pytest.mark.parametrize(
@@ -138,12 +138,12 @@ def test_signals_with_any_names_have_names_of_their_own_and_their_place(names):
 @given(st.text(max_size=120))
 def test_any_text_is_taken_without_a_failure_and_keeps_its_number_of_lines(text):
     lines = text.replace("\r\n", "\n").replace("\r", "\n").count("\n")
-    assert mended(text, "x.dbc")[0].count("\n") == lines
+    assert repaired(text, "x.dbc")[0].count("\n") == lines
 
 
 @given(st.sampled_from(["BO_ ", " SG_ ", "VAL_ ", "CM_ ", 'BA_ "', "SIG_VALTYPE_ "]), st.text(max_size=60))
 def test_a_line_of_a_dbc_that_goes_on_in_any_way_is_no_failure(begin, text):
-    mended(HEAD + GOOD + begin + text, "x.dbc")
+    repaired(HEAD + GOOD + begin + text, "x.dbc")
 
 
 @pytest.mark.parametrize(
