@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.season.lake.arrow import pyarrow_or_error
+from app.season.lake.schema import pyarrow_or_error
 
 if TYPE_CHECKING:
     import pyarrow

@@ -62,9 +62,8 @@ def add_arguments(actions: Actions) -> None:
 def estimate(args: argparse.Namespace) -> int:
     """Estimate all sessions and print what changed; 1 where one failed."""
     from app.season.estimates.changes import changes
-    from app.season.estimates.executor import open_engine
     from app.season.estimates.results import Results
-    from app.season.estimates.run import estimate_season
+    from app.season.estimates.run import estimate_season, open_engine
 
     if args.processes is not None and args.processes < 1:
         raise ConfigError("--processes", args.processes, "at least 1")

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from app.errors import AppError, ExtraMissing, LimitExceeded, NotNow, WorkerEnded
-from app.season.lake.arrow import name_of_table
 from app.season.lake.build import build_new
 from app.season.lake.place import Place
-from app.season.lake.schema import MARK
+from app.season.lake.schema import MARK, name_of_table
 from app.season.store.questions import answer_at
 from app.season.store.store import Limits, QueryFailed
 from app.sessions.storage.files import SUFFIX

@@ -13,14 +13,14 @@ from pydantic import Field
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import explained, keep_black_boxes, stored_box
 from app.analysis.document import Subject, document
-from app.analysis.evidence.evidence import Evidence, NoEvidence
+from app.analysis.evidence.evidence import Evidence, NoEvidence, evidence_of
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, settle_laps
 from app.analysis.limits import by_names_of_profiles, limits_of
-from app.analysis.report.report import Report, SessionComparison
+from app.analysis.report.report import Report, SessionComparison, report_of
 from app.api.schemas.battery import BatteryOut, battery_json
 from app.api.schemas.sessions import BoxList
-from app.api.sessions.jobs import comparison_at, evidence_at, laps_at, overlay_at, report_at
+from app.api.sessions.jobs import comparison_at, of_session, overlay_at
 from app.api.sessions.routes import MAX_UNIX_S
 from app.api.web.dependencies import (
     BlackBoxesPart,
@@ -123,7 +123,7 @@ def laps(
     """Laps with what each one cost, and drivers against each other."""
     counter = lap_signal if source == "signal" else _counter(can_id, can_byte, can_mask)
     try:
-        return workers.run(REPORT, laps_at, catalogue.path(session_id), source, counter)
+        return workers.run(REPORT, of_session, catalogue.path(session_id), lap_table, source, counter)
     except UnknownSignal as error:
         raise invalid("lap_signal", error.name, error.reason) from error
 
@@ -232,7 +232,7 @@ def session_black_boxes(
 @router.get("/sessions/{session_id}/report")
 def report(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Report:
     """How it went, what limited, what to look at, with the figures and curves behind it."""
-    return workers.run(REPORT, report_at, catalogue.path(session_id))
+    return workers.run(REPORT, of_session, catalogue.path(session_id), report_of)
 
 
 @router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
@@ -253,7 +253,7 @@ def compare(session_id: str, other_id: str, catalogue: CataloguePart, workers: W
 def evidence(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Evidence:
     """How fast the master opened the shutdown circuit, of a session that `voltwall evidence` recorded."""
     try:
-        return workers.run(REPORT, evidence_at, catalogue.path(session_id))
+        return workers.run(REPORT, of_session, catalogue.path(session_id), evidence_of)
     except NoEvidence as error:
         raise not_found("reaction test", session_id) from error
 

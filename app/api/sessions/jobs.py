@@ -1,46 +1,29 @@
 """What is made of a whole session, by the path of its file: for a process of its own, which is handed no open file."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Concatenate, ParamSpec, TypeVar
 
-from app.analysis.evidence.evidence import Evidence, evidence_of
-from app.analysis.laps.from_session import Counter, LapTable, Overlay, Source, lap_table, lap_times, overlay_laps
-from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
+from app.analysis.laps.from_session import Counter, Overlay, Source, lap_table, lap_times, overlay_laps
+from app.analysis.report.report import SessionComparison, compare_sessions
 from app.sessions.export.export import export
 from app.sessions.export.formats import FORMATS, Names
 from app.sessions.reading.reader import SessionFile
 
+P = ParamSpec("P")
+T = TypeVar("T")
 
-def report_at(path: Path) -> Report:
-    """Return a session's report."""
+
+def of_session(path: Path, make: Callable[Concatenate[SessionFile, P], T], *args: P.args, **named: P.kwargs) -> T:
+    """Return what a function makes of a session, or raise what it raises."""
     with SessionFile(path) as file:
-        return report_of(file)
+        return make(file, *args, **named)
 
 
 def comparison_at(first: Path, second: Path) -> SessionComparison:
     """Return two sessions side by side."""
     with SessionFile(first) as one, SessionFile(second) as other:
         return compare_sessions(one, other)
-
-
-def evidence_at(path: Path) -> Evidence:
-    """Return what a session proves of the reaction times.
-
-    Raises:
-        NoEvidence: it proves nothing.
-    """
-    with SessionFile(path) as file:
-        return evidence_of(file)
-
-
-def laps_at(path: Path, source: Source | None, counter: Counter | None) -> LapTable:
-    """Return a session's laps.
-
-    Raises:
-        UnknownSignal: there is no such signal.
-    """
-    with SessionFile(path) as file:
-        return lap_table(file, source, counter)
 
 
 def overlay_at(

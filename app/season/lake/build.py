@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import AppError, message_of
-from app.season.lake.arrow import pyarrow_or_error
 from app.season.lake.facts import Facts, Where, facts_of, where_of
 from app.season.lake.place import Place
-from app.season.lake.schema import LAKE_VERSION, MARK, SAMPLES, TABLES
+from app.season.lake.schema import LAKE_VERSION, MARK, SAMPLES, TABLES, pyarrow_or_error
 from app.season.lake.tables import (
     STATE_KEY,
     VERSION_KEY,

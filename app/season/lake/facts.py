@@ -27,8 +27,7 @@ from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import SOC_MOVED_MIN
 from app.season.estimates.session import SessionEstimate
-from app.season.lake.cell_sums import CellSums
-from app.season.lake.rest_counter import RestCounter, Stretch
+from app.season.lake.cell_sums import CellSums, RestCounter, Stretch
 from app.season.lake.schema import WHOLE
 from app.sessions.reading.reader import SessionFile
 from app.words import message_or_text, render

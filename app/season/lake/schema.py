@@ -6,7 +6,11 @@ Types are those of `TYPES`; a column that is not measured or not known is null, 
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+from app.errors import ExtraMissing
+from app.words import Message
 
 LAKE_VERSION: Final = 3  # a lake of an older number is made again from its sessions
 WHOLE: Final = 0  # number of the row that stands for a whole session, in the column `lap`
@@ -155,3 +159,39 @@ EVENTS: Final = (
     Column("unit", "text", "", "of both"),
 )
 TABLES: Final = {"sessions": SESSIONS, "laps": LAPS, "cells": CELLS, "events": EVENTS}
+
+
+def pyarrow_or_error() -> Any:
+    """Return pyarrow.
+
+    Raises:
+        ExtraMissing: it is not installed.
+    """
+    try:
+        import pyarrow
+    except ImportError as error:
+        raise ExtraMissing(Message("the-season-lake"), "pyarrow", "season") from error
+    return pyarrow
+
+
+def arrow_schema(columns: Sequence[Column], about: dict[str, str] | None = None) -> Any:
+    """Return columns as an Arrow schema with unit and meaning of each."""
+    pa = pyarrow_or_error()
+    types = {
+        "text": pa.string(),
+        "number": pa.float64(),
+        "count": pa.int32(),
+        "time": pa.timestamp("us", "UTC"),
+        "flag": pa.bool_(),
+    }
+    fields = [
+        pa.field(each.name, types[each.type], metadata={"unit": each.unit, "meaning": each.meaning}) for each in columns
+    ]
+    return pa.schema(fields, metadata=about)
+
+
+def name_of_table(name: str) -> str:
+    """Return the file name of a table: one of `TABLES`, or `SAMPLES`."""
+    if name not in TABLES and name != SAMPLES:
+        raise KeyError(name)
+    return f"{name}.parquet"

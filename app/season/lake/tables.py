@@ -11,9 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from app import __version__
-from app.season.lake.arrow import arrow_schema, pyarrow_or_error
 from app.season.lake.facts import Row, Where
-from app.season.lake.schema import LAKE_VERSION, TABLES, WHERE, Column
+from app.season.lake.schema import LAKE_VERSION, TABLES, WHERE, Column, arrow_schema, pyarrow_or_error
 from app.sessions.export.table import SignalTable
 from app.sessions.reading.reader import SessionFile
 

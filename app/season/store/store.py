@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from app.errors import AppError, ConfigError, ExtraMissing
-from app.season.lake.arrow import arrow_schema, name_of_table
 from app.season.lake.place import Place
-from app.season.lake.schema import MARK, SAMPLES, TABLES, WHERE, Column
+from app.season.lake.schema import MARK, SAMPLES, TABLES, WHERE, Column, arrow_schema, name_of_table
 from app.words import Message, Text
 
 Value = str | int | float

@@ -9,9 +9,8 @@ import pytest
 
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.estimates.changes import changes
-from app.season.estimates.executor import Engine, open_engine
 from app.season.estimates.results import Results, set_of
-from app.season.estimates.run import estimate_season
+from app.season.estimates.run import Engine, estimate_season, open_engine
 from app.season.estimates.session import Job, estimate_session
 from app.season.tags import write_tags
 from app.sessions.catalogue import Catalogue
