@@ -1,4 +1,4 @@
-"""Uploaded recordings of other systems on their way to becoming sessions: one import at a time, in a thread."""
+"""Uploaded recordings of other systems on their way to becoming sessions: one import at a time."""
 
 import itertools
 import re
@@ -6,7 +6,9 @@ import shutil
 import tempfile
 import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from app.battery.library import bundled_profiles
@@ -191,9 +193,25 @@ class ImportJobs:
             bus = None if dbc is None else self._uploads.get(dbc)
             if upload is None or (dbc is not None and bus is None):
                 raise ImportFailed(str(number), Message("no-such-upload"))
+            limits = import_limits(upload.path.stat().st_size)
             state = self.state = ImportState(upload.filename)
-        arguments = (upload, profile, None if bus is None else bus.path, loaded, name)
-        threading.Thread(target=self._run, args=arguments, name="import", daemon=True).start()
+        is_log = upload.is_can and bus is None
+
+        def progress(done: int, total: int) -> None:
+            self.state = replace(state, done=done, total=total)
+
+        self._workers.start(
+            limits,
+            import_file,
+            upload.path,
+            profile,
+            self._sessions,
+            self._new_pipeline,
+            battery=loaded or (self._battery if is_log else None),
+            dbc=None if bus is None else bus.path,
+            name=name,
+            on_progress=progress,
+        ).add_done_callback(partial(self._end, upload, state))
         return state
 
     def _load(self, name: str | None, uploads: Sequence[int]) -> LoadedBattery | None:
@@ -213,33 +231,14 @@ class ImportJobs:
                     shutil.copy(path, folder)
             return self._workers.run(DEFINITIONS, load_battery, str(Path(folder) / paths[0].name), own_folder=True)
 
-    def _run(
-        self, upload: Upload, profile: ImportProfile, dbc: Path | None, battery: LoadedBattery | None, name: str
-    ) -> None:
-        started = ImportState(upload.filename)
-
-        def progress(done: int, total: int) -> None:
-            self.state = replace(started, done=done, total=total)
-
-        try:
-            is_log = upload.is_can and dbc is None
-            made: Imported = self._workers.run_with_progress(
-                import_limits(upload.path.stat().st_size),
-                import_file,
-                progress,
-                upload.path,
-                profile,
-                self._sessions,
-                self._new_pipeline,
-                battery=battery or (self._battery if is_log else None),
-                dbc=dbc,
-                name=name,
-            )
-        except Exception as error:  # noqa: BLE001  whatever it is, the job ends, is told, and can be started again
+    def _end(self, upload: Upload, started: ImportState, job: "Future[Imported]") -> None:
+        error = job.exception()
+        if error is not None:  # whatever it is, the job ends and can be started again
             self.state = replace(started, is_running=False, error=message_of(error))
             failed = Message("import-failed", filename=upload.filename, error=message_of(error))
             self._note("warning", "import-failed", failed)
             return
+        made = job.result()
         self.state = replace(
             started, is_running=False, done=made.rows, total=made.rows, session_id=made.info.id, notes=made.notes
         )

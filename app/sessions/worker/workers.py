@@ -143,6 +143,34 @@ class _Worker:
         self.process.kill()
 
 
+class Job(Future[T]):
+    """A job that was started; any thread may wait for it or cancel it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.set_running_or_notify_cancel()
+        self._lock = threading.Lock()
+        self._worker: _Worker | None = None
+        self._is_cancelled = False
+
+    def begin(self, worker: _Worker) -> None:
+        """Note which process works on it; one that was cancelled before ends at once."""
+        with self._lock:
+            self._worker = worker
+            if self._is_cancelled:
+                worker.process.kill()
+
+    def cancel(self) -> bool:
+        """End its process; then it has failed. False where it had ended before."""
+        with self._lock:
+            if self.done():
+                return False
+            self._is_cancelled = True
+            if self._worker is not None:
+                self._worker.process.kill()
+        return True
+
+
 class Workers:
     """Runs functions of modules, with arguments that can be pickled, in processes with limits."""
 
@@ -166,27 +194,31 @@ class Workers:
             NotNow: too many others wait, or the service ends.
             Exception: what `function` raised.
         """
-        return self._run((function, args, named, limits, False), lambda: None)  # type: ignore[no-any-return]
+        return self._run((function, args, named, limits, False))  # type: ignore[no-any-return]
 
-    def run_with_progress(
-        self, limits: Limits, function: Callable[..., T], on_progress: Callable[..., None], *args: Any, **named: Any
-    ) -> T:
-        """Same, of a function that takes `on_progress`, which is called here."""
-        return self._run((function, args, named, limits, True), on_progress)  # type: ignore[no-any-return]
+    def start(
+        self,
+        limits: Limits,
+        function: Callable[..., T],
+        *args: Any,
+        on_progress: Callable[..., None] | None = None,
+        **named: Any,
+    ) -> "Job[T]":
+        """Same as `run`, in a thread of its own, whose job has what is returned or raised.
 
-    def start(self, limits: Limits, function: Callable[P, T], *args: P.args, **named: P.kwargs) -> Future[T]:
-        """Same as `run`, in a thread of its own: the future has what is returned or raised."""
-        future: Future[T] = Future()
-        future.set_running_or_notify_cancel()
+        With `on_progress` the function takes one, too: what it is called with there, this one is called with here.
+        """
+        job: Job[T] = Job()
 
         def work() -> None:
             try:
-                future.set_result(self.run(limits, function, *args, **named))
+                wanted = (function, args, named, limits, on_progress is not None)
+                job.set_result(self._run(wanted, on_progress or (lambda: None), job.begin))
             except Exception as error:  # noqa: BLE001  whatever it is, it is the caller's
-                future.set_exception(error)
+                job.set_exception(error)
 
         threading.Thread(target=work, name="job", daemon=True).start()
-        return future
+        return job
 
     def close(self) -> None:
         """End every process; jobs under way fail."""
@@ -198,7 +230,12 @@ class Workers:
                 self._sweeper.cancel()
         self._sweep()
 
-    def _run(self, job: tuple[Any, ...], on_progress: Callable[..., None]) -> Any:
+    def _run(
+        self,
+        job: tuple[Any, ...],
+        on_progress: Callable[..., None] = lambda: None,
+        begin: Callable[[_Worker], None] = lambda worker: None,
+    ) -> Any:
         with self._lock:
             if self._is_closed or self._waiting >= WAITING:
                 raise NotNow(Message("workers-busy"))
@@ -211,6 +248,7 @@ class Workers:
         try:
             worker = self._take()
             try:
+                begin(worker)
                 return worker.run(job, job[3].longest_s, on_progress)
             finally:
                 self._give_back(worker)

@@ -44,7 +44,7 @@ class Watched(ImportJobs):
         self.inspect(number, path)
         self.start(number, profile, dbc=None, name="")
         for thread in threading.enumerate():
-            if thread.name == "import":
+            if thread.name == "job":
                 thread.join(30)
         return self.told[-1]
 

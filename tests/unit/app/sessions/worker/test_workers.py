@@ -83,10 +83,21 @@ def test_a_job_runs_in_another_process_after_all_others(workers):
     assert workers.run(FEW, about)[0] == process  # which is kept
 
 
-def test_progress_is_told_here(workers):
-    told = []
-    assert workers.run_with_progress(FEW, count, lambda *values: told.append(values), 3) == 3
-    assert told == [(0, 3), (1, 3), (2, 3)]
+def test_progress_is_reported_here(workers):
+    reported = []
+    job = workers.start(FEW, count, 3, on_progress=lambda *values: reported.append(values))
+    assert job.result(30) == 3
+    assert reported == [(0, 3), (1, 3), (2, 3)]
+
+
+def test_a_job_that_is_cancelled_ends_alone():
+    with closing(Workers(2)) as workers:
+        job, other = workers.start(FEW, sleep, 600.0), workers.start(FEW, about)
+        assert job.cancel()
+        with pytest.raises(WorkerEnded):
+            job.result(30)
+        assert not job.cancel()
+        assert other.result(30)
 
 
 def test_errors_of_ours_come_back_as_they_are(workers):
