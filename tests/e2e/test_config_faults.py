@@ -140,7 +140,7 @@ def test_the_power_is_cut_in_a_store_and_the_page_says_what_the_eeprom_holds(
     expect(outcome).to_contain_text("Not known which configuration is stored")
     failing.stop()
     failing.start()
-    expect(outcome).to_contain_text(said)
+    expect(outcome).to_contain_text(said, timeout=60_000)  # another process starts, and the service finds it
     page.get_by_test_id("store").click()
     page.get_by_test_id("confirm").click()
     expect(outcome).to_contain_text("Stored in the EEPROM")
