@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 
@@ -73,9 +73,23 @@ def coded(text: Text) -> Message:
 
 
 def json_args(message: Message) -> Mapping[str, Any]:
-    """Return the arguments of a message as JSON holds them."""
-    args: Mapping[str, Any] = asdict(message)["args"]
-    return args
+    """Return the arguments of a message as JSON holds them; several times as quick as `asdict`."""
+    return {name: _json(each) for name, each in message.args.items()}
+
+
+def _json(argument: Argument) -> Any:
+    match argument:
+        case Message():
+            return {"code": argument.code, "args": json_args(argument)}
+        case Cell(index):
+            return {"index": index}
+        case Pack(pack):
+            return {"pack": pack}
+        case Quantity(value, unit, digits):
+            return {"value": value, "unit": unit, "digits": digits}
+        case tuple():
+            return [_json(each) for each in argument]
+    return argument
 
 
 def message_from_json(value: Mapping[str, Any]) -> Message:

@@ -4,7 +4,7 @@ from dataclasses import asdict
 import orjson
 import pytest
 
-from app.words.message import Cell, Message, Pack, Quantity, message_from_json
+from app.words.message import Cell, Message, Pack, Quantity, json_args, message_from_json
 
 NESTED = Message(
     "config-write-failed",
@@ -23,8 +23,10 @@ def test_a_message_comes_back_from_json_whole():
     assert message_from_json(asdict(NESTED)) == NESTED
 
 
-def test_the_fast_encoder_writes_the_same_form():
-    assert orjson.loads(orjson.dumps(NESTED)) == json.loads(json.dumps(asdict(NESTED)))
+def test_every_encoder_writes_the_same_form():
+    form = json.loads(json.dumps(asdict(NESTED)))
+    assert orjson.loads(orjson.dumps(NESTED)) == form
+    assert {"code": NESTED.code, "args": json_args(NESTED)} == form
 
 
 def test_the_place_that_earlier_versions_stored_with_a_cell_is_left_out():
