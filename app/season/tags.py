@@ -9,7 +9,7 @@ from typing import Final
 
 from app.errors import ConfigError
 from app.sessions.info import SessionInfo
-from app.sessions.reading.notes import write_note
+from app.sessions.reading.session_info import write_note
 
 NAMES: Final = ("track", "driver", "tyres", "weather", "text")
 KEY: Final = "tags"

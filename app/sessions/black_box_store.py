@@ -1,12 +1,20 @@
 """Black boxes on the disk: one file of their own in the data folder, so that they outlive their sessions."""
 
 import json
+import sqlite3
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import orjson
+
+from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.database import BLACKBOXES
-from app.sessions.storage.own_database import OnSetAside, Store, nobody_asks, packed
+from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Severity
 from app.words import RenderedMessage, rendered_as_stored
 
@@ -37,11 +45,14 @@ class BlackBoxStore:
             SchemaTooNew: the file is a newer program's.
             RecordingFailed: the disk does not take it.
         """
-        self._store = Store(path, BLACKBOXES, on_set_aside)
+        self._path = path
+        self._lock = threading.Lock()
+        self._database = OwnDatabase(path, BLACKBOXES, on_set_aside)
 
     def close(self) -> None:
         """Close the file."""
-        self._store.close()
+        with self._lock:
+            self._database.close()
 
     def add(self, box: StoredBox, body: dict[str, Any]) -> bool:
         """Keep a box, `body` is all of it; False where one that is at least as complete is there.
@@ -59,22 +70,22 @@ class BlackBoxStore:
             box.message.text,
             int(box.is_complete),
             json.dumps({"code": box.message.code, "args": box.message.args}),
-            packed(body),
+            zlib.compress(json.dumps(body, allow_nan=False, separators=(",", ":")).encode(), 6),
         )
-        changed = self._store.change(
+        insert = (
             f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"
             " DO UPDATE SET body = excluded.body, is_complete = excluded.is_complete,"
             " session_id = coalesce(excluded.session_id, session_id)"
-            " WHERE excluded.is_complete > blackboxes.is_complete",
-            row,
+            " WHERE excluded.is_complete > blackboxes.is_complete"
         )
-        return changed > 0
+        with self._lock, self._on_disk():
+            return self._database.run(lambda connection: connection.execute(insert, row).rowcount) > 0
 
     def stored(self, session_id: str | None = None) -> list[StoredBox]:
         """All of them, or of one session, newest first."""
         where = "" if session_id is None else " WHERE session_id = ?"
         values = () if session_id is None else (session_id,)
-        rows = self._store.rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
+        rows = self._rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
         return [
             StoredBox(
                 box_id,
@@ -95,5 +106,26 @@ class BlackBoxStore:
         Raises:
             NotASession: it cannot be read.
         """
-        rows = self._store.rows("SELECT body FROM blackboxes WHERE id = ?", (box_id,))
-        return self._store.unpacked(rows[0][0], f"black box {box_id}") if rows else None
+        rows = self._rows("SELECT body FROM blackboxes WHERE id = ?", (box_id,))
+        try:
+            return orjson.loads(zlib.decompress(rows[0][0])) if rows else None
+        except (zlib.error, TypeError, ValueError) as error:
+            damaged = Message("part-damaged", what=f"black box {box_id}", error=str(error))
+            raise NotASession(str(self._path), damaged) from error
+
+    def _rows(self, query: str, values: tuple[object, ...]) -> list[tuple[Any, ...]]:
+        """All rows of a query, also while a change waits for the disk."""
+
+        def locked(work: Callable[[], list[tuple[Any, ...]]]) -> list[tuple[Any, ...]]:
+            with self._lock:
+                return work()
+
+        with self._on_disk():
+            return self._database.read(lambda connection: connection.execute(query, values).fetchall(), locked)
+
+    @contextmanager
+    def _on_disk(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise RecordingFailed(Message("of-source", source=str(self._path), reason=str(error))) from error

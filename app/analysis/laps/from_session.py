@@ -18,8 +18,8 @@ from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker
-from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import MAX_POINTS, SessionFile
+from app.sessions.reading.session_info import write_note
 from app.words import Message
 
 Source = Literal["settled", "markers", "pattern", "can", "signal"]

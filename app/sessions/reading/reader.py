@@ -17,14 +17,12 @@ from app.errors import ConfigError, ExtraMissing, ImportFailed, LimitExceeded, W
 from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
-from app.sessions.reading.blocks import Block, BlockReader, Column, ElementArray
+from app.sessions.reading.blocks import CARRIED_US, Block, BlockReader, Column, ElementArray
+from app.sessions.reading.blocks import in_rows as rows_of
 from app.sessions.reading.check import find_problems
-from app.sessions.reading.notes import read_note
 from app.sessions.reading.parse import Parse, in_process
-from app.sessions.reading.rows import CARRIED_US
-from app.sessions.reading.rows import in_rows as rows_of
 from app.sessions.reading.series import FieldSamples, Samples, Series, joined, reduce_samples
-from app.sessions.reading.session_info import filled_spans, info_of, meta_of, wall_offset_ns
+from app.sessions.reading.session_info import filled_spans, info_of, meta_of, read_note, wall_offset_ns
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.digests import KEY
 from app.sessions.storage.queries import StoredSession

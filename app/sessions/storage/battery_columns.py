@@ -113,10 +113,6 @@ class BatteryColumns:
         """Frames whose checksum does not fit."""
         return self._decoder.bad_checksums
 
-    def add(self, t_mono_ns: int, can_id: int, data: bytes) -> None:
-        """Take a frame."""
-        self._frames.append((t_mono_ns, can_id, data))
-
     def add_all(self, frames: Iterable[TimedFrame]) -> None:
         """Take frames in their order."""
         self._frames.extend(frames)

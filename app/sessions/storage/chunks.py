@@ -175,7 +175,7 @@ class ChunkBuilder:
         if self._table is not None:
             self._table.add_all(measurements)
             return
-        if self._battery is not None and not configs and not frames:
+        if self._battery is not None:
             self._battery.add_all(can_frames)
             return
         kinds: tuple[tuple[Iterable[tuple[Any, ...]], Callable[..., None]], ...] = (
@@ -192,9 +192,7 @@ class ChunkBuilder:
 
     def add_can_frame(self, t_mono_ns: int, can_id: int, data: bytes) -> None:
         """Take a CAN frame: what it tells about the struct by the tables in force, where no serial frame tells more."""
-        if self._battery is not None:
-            self._battery.add(t_mono_ns, can_id, data)
-        if self._battery is not None or not self._decodes_can:
+        if not self._decodes_can:
             return
         if self._last_frame_ns is not None and t_mono_ns - self._last_frame_ns < SERIAL_LIVE_NS:
             return

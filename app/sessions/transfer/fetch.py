@@ -8,6 +8,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -102,16 +103,20 @@ class Remote:
         Raises:
             FetchFailed: it does not answer, or not as a voltwall.
         """
-        try:
-            with self._open("sessions", {}) as answer:
-                found = _list_json(self._whole(answer))["sessions"]
+        with self._answers():
             return [
                 RemoteSession(
                     str(each["id"]), str(each["name"]), float(each["started"]), float(each["duration_s"] or 0),
                     int(each["bytes"]), bool(each["recording"]),
                 )
-                for each in found
+                for each in self._json("sessions", TIMEOUT_S)["sessions"]
             ]  # fmt: skip
+
+    @contextmanager
+    def _answers(self) -> Iterator[None]:
+        """What breaks the connection, or is not what a voltwall answers, is a FetchFailed."""
+        try:
+            yield
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, reason_of(error)) from error
         except (ValueError, KeyError, TypeError, OverflowError) as error:
@@ -195,15 +200,12 @@ class Remote:
         Raises:
             FetchFailed: it does not answer, or not as a voltwall that does this.
         """
-        answer = self._json("pieces")
-        try:
+        with self._answers():
             return [
                 {"id": _session_id(each["id"]), "pieces": _n_pieces(each["pieces"]), "bytes": int(each["bytes"]),
                  "started": float(each["started"]), "recording": bool(each["recording"])}
-                for each in answer["sessions"]
+                for each in self._json("pieces")["sessions"]
             ]  # fmt: skip
-        except (ValueError, KeyError, TypeError, OverflowError) as error:
-            raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def head(self, session_id: str) -> dict[str, Any]:
         """Return what there is to know of a session beside its rows.
@@ -211,13 +213,13 @@ class Remote:
         Raises:
             FetchFailed: it does not answer, or not as a voltwall that does this.
         """
-        answer = self._json(f"sessions/{_session_id(session_id)}/head")
-        if not isinstance(answer, dict) or any(not isinstance(answer.get(name), kind) for name, kind in _HEAD.items()):
-            raise FetchFailed(self.url, Message("no-voltwall"))
-        try:
+        with self._answers():
+            answer: dict[str, Any] = self._json(f"sessions/{_session_id(session_id)}/head")
+            if not isinstance(answer, dict) or any(
+                not isinstance(answer.get(key), kind) for key, kind in _HEAD.items()
+            ):
+                raise ValueError(session_id)
             return answer | {"pieces": _n_pieces(answer["pieces"])}
-        except ValueError as error:
-            raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def pieces(self, session_id: str, first: int, count: int, *, descending: bool) -> Iterator[tuple[int, str, bytes]]:
         """Yield number, SHA-256 and bytes of pieces as they come, from `first` up or down.
@@ -227,30 +229,20 @@ class Remote:
         """
         order = "true" if descending else "false"
         path = f"sessions/{_session_id(session_id)}/pieces?first={first}&count={count}&descending={order}"
-        try:
-            with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
-                while line := answer.readline(1000):
-                    header = parse_object(line)
-                    size = int(header["bytes"])
-                    if not 0 <= size <= LIST_BYTES:
-                        raise FetchFailed(self.url, Message("no-voltwall"))
-                    body = answer.read(size)
-                    if len(body) < size:
-                        raise FetchFailed(self.url, Message("cut-off"))
-                    yield int(header["piece"]), str(header["sha256"]), body
-        except (OSError, http.client.HTTPException) as error:
-            raise FetchFailed(self.url, reason_of(error)) from error
-        except (ValueError, KeyError, TypeError, OverflowError) as error:
-            raise FetchFailed(self.url, Message("no-voltwall")) from error
+        with self._answers(), self._open(path, {}, PIECES_TIMEOUT_S) as answer:
+            while line := answer.readline(1000):
+                header = parse_object(line)
+                size = int(header["bytes"])
+                if not 0 <= size <= LIST_BYTES:
+                    raise ValueError(size)
+                body = answer.read(size)
+                if len(body) < size:
+                    raise FetchFailed(self.url, Message("cut-off"))
+                yield int(header["piece"]), str(header["sha256"]), body
 
-    def _json(self, path: str) -> Any:
-        try:
-            with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
-                return _list_json(self._whole(answer))
-        except (OSError, http.client.HTTPException) as error:
-            raise FetchFailed(self.url, reason_of(error)) from error
-        except ValueError as error:
-            raise FetchFailed(self.url, Message("no-voltwall")) from error
+    def _json(self, path: str, timeout_s: float = PIECES_TIMEOUT_S) -> Any:
+        with self._open(path, {}, timeout_s) as answer:
+            return _list_json(self._whole(answer))
 
     def _whole(self, answer: Any) -> bytes:
         """Read an answer to its end.

@@ -15,8 +15,7 @@ from app.estimation.arrays import FloatArray
 from app.sources.recordings.bad_rows import some_of
 from app.sources.recordings.csv_table import MOST_COLUMNS, OnRows, TableUnreadable, read_csv
 from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of, names_in_zip
-from app.sources.recordings.neware import read_neware
-from app.sources.recordings.signal_files import largest_sheet, read_signals
+from app.sources.recordings.signal_files import largest_sheet, read_neware, read_signals
 from app.words import Message, Quantity
 
 UNPACKED_BYTES = 1 << 30  # of a compressed file

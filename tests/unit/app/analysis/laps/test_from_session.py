@@ -8,8 +8,8 @@ from app.analysis.laps.from_session import CanCounter, lap_table, lap_times, ove
 from app.cli import main
 from app.errors import ConfigError
 from app.sessions.errors import NotASession, UnknownSignal
-from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.session_info import write_note
 from firmware_protocol.memory_map import FIELDS
 
 START_S = 1_790_000_000.0

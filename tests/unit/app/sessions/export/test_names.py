@@ -3,8 +3,7 @@ import pytest
 from app.errors import ConfigError
 from app.sessions.export.export import export
 from app.sessions.export.formats import FORMATS, Names
-from app.sessions.export.names import export_name
-from app.sessions.export.table import AGE
+from app.sessions.export.table import AGE, export_name
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.signals import Signals
 from app.sources.loaded_battery import team_battery

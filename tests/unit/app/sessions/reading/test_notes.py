@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from app.sessions.errors import NotASession
-from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.session_info import write_note
 
 FROZEN = Path(__file__).parents[1] / "frozen"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.sessions.black_box_store import BlackBoxStore
+from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.errors import RecordingFailed, SchemaTooNew
 from app.sessions.event_log import EventLog
 from app.sessions.storage.database import BLACKBOXES, EVENTS
@@ -27,11 +27,8 @@ def use(store: EventLog | BlackBoxStore, number: int) -> int:
         store.append(Event(1, "info", "code", Message("verbatim", text=str(number))))
         store.flush()
         return len(store.query(limit=10_000))
-    store._store.change(
-        "INSERT INTO blackboxes (id, t_wall_ns, code, severity, text, is_complete, body)"
-        " VALUES (?, 1, '', '', '', 1, ?)",
-        (str(number), os.urandom(1000)),
-    )
+    box = StoredBox(str(number), 1.0, None, "", "info", None, Message("verbatim", text=""), True)
+    store.add(box, {"noise": os.urandom(500).hex()})
     return len(store.stored())
 
 

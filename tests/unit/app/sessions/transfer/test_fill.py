@@ -13,8 +13,8 @@ from pyarrow import parquet
 
 from app.errors import NotNow
 from app.sessions.export.export import export
-from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.session_info import write_note
 from app.sessions.recording.recorder import Recorder
 from app.sessions.transfer.fill import FILLED_LINK, HeardOnCanAlone, NothingInCommon, fill_gaps
 from tests.fake_clock import FunctionClock

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import ExtraMissing, LimitExceeded
-from app.sources.recordings import neware
+from app.sources.recordings import signal_files
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.guess import guess
@@ -111,7 +111,7 @@ def test_a_damaged_ndax_is_refused(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_file_beyond_the_limit_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(neware, "MOST_BYTES", 1 << 20)
+    monkeypatch.setattr(signal_files, "MOST_BYTES", 1 << 20)
     packed = ndax(tmp_path / "large.ndax", bytes(2 << 20))
     assert packed.stat().st_size < 1 << 16
     plain = tmp_path / "large.nda"
@@ -128,19 +128,19 @@ def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pyt
     def missing(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr(neware, "import_module", missing)
+    monkeypatch.setattr(signal_files, "import_module", missing)
     with pytest.raises(ExtraMissing, match=r"voltwall\[neware\]"):
         load_table(path)
 
 
 def test_what_the_reader_remarks_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    read = neware._reader("nda")
+    read = signal_files._reader("nda")
 
     def remarking(path: Path) -> object:
         warnings.warn("nda version 29 is unverified", stacklevel=1)
         return read(path)
 
-    monkeypatch.setattr(neware, "_reader", lambda kind: remarking)
+    monkeypatch.setattr(signal_files, "_reader", lambda kind: remarking)
     path = tmp_path / "cell.nda"
     path.write_bytes(nda())
     assert [render(note) for note in load_table(path).notes] == ["its reader remarks: nda version 29 is unverified"]
