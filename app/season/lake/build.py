@@ -106,7 +106,7 @@ def _build(
                 else:
                     write_session(lake, session, facts_of(session, judge_anew=judge_anew), state)
                     built.made.append(path.stem)
-        except AppError as error:
+        except (AppError, MemoryError) as error:  # the memory of a worker process is limited
             built.failed.append((path.stem, message_of(error)))
     return built
 

@@ -87,6 +87,21 @@ def test_a_damaged_session_is_named_and_left_out(copies, capsys):
     assert len(folders(lake)) == 2
 
 
+def test_a_session_that_takes_too_much_memory_is_left_out_alone(copies, monkeypatch):
+    sessions, lake = copies
+    first, second = session_files([sessions])
+
+    def facts_of(session, **named):
+        if session.path == first:
+            raise MemoryError
+        return whole(session, **named)
+
+    whole = build.facts_of
+    monkeypatch.setattr(build, "facts_of", facts_of)
+    built = build_lake(Place(lake), [first, second], again=True)
+    assert (built.made, built.failed) == ([second.stem], [(first.stem, "MemoryError")])
+
+
 def test_an_unclosed_session_waits(make_session, tmp_path):
     path = make_session([0.0, 0.1], [0.0, 0.0], closed=False)
     built = build_lake(Place(tmp_path / "lake"), [path])
