@@ -20,9 +20,14 @@ from app.api.web.connection_limits import ACCEPTED_AT_ONCE, ClientConnections, m
 from app.commands.tls import Renewal, certificate_of, certificate_text, context_of
 from app.errors import ConfigError
 from app.service import log
-from app.service.folder_lock import locked_folder
 from app.service.health.watchdog import keep_alive, notify
-from app.service.host import HighListener, give_freed_memory_back, raise_descriptor_limit, return_freed_memory
+from app.service.host import (
+    HighListener,
+    give_freed_memory_back,
+    locked_folder,
+    raise_descriptor_limit,
+    return_freed_memory,
+)
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.sessions.worker import command_of

@@ -5,11 +5,17 @@ import ctypes
 import shutil
 import socket
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from ipaddress import IPv4Address, ip_address
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from app.clock import Clock
+from app.errors import ConfigError
+from app.words import Message
 
 try:
     import fcntl
@@ -147,3 +153,24 @@ class ClockWatch:
     def was_set(self) -> bool:
         """True when somebody set the clock, beyond what keeping it right explains."""
         return abs(self.moved_s()) > _CLOCK_STEP_S
+
+
+@contextmanager
+def locked_folder(folder: Path) -> Iterator[None]:
+    """Create the folder and hold its lock; the system releases it when the process dies.
+
+    Raises:
+        ConfigError: the folder cannot be written, or another service has it.
+    """
+    lock = FileLock(folder / "lock", timeout=0)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout as error:
+        raise ConfigError("data", folder, Message("folder-in-use")) from error
+    except OSError as error:
+        raise ConfigError("data", folder, error.strerror or str(error)) from error
+    try:
+        yield
+    finally:
+        lock.release()

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from app.errors import ConfigError
-from app.service.folder_lock import locked_folder
+from app.service.host import locked_folder
 
 HOLD = """
 import sys
 from pathlib import Path
-from app.service.folder_lock import locked_folder
+from app.service.host import locked_folder
 with locked_folder(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

@@ -206,7 +206,7 @@ def test_what_waited_on_its_way_is_old_and_a_range_knows_it_too(recorder: Record
 @pytest.mark.parametrize("name", ["csv", "parquet", "mf4", "mcap", "ld", "motec"])
 def test_an_export_tells_how_far_it_is(name: str, session: SessionFile, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("app.sessions.export.table.PIECE_S", 20.0)
-    monkeypatch.setattr("app.sessions.export.parquet_file.ROW_GROUP_S", 20.0)
+    monkeypatch.setattr("app.sessions.export.export.ROW_GROUP_S", 20.0)
     told: list[tuple[int, int]] = []
     path = tmp_path / f"a{FORMATS[name].suffix}"
     export(session, path, name, signals=["v[36]"], on_progress=lambda done, of: told.append((done, of)))
