@@ -1,7 +1,7 @@
 """Balancing studies: a charge or a rest with each balancing circuit, simulated in a process with limits."""
 
 import threading
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from fastapi import APIRouter, Query
@@ -20,15 +20,21 @@ from simulator.errors import ParameterError
 
 LIMITS = Limits(120)
 MOST_POINTS = 300  # of a curve
+Value = Annotated[float | None, Field(allow_inf_nan=False)]
 Circuit = Literal["passive", "switched-capacitor", "transformer", "none"]
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 _study_under_way = threading.Lock()  # one at a time: reports and imports need the other worker process
 
 
-def _number(name: str, text: str, scale: float = 1.0) -> Any:
-    """A number within the limits of the simulation; `scale` is what 1 of it is here."""
-    low, high = STUDY_LIMITS[name]
-    return Field(default=None, ge=scale * low, le=scale * high, allow_inf_nan=False, description=text)
+# What a number of the request is in the simulation, how many of its units are one there, and the unit
+_NUMBERS: Final = {
+    "rate": ("rate_c", 1.0, "C"),
+    "hours": ("hours", 1.0, "h"),
+    "soc": ("soc", 100.0, "percent"),
+    "spread": ("spread", 100.0, "percent"),
+    "temperature": ("ambient_degc", 1.0, "degC"),
+    "resistor": ("resistor_ohm", 1.0, "ohm"),
+}
 
 
 class StudyIn(BaseModel):
@@ -41,12 +47,12 @@ class StudyIn(BaseModel):
     packs: int | None = Field(default=None, ge=1, le=MOST_CELLS, description="in series; with `cells`")
     cells: int | None = Field(default=None, ge=1, le=MOST_CELLS, description="in series in each pack")
     rest: bool = False
-    rate: float | None = _number("rate_c", "charging current over the rated capacity, C")
-    hours: float | None = _number("hours", "after which it ends at the latest")
-    soc: float | None = _number("soc", "mean at the start, percent", 100)
-    spread: float | None = _number("spread", "highest less lowest at the start, percent", 100)
-    temperature: float | None = _number("ambient_degc", "of the air, degC")
-    resistor: float | None = _number("resistor_ohm", "that a cell is bled through, ohm")
+    rate: Value = Field(default=None, description="charging current over the rated capacity, C")
+    hours: Value = Field(default=None, description="after which it ends at the latest")
+    soc: Value = Field(default=None, description="mean at the start, percent")
+    spread: Value = Field(default=None, description="highest less lowest at the start, percent")
+    temperature: Value = Field(default=None, description="of the air, degC")
+    resistor: Value = Field(default=None, description="that a cell is bled through, ohm")
 
     @property
     def command(self) -> str:
@@ -55,27 +61,26 @@ class StudyIn(BaseModel):
         given += [f"--{name}" for name in ("thesis", "rest") if getattr(self, name)]
         if self.packs is not None and self.cells is not None:
             given.append(f"--segments={self.packs}x{self.cells}")
-        names = ("rate", "hours", "soc", "spread", "temperature", "resistor")
-        given += [f"--{name}={getattr(self, name)}" for name in names if getattr(self, name) is not None]
+        given += [f"--{name}={getattr(self, name)}" for name in _NUMBERS if getattr(self, name) is not None]
         return " ".join(["voltwall balance", *given])
 
     def study(self) -> Study:
         """Return what is to be simulated.
 
         Raises:
+            Problem: a number is out of its limits, or none of a rest.
             ParameterError: there are too many cells, or one would begin outside of 0 to 100 %.
         """
-        return study_of(
-            thesis=self.thesis,
-            rest=self.rest,
-            packs=None if self.packs is None or self.cells is None else (self.packs, self.cells),
-            rate_c=self.rate,
-            hours=self.hours,
-            soc=None if self.soc is None else self.soc / 100,
-            spread=None if self.spread is None else self.spread / 100,
-            ambient_degc=self.temperature,
-            resistor_ohm=self.resistor,
-        )
+        if self.rest and self.rate is not None:
+            raise invalid("rate", self.rate, Message("rest-without-rate"))
+        values = {}
+        for name, (meaning, scale, unit) in _NUMBERS.items():
+            value, (low, high) = getattr(self, name), STUDY_LIMITS[meaning]
+            if value is not None and not low * scale <= value <= high * scale:
+                raise invalid(name, value, f"{low * scale:g} to {high * scale:g} {unit}")
+            values[meaning] = None if value is None else value / scale
+        packs = None if self.packs is None or self.cells is None else (self.packs, self.cells)
+        return study_of(thesis=self.thesis, rest=self.rest, packs=packs, **values)
 
 
 class BalancingThesisOut(BaseModel):
@@ -116,8 +121,6 @@ def balancing(study: Annotated[StudyIn, Query()], workers: WorkersPart) -> dict[
 
     One study at a time: a second one is refused meanwhile.
     """
-    if study.rest and study.rate is not None:
-        raise invalid("rate", study.rate, Message("rest-without-rate"))
     try:
         chosen = study.study()
     except ParameterError as error:

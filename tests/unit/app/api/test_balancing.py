@@ -33,8 +33,8 @@ def test_a_charge_of_the_thesis_has_its_figures_beside_and_curves_over_one_time(
 @pytest.mark.parametrize(
     ("query", "field", "limit"),
     [
-        ({"rate": 7}, "rate", "less than or equal to 6"),
-        ({"spread": -1}, "spread", "greater than or equal to 0"),
+        ({"rate": 7}, "rate", "0.05 to 6 C"),
+        ({"spread": -1}, "spread", "0 to 50 percent"),
         ({"packs": 30, "cells": 30}, "n_packs x per_pack", "1 to 600 cells"),
         ({"rest": True, "rate": 1}, "rate", "a rest has no charging current"),
         ({"circuit": "magnets"}, "circuit.0", "passive"),
