@@ -104,7 +104,7 @@ class Connection(asyncio.Protocol):
         if not self._connections.add(self):
             self._network.abort()
             return
-        self._network.set_write_buffer_limits(high=0)  # told of all that waits, also of the end
+        self._network.set_write_buffer_limits(high=0)  # paused as soon as anything waits
         made: socket.socket | None = transport.get_extra_info("socket")
         option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
         if made is not None and option is not None:
@@ -294,7 +294,7 @@ class Connection(asyncio.Protocol):
 
 
 class RequestLimits:
-    """ASGI middleware: tells a connection what is awaited of its client, and refuses a websocket too many."""
+    """ASGI middleware: sets what a connection awaits of its client, and refuses a websocket too many."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
