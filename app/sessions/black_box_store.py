@@ -16,7 +16,7 @@ from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.database import BLACKBOXES
 from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Severity
-from app.words import RenderedMessage, rendered_as_stored
+from app.words import Message, RenderedMessage, rendered_as_stored
 
 _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete, message"
 
