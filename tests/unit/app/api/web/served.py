@@ -11,7 +11,7 @@ import uvicorn
 
 from app.api.web.connection import CONNECTION, server_config
 from app.api.web.connection_limits import ClientConnections
-from app.commands.console.tls import context_of
+from app.commands.tls import context_of
 from tests.service_process import until
 from tests.tls_clients import trusting_all
 
