@@ -33,7 +33,7 @@ pictures: $(VENV)/.dev-installed frontend browser ## take the pictures anew that
 	@VOLTWALL_PICTURES=renew $(PY) -m pytest -q -n 0 tests/e2e/test_pictures.py
 	@git status --short tests/e2e/pictures
 
-campaign: $(VENV)/.site-installed frontend browser ## kills, power cuts, noise, a day of racing, every route, within 30 minutes; SHORT=1 for a part of each, LONG=1 for hours
+campaign: $(VENV)/.site-installed frontend browser ## kills, power cuts, noise, a day of racing, every route, within 30 minutes; SHORT=1 for what make test leaves out, LONG=1 for hours
 	@$(PY) .ci/campaign.py $(if $(SHORT),--short) $(if $(LONG),--long) $(if $(ONLY),--only $(ONLY))
 
 check: lint types imports generated-check c-check frontend-check ## formatting, lint, workflows, types, import rules, generated files, the C library; changes nothing

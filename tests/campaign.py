@@ -23,7 +23,7 @@ def of_size(sample: float, short: float, full: float, long: float | None = None)
 def examples(many: int) -> int:
     """Return how many examples a property is tried with: an eighth in `make test`, all in the full campaign.
 
-    The short campaign tries half of them, the long one five times as many.
+    The long campaign tries five times as many; the short one has few properties, and half of their examples.
     """
     return of_size(max(many // 8, 1), max(many // 2, 1), many, 5 * many)
 
