@@ -18,7 +18,7 @@ def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, open_
     page.get_by_test_id("fault-kind").select_option("loose-joint")
     page.get_by_label("Value").fill("51")
     page.get_by_test_id("inject").click()
-    expect(page.get_by_test_id("simulator-problem")).to_contain_text("0..50 mohm")
+    expect(page.get_by_test_id("simulator-problem")).to_contain_text("0..50 mΩ")
     expect(page.get_by_test_id("fault-loose-joint")).to_have_count(0)
 
     page.get_by_test_id("fault-kind").select_option("hot-cell")

@@ -8,7 +8,11 @@ export interface Message {
 export type Template = string | { one: string; other: string };
 export type Table = Readonly<Record<string, Template>>;
 
-type Structured = Message | { index: number } | { pack: number } | { value: number | null; unit: string; digits: number | null };
+type Structured =
+  | Message
+  | { index: number }
+  | { pack: number }
+  | { value: number | null; unit: string; digits: number | null };
 
 const UNITS: Record<string, string> = { degC: '°C', mohm: 'mΩ', ohm: 'Ω', uohm: 'µΩ' };
 
