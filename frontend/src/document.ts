@@ -7,7 +7,7 @@ import './theme/controls.css';
 import './theme/print.css';
 import Document from './views/Document.svelte';
 import type { BlackBox, Evidence, Report, SeasonCell, SeasonOverview, SeasonSession } from './link/types';
-import { shapes } from './store/shapes.svelte';
+import { shapes } from './store/shape.svelte';
 import { paper } from './store/paper.svelte';
 import { chosen } from './words/words.svelte';
 

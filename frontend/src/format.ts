@@ -1,8 +1,8 @@
 // Every number that a page shows goes through here: units, decimals, signs, and counting from one.
 
-import { shapes } from './store/shapes.svelte';
-import type { RenderedMessage } from './generated/api';
+import type { RenderedMessage, SeasonTrend } from './link/types';
 import { messageText, t } from './words/words.svelte';
+import { shapes } from './store/shape.svelte';
 
 export const DASH = '–';
 export const MINUS = '−';
@@ -186,13 +186,23 @@ export function decimalsOf(scale: number): number {
   return Math.min(4, Math.ceil(-Math.log10(scale) - 1e-9));
 }
 
+/** What a month changes, with its band; a band that rounds to nothing is no change, however sure. */
+export function monthly(trend: SeasonTrend, decimals: number): string {
+  const [pace, low, high] = [trend.per_month, trend.low, trend.high].map((v) => signed(100 * v, decimals));
+  const least = 10 ** -decimals / 2;
+  if (Math.max(Math.abs(trend.low), Math.abs(trend.high)) * 100 < least) return t('does not change');
+  if (!trend.tells_month) return t('too few days to tell what a month changes');
+  const words = t('{pace} % a month, 95 %: {low} to {high}', { pace: pace!, low: low!, high: high! });
+  return trend.is_sure ? words : `${words} · ${t('not more than chance')}`;
+}
+
 /** A number stays beside its unit, and a minus is one. */
 export const whole = (text: string): string =>
   text
     .replace(/(?<![\p{L}\d])-(?=\d)/gu, MINUS)
     .replace(/(\d) (%|A|V|Ah|mV|K|s|min|h|kWh|°C|mΩ)(?![\p{L}])/gu, '$1\u00a0$2');
 
-export const capitalised = (text: string): string => text.slice(0, 1).toUpperCase() + text.slice(1);
-
 /** A finding as a sentence: it begins with a capital letter. */
 export const sentence = (message: RenderedMessage): string => capitalised(whole(messageText(message)));
+
+export const capitalised = (text: string): string => text.slice(0, 1).toUpperCase() + text.slice(1);

@@ -12,7 +12,7 @@ import { live } from './store/live.svelte';
 import { paper } from './store/paper.svelte';
 import { route } from './store/route.svelte';
 import { chosen } from './words/words.svelte';
-import { firstSteps } from './store/first_steps';
+import { firstSteps } from './store/start_again';
 import { user } from './store/user.svelte';
 
 route.start();

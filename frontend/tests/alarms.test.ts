@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Alarm } from '../src/link/types';
-import { activeTrips, openAlarms, trippedCells, when } from '../src/store/alarms';
+import { activeTrips, openAlarms, trippedCells, when } from '../src/store/alarms.svelte';
 
 const alarm = (id: number, over: Partial<Alarm>): Alarm => ({
   ...makeSnapshot('fault', 0, 0, 0).alarms[0]!,

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { decimate, emptyBand } from '../src/store/decimate';
-import { withGaps } from '../src/store/series';
+import { withGaps } from '../src/store/session_readings';
 
 const HOUR = 3600;
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { fitting, placesIn, type Entry } from '../src/store/find_entry';
-import { Shape } from '../src/store/shape';
+import { Shape } from '../src/store/shape.svelte';
 
 const entry = (name: string, part: Partial<Entry> = {}): Entry => ({
   id: name,

@@ -1,7 +1,7 @@
 import { afterAll, beforeAll, describe, expect, it } from 'vitest';
 import * as f from '../src/format';
-import { placeOf } from '../src/store/placing';
-import { shapes } from '../src/store/shapes.svelte';
+import { placeOf } from '../src/store/cell_comparison';
+import { shapes } from '../src/store/shape.svelte';
 
 describe('numbers', () => {
   it('shows a missing value as a dash and never as zero', () => {

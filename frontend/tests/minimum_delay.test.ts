@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { MinimumDelay } from '../src/store/minimum_delay';
+import { MinimumDelay } from '../src/store/frame_schedule';
 
 describe('the time that a message waited', () => {
   it('is what it has above the quickest', () => {

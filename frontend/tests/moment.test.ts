@@ -1,7 +1,7 @@
 import { render } from 'svelte/server';
 import { beforeAll, describe, expect, it } from 'vitest';
 import type { LogEvent } from '../src/link/types';
-import { momentOf } from '../src/store/moment';
+import { momentOf } from '../src/store/events.svelte';
 
 const event = (over: Partial<LogEvent>): LogEvent =>
   ({

@@ -2,12 +2,17 @@
 
 import { render } from 'svelte/server';
 import { describe, expect, it } from 'vitest';
-import Qr from '../src/parts/Qr.svelte';
+import type { System } from '../src/link/types';
+import Reach from '../src/views/system/Reach.svelte';
 
 const QUIET = 4;
 
+/** The dark modules of the code of an address: of one host, on the port of the page. */
 function modules(text: string): { size: number; dark: Set<string> } {
-  const { body } = render(Qr, { props: { text } });
+  const { protocol, hostname, port } = new URL(text);
+  Object.assign(globalThis, { location: { protocol, port, hash: '' } });
+  const system = { addresses: [hostname] } as System;
+  const { body } = render(Reach, { props: { system } });
   const size = Number(/viewBox="0 0 (\d+) /.exec(body)?.[1]);
   return { size, dark: new Set([...body.matchAll(/M(\d+ \d+)h1v1h-1z/g)].map((found) => found[1]!)) };
 }

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { EnergyTarget } from '../src/link/types';
-import { frameOf, type FrameDraft } from '../src/store/driver_frame';
-import { compared, within } from '../src/store/race';
+import { frameOf, type FrameDraft } from '../src/store/can';
+import { compared, within } from '../src/store/prediction';
 
 const target = (part: Partial<EnergyTarget>): EnergyTarget => ({
   laps_to_go: 12,

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { lines, Shape, viewOf, type Outline } from '../src/store/shape';
+import { lines, Shape, viewOf, type Outline } from '../src/store/shape.svelte';
 
 const equal = (n: number, size: number): number[] => Array<number>(n).fill(size);
 const TEAM: Outline = {

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { places, stepOf, STEPS, ticks } from '../src/store/ticks';
+import { places, stepOf, STEPS, ticks } from '../src/theme/scale';
 import { fixed, signed } from '../src/format';
 
 describe('axis ticks', () => {

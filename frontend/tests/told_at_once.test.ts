@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { toldAtOnce } from '../src/store/told_at_once';
+import { toldAtOnce } from '../src/store/metrics';
 
 describe('the share of cells that are told at once', () => {
   it('is 1 for a master, which tells no ages', () => {

@@ -1,7 +1,7 @@
 // What the Season page says of a month.
 
 import { describe, expect, it } from 'vitest';
-import { monthly } from '../src/views/season/trend_words';
+import { monthly } from '../src/format';
 
 const trend = {
   now: 0.8,

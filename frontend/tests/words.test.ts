@@ -6,7 +6,7 @@ import { parse } from 'svelte/compiler';
 import { describe, expect, it } from 'vitest';
 import page from '../../app/words/nb/page.json';
 import vectors from '../../tests/vectors/words.json';
-import { Shape } from '../src/store/shape';
+import { Shape } from '../src/store/shape.svelte';
 import { render, type Message, type Table } from '../src/words/render';
 import { chosen, fill, load, named, t, messageText } from '../src/words/words.svelte';
 

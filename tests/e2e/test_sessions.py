@@ -4,13 +4,15 @@ import csv
 import io
 import re
 
+import pytest
 from playwright.sync_api import expect
 
 
-def test_a_session_is_recorded_marked_viewed_and_downloaded(make_service, open_page):
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_a_session_is_recorded_marked_viewed_and_downloaded(make_service, open_page, size):
     service = make_service("--seed", "5", "--no-record")
     service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
-    page = open_page(f"{service.base_url}/#/sessions")
+    page = open_page(f"{service.base_url}/#/sessions", size)
     page.get_by_role("textbox", name="Name of the session").fill("run 3")
     page.get_by_test_id("record").click()
     expect(page.get_by_test_id("recording")).to_contain_text("REC")

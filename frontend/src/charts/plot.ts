@@ -4,7 +4,7 @@ import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
 import { clock, fixed } from '../format';
 import type { Band } from '../store/decimate';
-import { places, stepOf } from '../store/ticks';
+import { places, stepOf } from '../theme/scale';
 import { DrawQueue } from './draw_queue';
 import { gestures, type GestureAxis } from './gestures';
 import { picture } from './picture';

@@ -4,10 +4,10 @@
 import type { Alarm, Severity } from '../link/types';
 import { clock } from '../format';
 import { chosen, t, messageText } from '../words/words.svelte';
-import { openAlarms } from './alarms';
+import { openAlarms } from './alarms.svelte';
 import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
-import { shapes } from './shapes.svelte';
+import { shapes } from './shape.svelte';
 
 export const MUTES_MIN = [5, 30, 120] as const;
 

@@ -1,10 +1,11 @@
 // The battery that the service reads: where it comes from, its limits, and whether its master can be written. Asked
 // for at each connect; while a session is replayed, cells are counted in that session's.
 
+import { live } from './live.svelte';
+import { PAGES, type Page } from './route.svelte';
 import { get, Problem } from '../link/rest';
 import type { Battery } from '../link/types';
-import { Shape } from './shape';
-import { shapes } from './shapes.svelte';
+import { Shape, shapes } from './shape.svelte';
 
 const AGAIN_MS = 1000;
 const KEY = 'voltwall.battery'; // the last one that was told: pages without the service are drawn for it, with no value
@@ -72,3 +73,12 @@ function kept(): Battery | null {
 }
 
 export const battery = new CurrentBattery();
+
+// The pages that there are for what is watched now.
+export function pagesNow(): typeof PAGES {
+  const needs: Partial<Record<Page, boolean>> = {
+    simulator: live.snapshot?.source === 'simulator' && !live.snapshot.replay,
+    parameters: battery.now === null || battery.canWrite,
+  };
+  return PAGES.filter((page) => needs[page.id] ?? true);
+}

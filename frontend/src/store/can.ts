@@ -1,7 +1,7 @@
 // CAN tables, pure: which byte of the struct an offset is, what a run of bytes spells, and the bytes as they are now.
 
+import type { DriverFrame, CanMessage, Flags, Maybe, RawConfig, Snapshot, StructField } from '../link/types';
 import { MASTER_SIZE } from '../generated/memory_map';
-import type { CanMessage, Flags, Maybe, RawConfig, Snapshot, StructField } from '../link/types';
 import { flatRaw } from './draft';
 
 export const UNUSED = 0xffff;
@@ -184,4 +184,38 @@ export function busLoad(messages: readonly CanMessage[], bitRate: number): numbe
     bits += (frame * 1000) / m.period_ms;
   }
   return bits / bitRate;
+}
+
+// A frame for the driver's display, as it is typed.
+export interface FrameDraft {
+  on: boolean;
+  id: string; // hexadecimal
+  extended: boolean;
+  start: string;
+  big: boolean;
+  period: string;
+}
+
+const whole = (text: string, least: number, most: number): number | undefined => {
+  const value = /^\d+$/.test(text.trim()) ? Number(text) : NaN;
+  return value >= least && value <= most ? value : undefined;
+};
+
+/** The frame that is meant: null where it is off, undefined where it cannot be. */
+export function frameOf(draft: FrameDraft, bytes: number): DriverFrame | null | undefined {
+  if (!draft.on) return null;
+  const text = draft.id.trim().replace(/^0x/i, '');
+  const id = /^[0-9a-f]{1,8}$/i.test(text) ? parseInt(text, 16) : NaN;
+  const start = whole(draft.start, 0, 8 - bytes);
+  const period = whole(draft.period, 100, 10_000);
+  if (!(id <= (draft.extended ? 0x1fffffff : 0x7ff)) || start === undefined || period === undefined)
+    return undefined;
+  return {
+    id,
+    extended: draft.extended,
+    length: 8,
+    start_byte: start,
+    byte_order: draft.big ? 'big' : 'little',
+    period_ms: period,
+  };
 }

@@ -1,6 +1,7 @@
 // Why the accumulator is not being charged, and how long until it is full.
 
-import type { Maybe, Snapshot } from '../link/types';
+import type { Commands, Maybe, Snapshot } from '../link/types';
+import { Resource } from './resource.svelte';
 import { cellName, fixed, quantity } from '../format';
 import { named, t, messageText } from '../words/words.svelte';
 
@@ -61,3 +62,6 @@ export function secondsToFull(snapshot: Maybe<Snapshot>): Maybe<number> {
   });
   return least;
 }
+
+// The commands there are, and why the service would refuse some now.
+export const commands = new Resource<Commands>();

@@ -2,7 +2,7 @@
 
 import type { Maybe, Snapshot, System } from '../link/types';
 import { cellName, fixed, quantity } from '../format';
-import { shapes } from './shapes.svelte';
+import { shapes } from './shape.svelte';
 import { t } from '../words/words.svelte';
 
 const CLOCK_OFF_S = 2;

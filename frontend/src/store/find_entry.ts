@@ -1,6 +1,6 @@
 // Which entries of the command palette fit what was typed: words in any order, and cells by their numbers.
 
-import type { Shape } from './shape';
+import type { Shape } from './shape.svelte';
 
 export interface Entry {
   id: string;

@@ -4,14 +4,14 @@ import type { Text } from '../words/words.svelte';
 import { post } from '../link/rest';
 import type { Alarm } from '../link/types';
 import { cellIndex, cellNumber, packNumber } from '../format';
-import { openAlarms } from './alarms';
+import { openAlarms } from './alarms.svelte';
 import { alertSound } from './alert_sound.svelte';
 import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
 import { mark } from './mark.svelte';
 import { beside, route, type Page } from './route.svelte';
-import { shapes } from './shapes.svelte';
-import { THEMES, user } from './user.svelte';
+import { shapes } from './shape.svelte';
+import { user } from './user.svelte';
 
 export interface Shortcut {
   key: string;
@@ -85,7 +85,7 @@ export const SHORTCUTS: readonly Shortcut[] = [
   {
     key: 't',
     does: 'Next theme',
-    act: () => user.setTheme(THEMES[(THEMES.indexOf(user.theme) + 1) % THEMES.length]!),
+    act: () => user.nextTheme(),
   },
   {
     key: '/',

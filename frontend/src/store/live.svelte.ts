@@ -5,8 +5,7 @@ import { LiveSocket, liveUrl, type Connection } from '../link/socket';
 import { get } from '../link/rest';
 import type { History, Link, Maybe, Part, Snapshot } from '../link/types';
 import { STALE_S, freshness, isLive, type Freshness } from '../format';
-import { FrameSchedule } from './frame_schedule';
-import { MinimumDelay } from './minimum_delay';
+import { FrameSchedule, MinimumDelay } from './frame_schedule';
 import { Ring } from './ring';
 
 export const SERIES = [

@@ -5,14 +5,13 @@ import { get, post } from '../link/rest';
 import type { Schema, Session } from '../link/types';
 import { cellName, dateTime, ordinal } from '../format';
 import { chosen, LANGUAGES, named, t, type Text } from '../words/words.svelte';
-import { openAlarms } from './alarms';
-import { battery } from './battery.svelte';
+import { openAlarms } from './alarms.svelte';
+import { battery, pagesNow } from './battery.svelte';
 import { fitting, placesIn, type Entry } from './find_entry';
 import { keys, SHORTCUTS } from './keys.svelte';
 import { live } from './live.svelte';
 import { mark } from './mark.svelte';
-import { pagesNow } from './pages.svelte';
-import { shapes } from './shapes.svelte';
+import { shapes } from './shape.svelte';
 import { THEMES, user } from './user.svelte';
 
 const MOST = 60; // more than anybody reads; typing narrows them

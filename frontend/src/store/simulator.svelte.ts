@@ -1,4 +1,4 @@
-// The simulated car: asked once a second while its page is open; commands answer with what went wrong, or nothing.
+// The simulated car: asked once a second while its page is open; `problem` is what went wrong with the last command.
 
 import { call, get, post, Problem, remove } from '../link/rest';
 import type { FaultInForce, Simulator } from '../link/types';
@@ -33,6 +33,7 @@ function sentence(problem: Problem): string {
 class SimulatedCar {
   now = $state.raw<Simulator | null>(null);
   error = $state('');
+  problem = $state(''); // why the last command was not done
   busy = $state(false);
   answeredMs = $state<number | null>(null); // when it last told what it does
 
@@ -72,24 +73,23 @@ class SimulatedCar {
     }
   }
 
-  inject = (draft: FaultDraft): Promise<string> => this.send(() => post('simulator/faults', draft));
-  clear = (fault: FaultInForce): Promise<string> => this.send(() => remove(faultPath(fault)));
-  clearAll = (): Promise<string> => this.send(() => remove('simulator/faults'));
-  setSpeed = (value: number | 'max'): Promise<string> => this.send(() => post('simulator/speed', { value }));
-  next = (): Promise<string> => this.send(() => call('simulator/next', { method: 'POST' }));
-  unplug = (seconds: number): Promise<string> =>
-    this.send(() => post('simulator/unplug', { for_s: seconds }));
-  choose = (name: string): Promise<string> => this.send(() => post('simulator/scenario', { name }));
+  inject = (draft: FaultDraft): Promise<void> => this.send(() => post('simulator/faults', draft));
+  clear = (fault: FaultInForce): Promise<void> => this.send(() => remove(faultPath(fault)));
+  clearAll = (): Promise<void> => this.send(() => remove('simulator/faults'));
+  setSpeed = (value: number | 'max'): Promise<void> => this.send(() => post('simulator/speed', { value }));
+  next = (): Promise<void> => this.send(() => call('simulator/next', { method: 'POST' }));
+  unplug = (seconds: number): Promise<void> => this.send(() => post('simulator/unplug', { for_s: seconds }));
+  choose = (name: string): Promise<void> => this.send(() => post('simulator/scenario', { name }));
 
-  private async send(action: () => Promise<unknown>): Promise<string> {
+  private async send(action: () => Promise<unknown>): Promise<void> {
     this.busy = true;
+    this.problem = '';
     try {
       await action();
       await this.refresh();
-      return '';
     } catch (error) {
       if (!(error instanceof Problem)) throw error;
-      return sentence(error);
+      this.problem = sentence(error);
     } finally {
       this.busy = false;
     }

@@ -1,6 +1,6 @@
 // Another choice of what is read: the service starts again with it, and so does this page.
 
-import { call, get, Problem } from '../link/rest';
+import { get, Problem, call } from '../link/rest';
 import type { Setup } from '../link/types';
 
 const AGAIN_MS = 500;
@@ -22,4 +22,15 @@ export async function startAgain(
   }
   location.hash = page;
   location.reload();
+}
+
+// Where a service that was never told what to read leads its reader first.
+/** Open the page of the first steps where nothing was chosen yet. */
+export async function firstSteps(): Promise<void> {
+  try {
+    const { needed } = await get<Setup>('setup');
+    if (needed && !location.hash) location.hash = '#/setup';
+  } catch (error) {
+    if (!(error instanceof Problem)) throw error; // the overview says what is wrong
+  }
 }

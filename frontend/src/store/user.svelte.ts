@@ -49,6 +49,10 @@ class User {
     live.restart();
   }
 
+  nextTheme(): void {
+    this.setTheme(THEMES[(THEMES.indexOf(this.theme) + 1) % THEMES.length]!);
+  }
+
   setTheme(theme: ThemeName): void {
     this.theme = theme;
     document.documentElement.dataset['theme'] = theme;

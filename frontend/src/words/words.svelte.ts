@@ -5,7 +5,7 @@
 
 import type page from '../../../app/words/nb/page.json';
 import type { RenderedMessage } from '../generated/api';
-import { shapes } from '../store/shapes.svelte';
+import { shapes } from '../store/shape.svelte';
 import { render, type Table } from './render';
 
 export type Text = keyof typeof page;

@@ -1,4 +1,4 @@
-// Hands text and pictures to the clipboard; where the browser keeps it closed (an address without https), to a file.
+// Files and the clipboard: hands over text and pictures, and takes files from the service.
 
 import { t } from '../words/words.svelte';
 
@@ -28,3 +28,20 @@ export async function copy(content: Blob, name: string): Promise<string> {
 /** Copy CSV as plain text, which every program takes. */
 export const copyCsv = (text: string, name: string): Promise<string> =>
   copy(new Blob([text], { type: 'text/plain' }), `${name}.csv`);
+
+// Takes a file from the service: a refusal is said on the page instead of being downloaded.
+/** Download what an address answers; returns what went wrong, or an empty text. */
+export async function download(address: string, fallbackName: string): Promise<string> {
+  let answer: Response;
+  let file: Blob;
+  try {
+    answer = await fetch(address, { cache: 'no-store' });
+    file = await answer.blob();
+  } catch {
+    return t('The service does not answer.');
+  }
+  if (!answer.ok) return (JSON.parse(await file.text()) as { detail?: string }).detail ?? answer.statusText;
+  const named = /filename="([^"]+)"/.exec(answer.headers.get('content-disposition') ?? '')?.[1];
+  saveAs(file, named ?? fallbackName);
+  return '';
+}

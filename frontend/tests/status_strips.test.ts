@@ -15,10 +15,10 @@ describe('the strip over every page', () => {
     Object.assign(globalThis, { location: { hash: '' } });
     ({ live } = await import('../src/store/live.svelte'));
     ({ route } = await import('../src/store/route.svelte'));
-    const { default: ServiceGone } = await import('../src/parts/ServiceGone.svelte');
+    const { default: StatusStrips } = await import('../src/parts/StatusStrips.svelte');
     strip = (hash) => {
       route.hash = hash;
-      return render(ServiceGone).body;
+      return render(StatusStrips).body;
     };
     live.connection = 'open';
     live.now = 0;
@@ -61,24 +61,19 @@ describe('the strip over every page', () => {
     live.connection = 'open';
   });
 
-  it('says on every page since when nothing is recorded, and why', async () => {
-    const { default: NotRecording } = await import('../src/parts/NotRecording.svelte');
-    const over = (hash: string): string => {
-      route.hash = hash;
-      return render(NotRecording).body;
-    };
+  it('says on every page since when nothing is recorded, and why', () => {
     live.snapshot = DRIVING;
-    expect(over('#/overview')).not.toContain('not-recording');
+    expect(strip('#/overview')).not.toContain('not-recording');
     live.snapshot = {
       ...DRIVING,
       not_recording: { since: 1000, reason: message('disk nearly full') },
     };
     for (const hash of ['#/overview', '#/sessions/run-1', '#/events']) {
-      expect(over(hash), hash).toContain('NOT RECORDING since');
-      expect(over(hash), hash).toContain('disk nearly full');
+      expect(strip(hash), hash).toContain('NOT RECORDING since');
+      expect(strip(hash), hash).toContain('disk nearly full');
     }
     live.connection = 'lost'; // then it is not known
-    expect(over('#/overview')).not.toContain('not-recording');
+    expect(strip('#/overview')).not.toContain('not-recording');
     live.connection = 'open';
   });
 });

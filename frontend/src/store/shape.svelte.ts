@@ -1,6 +1,7 @@
 // The shape of a battery, and where its cells sit on the map: segments by the profile's drawing, in each of them the
 // cells in rows, out and back. What is drawn does not depend on the window: the map is the battery.
 
+/* eslint-disable svelte/prefer-svelte-reactivity -- a shape does not change */
 import type { Battery } from '../link/types';
 
 export type Outline = Pick<Battery, 'segments'> & Partial<Pick<Battery, 'drawing' | 'sensors'>>;
@@ -212,3 +213,27 @@ function chunks<T>(list: readonly T[], length: number): T[][] {
     list.slice(i * length, (i + 1) * length),
   );
 }
+
+// Which shape the cells of a page are counted in: the battery that is measured now, or that of a recorded session.
+const UNKNOWN = new Shape({ segments: [] });
+
+class Shapes {
+  /** Of what is measured or replayed now, for what stands beside every page too. */
+  live = $state.raw(UNKNOWN);
+  private session = $state.raw<Shape | null>(null);
+
+  /** Of what the page shows. */
+  get here(): Shape {
+    return this.session ?? this.live;
+  }
+
+  /** Show a recorded battery until the returned closure is called. */
+  show(outline: Outline): () => void {
+    const shape = (this.session = new Shape(outline));
+    return () => {
+      if (this.session === shape) this.session = null;
+    };
+  }
+}
+
+export const shapes = new Shapes();

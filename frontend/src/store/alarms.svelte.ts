@@ -1,0 +1,100 @@
+// Which alarms still want a person's attention, how bad the worst of them is, and which cells tripped.
+
+/* eslint-disable svelte/prefer-svelte-reactivity -- made again with every snapshot */
+import { get, Problem } from '../link/rest';
+import type { BoxList, Maybe, CellFinding, Snapshot, Alarm, Severity } from '../link/types';
+import { messageText, t } from '../words/words.svelte';
+import { clock, quantity } from '../format';
+
+const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
+const MASTER = 'master-fault'; // says that the circuit is open; the other trips say what is beyond a limit
+
+/** Alarms that are active or not yet acknowledged: what holds before what is over, worst first, newest first. */
+export function openAlarms(snapshot: Maybe<Snapshot>): Alarm[] {
+  return (snapshot?.alarms ?? [])
+    .filter((a) => a.active || !a.acknowledged_by)
+    .sort(
+      (a, b) =>
+        Number(b.active) - Number(a.active) || RANK[b.severity] - RANK[a.severity] || b.since - a.since,
+    );
+}
+
+/** The trips that hold, the master's own first: it is the one that opened the circuit. */
+export function activeTrips(snapshot: Maybe<Snapshot>): Alarm[] {
+  return openAlarms(snapshot)
+    .filter((a) => a.active && a.severity === 'trip')
+    .sort((a, b) => Number(b.code === MASTER) - Number(a.code === MASTER));
+}
+
+/** Since when it holds, or when it ended. */
+export const when = ({ since, ended, active }: Alarm): string =>
+  active ? t('since {time}', { time: clock(since) }) : t('ended {time}', { time: clock(ended).slice(0, 5) });
+
+/** Its value and, where it has one, the limit; empty where nothing was measured. */
+export const withLimit = ({ value, limit, unit }: Alarm): string =>
+  value === null
+    ? ''
+    : quantity(value, unit) + (limit === null ? '' : t(', limit {limit}', { limit: quantity(limit, unit) }));
+
+/** Every cell that an alarm is about. */
+export const cellsOf = (alarm: Alarm): number[] =>
+  alarm.cells.length ? alarm.cells : alarm.cell === null ? [] : [alarm.cell];
+
+/** The cells that the trips which hold are about. */
+export const trippedCells = (snapshot: Maybe<Snapshot>): ReadonlySet<number> =>
+  new Set(activeTrips(snapshot).flatMap(cellsOf));
+
+// What is known against single cells: findings of the service, which stay until evidence ends them.
+/** The findings of one cell, the surest first. */
+export const findingsOf = (snapshot: Maybe<Snapshot>, cell: number): CellFinding[] =>
+  (snapshot?.findings ?? []).filter((each) => each.cell === cell);
+
+/** What is said of each cell that has a finding. */
+export function findingTexts(snapshot: Maybe<Snapshot>): ReadonlyMap<number, string> {
+  const texts = new Map<number, string>();
+  for (const each of snapshot?.findings ?? []) {
+    const before = texts.get(each.cell);
+    const text = messageText(each.message);
+    texts.set(each.cell, before ? `${before}\n${text}` : text);
+  }
+  return texts;
+}
+
+// Where the black box of a trip is. It is complete some seconds after the trip, so it is asked for until it is there.
+const LIST = '#/sessions/boxes';
+const EVERY_MS = 3000;
+const TRIES = 20;
+const NEAR_S = 30; // a box holds what came within seconds of its first trigger
+
+export class TripBox {
+  href = $state(LIST);
+
+  /** Look for the box of a trip at `since` [unix s]; the closure that it returns ends the search. */
+  follow(since: Maybe<number>): () => void {
+    this.href = LIST;
+    let timer = 0;
+    let left = since === null ? 0 : TRIES;
+    const look = async (): Promise<void> => {
+      if (left-- <= 0 || since === null) return;
+      const id = await near(since);
+      if (left < 0) return;
+      if (id === null) timer = window.setTimeout(() => void look(), EVERY_MS);
+      else this.href = `#/sessions/box/${encodeURIComponent(id)}`;
+    };
+    void look();
+    return () => {
+      left = -1;
+      clearTimeout(timer);
+    };
+  }
+}
+
+async function near(since: number): Promise<Maybe<string>> {
+  try {
+    const { boxes } = await get<BoxList>('blackboxes');
+    return boxes.find((box) => Math.abs(box.time - since) < NEAR_S)?.id ?? null;
+  } catch (error) {
+    if (!(error instanceof Problem)) throw error;
+    return null;
+  }
+}
