@@ -23,54 +23,12 @@ from typing import Final
 
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import causes_of
+from app.analysis.root_cause.judge import SAME
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.reading.reader import SessionFile
 from benchmarks.root_cause_runs import HEALTHY, Case, cases, record
 
 CELL: Final = "samsung-25r-10p"
-RIGHT: Final[dict[str, tuple[str, ...]]] = {  # the code of each fault, and codes that stand for it among others
-    "open-wire": ("broken-wire",),
-    "stuck-sensor": ("voltage-input-stuck",),
-    "noisy-sensor": ("voltage-input-noisy",),
-    "stuck-temperature": ("temperature-stuck",),
-    "temperature-unplugged": ("temperature-unplugged",),
-    "loose-joint": ("weak-joint",),
-    "weak-cell": ("lost-capacity",),
-    "high-resistance": ("high-resistance",),
-    "internal-short": ("leaking-cell",),
-    "hot-cell": ("heated-cell",),
-    "blocked-fan": ("cooling-failed",),
-    "ambient": ("air-hot", "air-cold"),
-    "lost-slave": ("slave-lost",),
-    "broken-converter": ("converter-broken",),
-    "drifting-reference": ("reference-drifted",),
-    "multiplexer-failed": ("multiplexer-failed",),
-    "isospi-noise": ("slave-line-disturbed",),
-    "current-unplugged": ("current-sensor-unplugged",),
-    "current-offset": ("current-sensor-offset",),
-    "shutdown-open": ("shutdown-opened",),
-    "precharge-open": ("relays-not-closed",),
-    "link-leak": ("link-loaded",),
-    "discharge-open": ("link-not-discharged",),
-    "eeprom-worn": ("eeprom-worn",),
-    "reset": ("master-reset",),
-    "brown-out": ("master-power-lost",),
-    "serial-noise": ("serial-disturbed",),
-    "serial-drop-outs": ("serial-cut",),
-    "serial-stuck": ("serial-silent",),
-    "can-bus-off": ("can-master-off", "can-master-silent"),
-    "can-broken": ("can-silent", "can-master-silent"),
-    "can-noise": ("can-disturbed",),
-    "can-babble": ("can-flooded",),
-    "charger-hot": ("charger-hot",),
-    "charger-no-mains": ("charger-no-mains",),
-    "charger-reversed": ("charger-reversed",),
-    "charger-silent": ("charger-silent",),
-    "charger-broken": ("charger-broken",),
-    "overload": ("overload",),
-    "cold pack": ("cold-pack",),
-    "empty pack": ("empty-pack",),
-}
 
 
 @dataclass(frozen=True)
@@ -90,7 +48,7 @@ class Verdict:
         """The first cause is the right one at the right place; of a healthy run: there is none."""
         if self.case.fault in HEALTHY:
             return not self.causes
-        if not self.causes or self.named not in RIGHT[self.case.fault]:
+        if self.named != self.case.fault and self.case.fault not in SAME.get(self.named, ()):
             return False
         main, case = self.causes[0], self.case
         if case.cell is not None:

@@ -33,7 +33,7 @@ STREAM_S = 0.2  # then the service asks for telemetry
 JUDGE_NS = 5 * 10**9  # between two predictions, which nothing here reads and which cost the most
 TURN_S = 0.05  # of virtual time between two looks at the lines
 HEALTHY = ("clean race", "clean acceleration", "clean charging", "clean rest", "clean pit stop")
-ABUSES = ("overload", "cold pack", "empty pack")  # what trips without any fault
+ABUSES = ("overload", "accumulator-cold", "accumulator-empty")  # what trips without any fault
 
 
 @dataclass(frozen=True)
@@ -101,27 +101,27 @@ def _value(fault: str, rng: np.random.Generator) -> float | None:
         return float(rng.uniform(*(first if rng.random() < 0.5 else second)))
 
     draws: dict[str, Callable[[], float]] = {
-        "stuck-sensor": lambda: either((0.5, 2.4), (3.2, 5.0)),
-        "noisy-sensor": lambda: log(0.03, 0.5),
-        "stuck-temperature": lambda: either((-40.0, 10.0), (48.0, 110.0)),
-        "loose-joint": lambda: log(1.0, 25.0),
-        "weak-cell": lambda: rng.uniform(0.35, 0.8),
-        "high-resistance": lambda: log(1.5, 8.0),
-        "internal-short": lambda: log(4.0, 40.0),
-        "hot-cell": lambda: log(20.0, 300.0),
-        "blocked-fan": lambda: rng.uniform(0.85, 1.0),
-        "ambient": lambda: either((-25.0, 0.0), (48.0, 75.0)),
-        "broken-converter": lambda: float(rng.integers(16)),
-        "drifting-reference": lambda: either((-6.0, -0.8), (0.8, 6.0)),
+        "cell-voltage-stuck": lambda: either((0.5, 2.4), (3.2, 5.0)),
+        "cell-voltage-noisy": lambda: log(0.03, 0.5),
+        "temperature-sensor-fault": lambda: either((-40.0, 10.0), (48.0, 110.0)),
+        "joint-resistance-high": lambda: log(1.0, 25.0),
+        "capacity-low": lambda: rng.uniform(0.35, 0.8),
+        "cell-resistance-high": lambda: log(1.5, 8.0),
+        "self-discharge-high": lambda: log(4.0, 40.0),
+        "external-heating": lambda: log(20.0, 300.0),
+        "cooling-failed": lambda: rng.uniform(0.85, 1.0),
+        "ambient-temperature": lambda: either((-25.0, 0.0), (48.0, 75.0)),
+        "slave-adc-fault": lambda: float(rng.integers(16)),
+        "slave-reference-drift": lambda: either((-6.0, -0.8), (0.8, 6.0)),
         "isospi-noise": lambda: log(1e-4, 2e-2),
-        "current-offset": lambda: either((-60.0, -3.0), (3.0, 60.0)),
-        "link-leak": lambda: log(300.0, 5000.0),
-        "reset": lambda: rng.uniform(0.1, 3.0),
-        "brown-out": lambda: rng.uniform(0.3, 5.0),
+        "current-sensor-offset": lambda: either((-60.0, -3.0), (3.0, 60.0)),
+        "dc-link-load": lambda: log(300.0, 5000.0),
+        "master-watchdog-reset": lambda: rng.uniform(0.1, 3.0),
+        "master-supply-lost": lambda: rng.uniform(0.3, 5.0),
         "serial-noise": lambda: log(5e-4, 5e-2),
         "can-noise": lambda: log(3e-3, 5e-2),
-        "can-babble": lambda: rng.uniform(0.7, 1.0),
-        "charger-hot": lambda: rng.uniform(2500.0, 5000.0),
+        "can-babbling-node": lambda: rng.uniform(0.7, 1.0),
+        "charger-over-temperature": lambda: rng.uniform(2500.0, 5000.0),
     }
     return float(draws[fault]()) if fault in draws else None
 
@@ -141,25 +141,25 @@ def _situation(fault: str, rng: np.random.Generator) -> _Situation:
         return [PhasePlan("charge-by-hand", for_s=length_s)]
 
     match fault:
-        case "weak-cell":
+        case "capacity-low":
             return Start(float(rng.uniform(0.3, 0.5)), ambient_degc=degc), [PhasePlan("endurance", for_s=500)], 0.0, None, []  # fmt: skip  # noqa: E501
-        case "internal-short":
+        case "self-discharge-high":
             load = "rest" if rng.random() < 0.5 else "endurance"
             return Start(soc, ambient_degc=degc), [PhasePlan(load, for_s=at_s + 240.0)], at_s, None, []
-        case "hot-cell" | "high-resistance":
+        case "external-heating" | "cell-resistance-high":
             return Start(soc, ambient_degc=degc), [PhasePlan("endurance", for_s=at_s + 150.0)], at_s, None, []
-        case "blocked-fan":
+        case "cooling-failed":
             return Start(0.95, ambient_degc=float(rng.uniform(28, 34))), [PhasePlan("endurance", for_s=600)], at_s, None, []  # fmt: skip  # noqa: E501
-        case "ambient":
+        case "ambient-temperature":
             return Start(soc, ambient_degc=degc), [PhasePlan("endurance", for_s=at_s + 300.0)], at_s, None, []
-        case "current-offset":
+        case "current-sensor-offset":
             laps = PhasePlan("endurance", for_s=at_s + 30.0)
             return Start(soc, ambient_degc=degc), [laps, halt, PhasePlan("rest", for_s=30.0)], at_s, None, []
-        case "precharge-open" | "link-leak":
+        case "precharge-failed" | "dc-link-load":
             wait = PhasePlan("rest", for_s=20.0)
             cleared = ActionPlan(42.0, "clear-faults", None)
             return Start(soc, ambient_degc=degc), [wait, PhasePlan("endurance", for_s=50.0)], 0.0, 40.0, [cleared]
-        case "discharge-open":
+        case "dc-link-discharge-failed":
             stop = PhasePlan("rest", for_s=float(rng.uniform(15.0, 40.0)))
             return (
                 Start(soc, ambient_degc=degc),
@@ -168,18 +168,18 @@ def _situation(fault: str, rng: np.random.Generator) -> _Situation:
                 None,
                 [],
             )
-        case "charger-hot":
+        case "charger-over-temperature":
             return Start(0.5, ambient_degc=degc), charge(at_s + 250.0), at_s, None, [started]
-        case "charger-no-mains" | "charger-reversed" | "charger-silent" | "charger-broken":
+        case "charger-input-voltage" | "charger-no-battery" | "charger-silent" | "charger-hardware-fault":
             return Start(0.5, ambient_degc=degc), charge(at_s + 25.0), at_s, None, [started]
-        case "can-bus-off" | "can-broken" | "can-babble" | "can-noise":
+        case "can-master-bus-off" | "can-short" | "can-babbling-node" | "can-noise":
             return Start(0.5, ambient_degc=degc), charge(at_s + 25.0), at_s, None, [started]
         case "overload":
             phase = PhasePlan("constant", for_s=20.0, current_a=float(rng.uniform(203.0, 260.0)))
             return Start(soc, ambient_degc=degc), [PhasePlan("endurance", for_s=at_s), phase], 0.0, None, []
-        case "cold pack":
+        case "accumulator-cold":
             return Start(soc, ambient_degc=float(rng.uniform(-25.0, -17.0))), [drive], 0.0, None, []
-        case "empty pack":
+        case "accumulator-empty":
             phase = PhasePlan("constant", for_s=600.0, current_a=float(rng.uniform(60.0, 140.0)))
             return Start(float(rng.uniform(0.05, 0.15)), ambient_degc=degc), [phase], 0.0, None, []
         case "clean acceleration":

@@ -5,9 +5,9 @@ from typing import Any
 
 from simulator.bms_state import RelayState
 from simulator.errors import SimulatorError
-from simulator.fault_kinds import FAULTS, FaultKind, Target
+from simulator.fault_kinds import FAULTS, FaultKind, Target, read_fault
 from simulator.faults import ActiveFault, read_target
-from simulator.inputs import FOR_S, MIN_SPEED, Limits, read_choice, read_number, read_optional, refuse_unknown
+from simulator.inputs import FOR_S, MIN_SPEED, Limits, read_number, read_optional, refuse_unknown
 from simulator.library import library
 from simulator.runner import Runner
 from simulator.scenario_player import Notice, ScenarioPlayer
@@ -143,7 +143,7 @@ class Control:
 
 
 def _kind(request: Mapping[str, Any]) -> FaultKind:
-    return FAULTS[read_choice(request, "fault", FAULTS)]
+    return read_fault(request, "fault")
 
 
 def _relays(bms: Operated | None) -> str:

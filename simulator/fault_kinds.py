@@ -1,12 +1,13 @@
 """The faults that can be injected, as a table: name, target, value, and what it does to the simulation."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
 import numpy as np
 
+from simulator.inputs import read_choice
 from simulator.simulation import Simulation
 from simulator.vehicle import BROWN_OUT, WATCHDOG, Vehicle
 
@@ -198,69 +199,165 @@ _CELL, _PACK, _NONE = Target.CELL, Target.PACK, Target.NONE
 _Kind = FaultKind
 _AREAS = {
     "cells and sensors": (
-        _Kind("open-wire", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
-        _Kind("stuck-sensor", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN, _stuck_voltage),
-        _Kind("noisy-sensor", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
-        _Kind("stuck-temperature", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature),
-        _Kind("temperature-unplugged", "the temperature sensor is off", _CELL, *_ON, _temperature_unplugged),
-        _Kind("loose-joint", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
-        _Kind("weak-cell", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
-        _Kind("high-resistance", "inner resistance", _CELL, "times new", 1, 20, 2, 1, _cell_array("resistance_factor")),
-        _Kind("internal-short", "a short inside that draws this at 3.6 V", _CELL, "A", 0, 50, 5, 0, _internal_short),
-        _Kind("hot-cell", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
+        _Kind("sense-wire-open", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
+        _Kind(
+            "cell-voltage-stuck",
+            "the cell's voltage input shows this voltage",
+            _CELL,
+            "V",
+            0,
+            6,
+            0,
+            _NAN,
+            _stuck_voltage,
+        ),
+        _Kind("cell-voltage-noisy", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
+        _Kind(
+            "temperature-sensor-fault", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature
+        ),
+        _Kind("temperature-sensor-open", "the temperature sensor is off", _CELL, *_ON, _temperature_unplugged),
+        _Kind("joint-resistance-high", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
+        _Kind("capacity-low", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
+        _Kind(
+            "cell-resistance-high",
+            "inner resistance",
+            _CELL,
+            "times new",
+            1,
+            20,
+            2,
+            1,
+            _cell_array("resistance_factor"),
+        ),
+        _Kind(
+            "self-discharge-high", "a short inside that draws this at 3.6 V", _CELL, "A", 0, 50, 5, 0, _internal_short
+        ),
+        _Kind("external-heating", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
     ),
     "air": (
-        _Kind("blocked-fan", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
-        _Kind("ambient", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
+        _Kind("cooling-failed", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
+        _Kind("ambient-temperature", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
     ),
     "slaves": (
-        _Kind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
+        _Kind("slave-lost", "the pack's slave does not answer", _PACK, *_ON, _slave),
         _Kind(
-            *("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
+            *("slave-adc-fault", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
             is_whole=True,
         ),
-        _Kind("drifting-reference", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
-        _Kind("multiplexer-failed", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
+        _Kind("slave-reference-drift", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
+        _Kind("slave-multiplexer-fault", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
         _Kind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
     ),
     "current and relays": (
-        _Kind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
-        _Kind("current-offset", "the current sensor is off by this", _NONE, "A", -400, 400, 2, 0, _current_offset),
-        _Kind("shutdown-open", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
-        _Kind("precharge-open", "the pre-charge resistor is burnt", _NONE, *_ON, _precharge),
-        _Kind("link-leak", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE, _link_leak),
-        _Kind("discharge-open", "the link keeps its voltage when the relays open", _NONE, *_ON, _discharge),
+        _Kind("current-sensor-open", "the current sensor is off", _NONE, *_ON, _current_unplugged),
+        _Kind(
+            "current-sensor-offset", "the current sensor is off by this", _NONE, "A", -400, 400, 2, 0, _current_offset
+        ),
+        _Kind("external-shutdown", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
+        _Kind("precharge-failed", "the pre-charge resistor is burnt", _NONE, *_ON, _precharge),
+        _Kind("dc-link-load", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE, _link_leak),
+        _Kind("dc-link-discharge-failed", "the link keeps its voltage when the relays open", _NONE, *_ON, _discharge),
     ),
     "master": (
         _Kind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
-        _Kind("reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0, _watchdog, is_instant=True),
-        _Kind("brown-out", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
+        _Kind(
+            "master-watchdog-reset",
+            "the watchdog restarts the master",
+            _NONE,
+            "s off",
+            0,
+            60,
+            0.3,
+            0,
+            _watchdog,
+            is_instant=True,
+        ),
+        _Kind("master-supply-lost", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
     ),
     "RS232": (
         _Kind("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0, _serial_noise),
         _Kind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _serial_drop_outs),
-        _Kind("serial-stuck", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
+        _Kind("serial-silent", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
     ),
     "CAN": (
-        _Kind("can-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
-        _Kind("can-broken", "a short circuit on the CAN bus", _NONE, *_ON, _bus_broken),
+        _Kind("can-master-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
+        _Kind("can-short", "a short circuit on the CAN bus", _NONE, *_ON, _bus_broken),
         _Kind("can-noise", "disturbed bits on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0, _bus_noise),
-        _Kind("can-babble", "share of the bus that a node of most weight takes", _NONE, "", 0, 1, 0.9, 0, _bus_babble),
+        _Kind(
+            "can-babbling-node",
+            "share of the bus that a node of most weight takes",
+            _NONE,
+            "",
+            0,
+            1,
+            0.9,
+            0,
+            _bus_babble,
+        ),
     ),
     "charger": (
-        _Kind("charger-hot", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
-        _Kind("charger-no-mains", "the charger's mains are off", _NONE, *_ON, _charger_mains),
-        _Kind("charger-reversed", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),
+        _Kind("charger-over-temperature", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
+        _Kind("charger-input-voltage", "the charger's mains are off", _NONE, *_ON, _charger_mains),
+        _Kind("charger-no-battery", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),
         _Kind("charger-silent", "the charger neither sends nor hears", _NONE, *_ON, _charger_silent),
-        _Kind("charger-broken", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
+        _Kind("charger-hardware-fault", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
     ),
 }
 _OF_TEAM = (
-    *("broken-converter", "multiplexer-failed", "isospi-noise", "eeprom-worn"),
-    *("serial-noise", "serial-drop-outs", "serial-stuck"),
+    *("slave-adc-fault", "slave-multiplexer-fault", "isospi-noise", "eeprom-worn"),
+    *("serial-noise", "serial-drop-outs", "serial-silent"),
 )
 FAULTS: dict[str, FaultKind] = {
     kind.name: replace(kind, area=area, is_of_team=kind.name in _OF_TEAM)
     for area, kinds in _AREAS.items()
     for kind in kinds
 }
+_FORMERLY = {  # names that scenarios and programs of earlier versions have
+    "loose-joint": "joint-resistance-high",
+    "weak-cell": "capacity-low",
+    "high-resistance": "cell-resistance-high",
+    "internal-short": "self-discharge-high",
+    "hot-cell": "external-heating",
+    "stuck-sensor": "cell-voltage-stuck",
+    "noisy-sensor": "cell-voltage-noisy",
+    "open-wire": "sense-wire-open",
+    "stuck-temperature": "temperature-sensor-fault",
+    "temperature-unplugged": "temperature-sensor-open",
+    "ambient": "ambient-temperature",
+    "blocked-fan": "cooling-failed",
+    "lost-slave": "slave-lost",
+    "broken-converter": "slave-adc-fault",
+    "drifting-reference": "slave-reference-drift",
+    "multiplexer-failed": "slave-multiplexer-fault",
+    "current-offset": "current-sensor-offset",
+    "current-unplugged": "current-sensor-open",
+    "shutdown-open": "external-shutdown",
+    "precharge-open": "precharge-failed",
+    "link-leak": "dc-link-load",
+    "discharge-open": "dc-link-discharge-failed",
+    "reset": "master-watchdog-reset",
+    "brown-out": "master-supply-lost",
+    "serial-stuck": "serial-silent",
+    "can-bus-off": "can-master-bus-off",
+    "can-broken": "can-short",
+    "can-babble": "can-babbling-node",
+    "charger-hot": "charger-over-temperature",
+    "charger-no-mains": "charger-input-voltage",
+    "charger-reversed": "charger-no-battery",
+    "charger-broken": "charger-hardware-fault",
+}
+
+
+def read_fault(table: Mapping[str, Any], key: str) -> FaultKind:
+    """Return the kind of fault that a table names, by its name or an earlier one.
+
+    Raises:
+        InputError: it names none.
+    """
+    given = {name: today(value) if name == key and isinstance(value, str) else value for name, value in table.items()}
+    return FAULTS[read_choice(given, key, FAULTS)]
+
+
+def today(name: str) -> str:
+    """Return today's name of a fault."""
+    return _FORMERLY.get(name, name)

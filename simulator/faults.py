@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from simulator.errors import FaultError, InputError
-from simulator.fault_kinds import FAULTS, FaultKind, Target
+from simulator.fault_kinds import FAULTS, FaultKind, Target, today
 from simulator.inputs import FOR_S, Limits, check_number, read_number
 from simulator.shape import TEAM, Shape
 from simulator.vehicle import Vehicle
@@ -67,7 +67,7 @@ class FaultBoard:
         if not kind.is_instant:
             now_s = self._simulation.now_s
             until_s = None if for_s is None else now_s + for_s
-            self._active[name, target] = ActiveFault(name, target, given, now_s, until_s)
+            self._active[kind.name, target] = ActiveFault(kind.name, target, given, now_s, until_s)
 
     def clear(self, name: str, target: int = 0) -> None:
         """Clear a fault; nothing happens where it is not in force.
@@ -76,7 +76,7 @@ class FaultBoard:
             FaultError: no such fault.
         """
         kind = fault_kind(name)
-        if self._active.pop((name, target), None) is not None:
+        if self._active.pop((kind.name, target), None) is not None:
             kind.apply(self._simulation, target, kind.neutral)
 
     def clear_all(self) -> None:
@@ -99,6 +99,7 @@ def fault_kind(name: str) -> FaultKind:
     Raises:
         FaultError: there is none.
     """
+    name = today(name)
     if name not in FAULTS:
         raise FaultError(name, f"no such fault; there are {', '.join(FAULTS)}")
     return FAULTS[name]

@@ -17,7 +17,7 @@ from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import EventCode
 from simulator.balancing.choices import METHODS
 from simulator.errors import FaultError, InputError, ParameterError, ScenarioError
-from simulator.fault_kinds import FAULTS, Target
+from simulator.fault_kinds import Target, read_fault
 from simulator.faults import check_fault, read_target
 from simulator.inputs import (
     AMBIENT_DEGC,
@@ -280,7 +280,7 @@ def _pattern(table: dict[str, Any]) -> tuple[float, ...]:
 
 def _fault(table: dict[str, Any], shape: Shape) -> FaultPlan:
     refuse_unknown(table, {"at_s", "name", "pack", "cell", "value", "for_s"})
-    kind = FAULTS[read_choice(table, "name", FAULTS)]
+    kind = read_fault(table, "name")
     target = read_target(kind.target, table, shape)
     value, for_s = table.get("value"), table.get("for_s")
     check_fault(kind, target, value, for_s, shape)

@@ -133,7 +133,7 @@ class ScenarioPlayer:
         load = self.simulation.load
         if not isinstance(load, Recorded):
             return
-        if not any(fault.name == "ambient" for fault in self.faults.active):
+        if not any(fault.name == "ambient-temperature" for fault in self.faults.active):
             degc = load.ambient_at_degc(self.simulation.load_time_s)
             if degc is not None:
                 self.simulation.set_ambient(degc)

@@ -20,16 +20,16 @@ from simulator.simulation import Simulation
 LOAD_A = 20.0
 CELL = 40
 FAULTS_OF_STEPS = {  # what each step of the test does to the car
-    "voltage-high": ("stuck-sensor", 5.0),
-    "voltage-low": ("stuck-sensor", 1.0),
-    "current-high": ("current-offset", 400.0),
-    "current-low": ("current-offset", -400.0),
-    "temperature-high": ("stuck-temperature", 70.0),
-    "temperature-low": ("stuck-temperature", -30.0),
-    "slave-lost": ("lost-slave", None),
-    "wire-lost": ("open-wire", None),
-    "temperature-lost": ("temperature-unplugged", None),
-    "current-lost": ("current-unplugged", None),
+    "voltage-high": ("cell-voltage-stuck", 5.0),
+    "voltage-low": ("cell-voltage-stuck", 1.0),
+    "current-high": ("current-sensor-offset", 400.0),
+    "current-low": ("current-sensor-offset", -400.0),
+    "temperature-high": ("temperature-sensor-fault", 70.0),
+    "temperature-low": ("temperature-sensor-fault", -30.0),
+    "slave-lost": ("slave-lost", None),
+    "wire-lost": ("sense-wire-open", None),
+    "temperature-lost": ("temperature-sensor-open", None),
+    "current-lost": ("current-sensor-open", None),
 }
 
 

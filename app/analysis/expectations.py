@@ -15,6 +15,7 @@ from app.errors import ConfigError
 from app.estimation.toml_text import TomlError, read_toml
 from app.telemetry import Accumulator, Cells
 from app.telemetry.fields import LEFT_OUT, marked, units
+from app.words import condition_of
 
 TOTALS: Final = tuple(name for name, _ in units(Accumulator))
 PER_CELL: Final = tuple(name for name, _ in units(Cells) if name not in marked(Cells, LEFT_OUT))
@@ -193,7 +194,7 @@ def _alarm(entry: dict[str, Any], section: str, number: int, battery: Battery) -
     where = f"{section}[{number}]"
     known = ("code", "severity", "cell", "from_s", "to_s") + (("count",) if section == "alarm" else ())
     _refuse_unknown(where, entry, known)
-    code, severity = entry.get("code"), entry.get("severity")
+    code, severity = condition_of(entry.get("code") or "") or None, entry.get("severity")
     if code is None and severity is None:
         raise ConfigError(where, "(neither)", "code or severity")
     if severity is not None and severity not in SEVERITIES:

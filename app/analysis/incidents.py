@@ -13,7 +13,12 @@ from app.words import Text, message_or_text
 BEFORE_S: Final = 10.0
 AFTER_S: Final = 5.0
 LONGEST_S: Final = 15.0  # from the first trigger to the last that still belongs to it
-FAULTS: Final = ("cell-missing", "slave-missing", "joint-loose", "charger-")  # warnings of the battery itself
+FAULTS: Final = (
+    "cell-voltage-missing",
+    "slave-lost",
+    "joint-resistance-high",
+    "charger-",
+)  # warnings of the battery itself
 
 
 @dataclass(frozen=True)

@@ -24,39 +24,39 @@ _BEYOND_A, _BEYOND_K = 400.0, 20
 _OVER_V, _UNDER_V = 5.0, 1.0  # so far that the filter needs a pass or two
 _FAULTS: Final[dict[Sign, tuple[str, str, str]]] = {  # of the simulator; what a person does, and undoes
     "voltage-high": (
-        "stuck-sensor",
+        "cell-voltage-stuck",
         "Raise the measured voltage of one cell above {v_cell_max} V (a supply at one cell input)",
         "Put the cell's voltage back",
     ),
     "voltage-low": (
-        "stuck-sensor",
+        "cell-voltage-stuck",
         "Lower the measured voltage of one cell below {v_cell_min} V, not to nothing",
         "Put the cell's voltage back",
     ),
     "current-high": (
-        "current-offset",
+        "current-sensor-offset",
         "Drive more than {i_disc_max} A through the current sensor (a wire wound through it counts each turn)",
         "Switch that current off",
     ),
     "current-low": (
-        "current-offset",
+        "current-sensor-offset",
         "Drive more than {i_disc_min} A backwards through the current sensor",
         "Switch that current off",
     ),
     "temperature-high": (
-        "stuck-temperature",
+        "temperature-sensor-fault",
         "Make one temperature sensor show more than {t_cell_max} degC (a resistor in its place)",
         "Connect the sensor again",
     ),
     "temperature-low": (
-        "stuck-temperature",
+        "temperature-sensor-fault",
         "Make one temperature sensor show less than {t_cell_min} degC (a resistor in its place)",
         "Connect the sensor again",
     ),
-    "slave-lost": ("lost-slave", "Pull the plug of slave {pack}", "Plug it in again"),
-    "wire-lost": ("open-wire", "Disconnect one cell wire", "Connect it again"),
-    "temperature-lost": ("temperature-unplugged", "Disconnect one temperature sensor", "Connect it again"),
-    "current-lost": ("current-unplugged", "Disconnect the current sensor", "Connect it again"),
+    "slave-lost": ("slave-lost", "Pull the plug of slave {pack}", "Plug it in again"),
+    "wire-lost": ("sense-wire-open", "Disconnect one cell wire", "Connect it again"),
+    "temperature-lost": ("temperature-sensor-open", "Disconnect one temperature sensor", "Connect it again"),
+    "current-lost": ("current-sensor-open", "Disconnect the current sensor", "Connect it again"),
 }
 
 

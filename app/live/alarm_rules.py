@@ -1,16 +1,17 @@
 """What can be wrong, as facts about one snapshot: code, severity, where, value, limit. No memory, no time."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.estimation.arrays import BoolArray
+from app.estimation.health.cell_finding import FindingCode
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
 from app.telemetry.link_messages import LATE, SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
-from app.words import Cell, Message, Pack, Quantity
+from app.words import Cell, Message, Pack, Quantity, condition
 
 NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
@@ -18,17 +19,17 @@ T_WATCH_DEGC = 5.0
 SUM_SLACK = 0.002  # of the limit of a voltage of many cells
 SLAVES_AWAY = (0, 255)  # absent, at fault
 CHARGER_REPORTS = {
-    "hardware": Message("charger-hardware"),
+    "hardware": Message("charger-hardware-fault"),
     "over-temperature": Message("charger-over-temperature"),
     "input voltage": Message("charger-input-voltage"),
-    "battery": Message("charger-battery"),
+    "battery": Message("charger-no-battery"),
     "time-out": Message("charger-time-out"),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One thing that is wrong now; the code of its message is its own."""
+    """One thing that is wrong now."""
 
     severity: AlarmSeverity
     message: Message
@@ -37,11 +38,12 @@ class Condition:
     limit: float | None = None
     unit: str = ""
     cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
+    of: str | None = None  # its code, where that is not the message's
 
     @property
     def code(self) -> str:
         """Equal for the same trouble."""
-        return self.message.code
+        return self.of or self.message.code
 
 
 def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]:
@@ -62,15 +64,15 @@ def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]
 def is_judged(code: str, snapshot: Snapshot) -> bool:
     """True where the snapshot knows what a condition is about; where not, that it is not yielded says nothing."""
     total, master = snapshot.accumulator, snapshot.master
-    if code.startswith("cell-voltage"):
+    if code.startswith(("cell-undervoltage", "cell-overvoltage")):
         return _has_limits(snapshot) and total.voltage_min_v is not None
     if code == "accumulator-voltage-high":
         return _has_limits(snapshot) and total.voltage_v is not None
     if code == "pack-voltage-high":
         return _has_limits(snapshot) and any(pack.voltage_v is not None for pack in snapshot.packs)
-    if code in ("cell-hot", "cell-near-hot", "cell-cold"):
+    if code in ("cell-overtemperature", "cell-overtemperature-near", "cell-undertemperature"):
         return _has_limits(snapshot) and total.temperature_max_degc is not None
-    if code.startswith("current"):
+    if code.endswith("-overcurrent"):
         return _has_limits(snapshot) and total.current_a is not None
     if code.startswith(("charger", "charging")):
         return snapshot.charger.state is not None
@@ -78,9 +80,9 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
         "master-fault": master.state != "unknown",
         "bms-fault": master.state != "unknown",
         "map-mismatch": master.map_matches is not None,
-        "cell-missing": _is_recent(snapshot),
+        "cell-voltage-missing": _is_recent(snapshot),
         "value-implausible": _is_recent(snapshot),
-        "slave-missing": all(pack.slave_status is not None for pack in snapshot.packs),
+        "slave-lost": all(pack.slave_status is not None for pack in snapshot.packs),
         "slaves-too-few": master.n_slaves is not None,
         "model-not-valid": snapshot.cells.model_valid is not None,
     }
@@ -129,34 +131,34 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
     value, cell = total.voltage_min_v, total.voltage_min_cell
     if value is not None:
         if value < low + volts:
-            yield Condition("trip", Message("cell-voltage-low"), cell, value, low, "V")
+            yield Condition("trip", Message("cell-undervoltage"), cell, value, low, "V")
         elif value < low + NEAR_LOW_V + volts:
-            yield Condition("watch", Message("cell-voltage-near-low"), cell, value, low, "V")
+            yield Condition("watch", Message("cell-undervoltage-near"), cell, value, low, "V")
     value, cell = total.voltage_max_v, total.voltage_max_cell
     if value is not None:
         if value > high - volts:
-            yield Condition("trip", Message("cell-voltage-high"), cell, value, high, "V")
+            yield Condition("trip", Message("cell-overvoltage"), cell, value, high, "V")
         elif value > high - NEAR_HIGH_V - volts:
-            yield Condition("watch", Message("cell-voltage-near-high"), cell, value, high, "V")
+            yield Condition("watch", Message("cell-overvoltage-near"), cell, value, high, "V")
     yield from _sums(snapshot, limits, slack)
     cold, hot = limits.temperature_min_degc, limits.temperature_max_degc
     value, cell = total.temperature_max_degc, total.temperature_max_cell
     if value is not None:
         if value > hot - degrees:
-            yield Condition("trip", Message("cell-hot"), cell, value, hot, "degC")
+            yield Condition("trip", Message("cell-overtemperature"), cell, value, hot, "degC")
         elif value > hot - T_WATCH_DEGC - degrees:
-            yield Condition("watch", Message("cell-near-hot"), cell, value, hot, "degC")
+            yield Condition("watch", Message("cell-overtemperature-near"), cell, value, hot, "degC")
     value, cell = total.temperature_min_degc, total.temperature_min_cell
     if value is not None and value < cold + degrees:
-        yield Condition("trip", Message("cell-cold"), cell, value, cold, "degC")
+        yield Condition("trip", Message("cell-undertemperature"), cell, value, cold, "degC")
     current_a = total.current_a
     charging = snapshot.master.state == "charge"
     top_a = -limits.charger_min_a if charging else limits.discharge_max_a
     bottom_a = -limits.charger_max_a * 1.05 if charging else limits.discharge_min_a
     if current_a is not None and not charging and current_a > top_a:
-        yield Condition("trip", Message("current-high"), None, current_a, top_a, "A")
+        yield Condition("trip", Message("discharge-overcurrent"), None, current_a, top_a, "A")
     if current_a is not None and current_a < bottom_a - 1.0:
-        yield Condition("trip", Message("current-low"), None, current_a, bottom_a, "A")
+        yield Condition("trip", Message("charge-overcurrent"), None, current_a, bottom_a, "A")
 
 
 def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
@@ -186,7 +188,8 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
         yield Condition("warning", Message("value-implausible", fields=master.implausible))
     missing = tuple(Pack(index) for index, pack in enumerate(snapshot.packs) if pack.slave_status in SLAVES_AWAY)
     if missing:
-        yield Condition("warning", Message("slave-missing", n=len(missing), packs=missing))
+        message = Message("slave-lost-in-packs", n=len(missing), packs=missing)
+        yield Condition("warning", message, of="slave-lost")
     elif master.n_slaves is not None and master.n_slaves < len(snapshot.packs):
         yield Condition("warning", Message("slaves-too-few", n=master.n_slaves, expected=len(snapshot.packs)))
     if snapshot.charger.state == "fault":
@@ -226,12 +229,12 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     is_missing = np.isnan(voltage_v)
     missing = _indices(is_missing if snapshot.awaited is None else is_missing & ~snapshot.awaited)
     if missing and (len(missing) < len(voltage_v) or _is_recent(snapshot)):
-        yield Condition("warning", Message("cell-missing", n=len(missing)), missing[0], cells=missing)
+        yield Condition("warning", Message("cell-voltage-missing", n=len(missing)), missing[0], cells=missing)
     loose = () if snapshot.cells.joint_loose is None else _indices(snapshot.cells.joint_loose)
     if loose:
         worst = max(loose, key=lambda cell: float(snapshot.cells.joint_excess_ohm[cell]))
         excess_mohm = float(snapshot.cells.joint_excess_ohm[worst] * 1000)
-        message = Message("joint-loose", n=len(loose))
+        message = Message("joint-resistance-high", n=len(loose))
         yield Condition("warning", message, worst, excess_mohm, ALARM_OHM * 1000, "mohm", loose)
     yield from _findings(snapshot)
     if snapshot.cells.model_valid is not None:
@@ -246,22 +249,19 @@ def _indices(is_so: BoolArray) -> tuple[int, ...]:
 
 def _findings(snapshot: Snapshot) -> Iterator[Condition]:
     """Every kind of finding once, with all its cells; a grown joint has an alarm of its own, as has a missing value."""
-    for code, told in _FINDINGS.items():
-        found = [
-            each
-            for each in snapshot.findings
-            if each.code == code and (each.value is not None or code != "channel-stuck")
-        ]
+    for code in _FINDINGS:
+        found = [each for each in snapshot.findings if each.code == code]
         if found:
             worst = max(found, key=lambda each: each.size or 0.0)
             cells = (worst.cell, *(each.cell for each in found if each is not worst))
-            yield Condition("warning", told(len(found)), worst.cell, worst.size, None, worst.unit, cells)
+            yield Condition("warning", condition(code, len(found)), worst.cell, worst.size, None, worst.unit, cells)
 
 
-_FINDINGS: dict[str, Callable[[int], Message]] = {
-    "resistance-grown": lambda n: Message("resistance-grown", n=n),
-    "capacity-lost": lambda n: Message("capacity-lost", n=n),
-    "cell-leaks": lambda n: Message("cell-leaks", n=n),
-    "thermistor-off": lambda n: Message("thermistor-off", n=n),
-    "channel-stuck": lambda n: Message("channel-stuck", n=n),
-}
+_FINDINGS: tuple[FindingCode, ...] = (
+    "cell-resistance-high",
+    "capacity-low",
+    "self-discharge-high",
+    "temperature-sensor-fault",
+    "temperature-sensor-open",
+    "cell-voltage-stuck",
+)

@@ -5,7 +5,9 @@ import logging
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from io import BytesIO
+from math import isnan
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -19,6 +21,7 @@ from app.estimation.health.joint_watch import LooseJoints
 from app.live.prediction import LearnedCells
 from app.sources.data_file import replace_file
 from app.telemetry import FloatArray
+from app.words import condition_of
 
 log = logging.getLogger(__name__)
 REST_SIGMA = 0.01  # of a charge that was known when the service ended: what happened since is not
@@ -116,6 +119,17 @@ def _watch_arrays(watch: CellWatchMemory | None) -> dict[str, FloatArray]:
     return arrays
 
 
+def _finding(stored: dict[str, Any]) -> CellFinding:
+    """A finding as it was kept; an earlier version had one code for a sensor without a value and with a false one."""
+    code = condition_of(stored["code"])
+    if isnan(stored["value"]):
+        code = {
+            "temperature-sensor-fault": "temperature-sensor-open",
+            "cell-voltage-stuck": "cell-voltage-missing",
+        }.get(code, code)
+    return CellFinding(**stored | {"code": code, "neighbours": tuple(stored["neighbours"])})
+
+
 def _watched(file: Mapping[str, FloatArray], n_cells: int) -> CellWatchMemory | None:
     """The reverse; None of a file of an older version, which knows the joints' baseline only.
 
@@ -124,9 +138,7 @@ def _watched(file: Mapping[str, FloatArray], n_cells: int) -> CellWatchMemory | 
     """
     if "findings" not in file:
         return None
-    found = [
-        CellFinding(**each | {"neighbours": tuple(each["neighbours"])}) for each in json.loads(str(file["findings"]))
-    ]
+    found = [_finding(each) for each in json.loads(str(file["findings"]))]
     loose = LooseJoints(*file["loose_ohm"]) if "loose_ohm" in file else None
     charge = None
     if "charge_at" in file and file["charge_mean"].shape == (STATES, n_cells):

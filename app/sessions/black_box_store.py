@@ -16,8 +16,9 @@ from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.database import BLACKBOXES
 from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Severity
-from app.words import Message, RenderedMessage, rendered_as_stored
+from app.words import Message, RenderedMessage, condition_of, rendered_as_stored
 
+_TIME = len("20260921T141500.250Z")  # of an id
 _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete, message"
 
 
@@ -60,8 +61,9 @@ class BlackBoxStore:
         Raises:
             RecordingFailed: the disk does not take it.
         """
+        known = self._rows("SELECT id FROM blackboxes WHERE substr(id, 1, ?) = ?", (_TIME, box.id[:_TIME]))
         row = (
-            box.id,
+            known[0][0] if known else box.id,  # an earlier version named the same incident by another code
             round(box.time * 1e9),
             box.session_id,
             box.code,
@@ -91,7 +93,7 @@ class BlackBoxStore:
                 box_id,
                 time_ns / 1e9,
                 session,
-                code,
+                condition_of(code),
                 severity,
                 cell,
                 rendered_as_stored(text, message),

@@ -8,11 +8,11 @@ import sqlite3
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import count
 from operator import attrgetter
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import orjson
 
@@ -21,7 +21,7 @@ from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.storage.database import EVENTS
 from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_asks
 from app.telemetry import Event
-from app.words import Message, Quantity, render
+from app.words import Message, Quantity, condition_of, render
 
 T = TypeVar("T")
 
@@ -52,6 +52,12 @@ class LoggedEvent:
     message: str | None  # in JSON; None in rows of before version 2, which have their text alone
     acknowledged_by: str | None = None
     acknowledged_ns: int | None = None
+
+
+def _logged(row: Sequence[Any]) -> LoggedEvent:
+    """A row of the file; the code of a condition is today's."""
+    logged = LoggedEvent(*row)
+    return replace(logged, code=condition_of(logged.code))
 
 
 class EventLog:
@@ -157,7 +163,7 @@ class EventLog:
             and (up_to is None or event.id <= up_to)
             and severity in (None, event.severity)
             and cell in (None, event.cell)
-        } | {row[0]: LoggedEvent(*row) for row in rows}
+        } | {row[0]: _logged(row) for row in rows}
         return sorted(found.values(), key=attrgetter("id"), reverse=True)[:limit]
 
     def get(self, event_id: int) -> LoggedEvent | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import isfinite, isnan
+from math import isfinite
 from typing import Annotated
 
 from app.estimation.health.cell_finding import CellFinding, FindingCode
@@ -47,7 +47,7 @@ def told_findings(found: Iterable[CellFinding], sensors: Sensors | None = None) 
     listed: list[Finding] = []
     named: set[int] = set()  # sensors
     for each in found:
-        if each.code != "thermistor-off" or sensors is None:
+        if not each.code.startswith("temperature-sensor") or sensors is None:
             listed.append(finding_of(each))
             continue
         of_cell = [number for number, cells in enumerate(sensors) if each.cell in cells and number not in named]
@@ -91,28 +91,30 @@ def what_of(found: CellFinding, name: Message | None = None) -> Message:
     """Return what is wrong, with the cell's name, or another one, and the size."""
     cell, (low, high) = name or Cell(found.cell), found.band
     match found.code:
-        case "joint-grown":
+        case "joint-resistance-high":
             size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")
-            return Message("finding-joint-grown", cell=cell, size=size, band=band)
-        case "resistance-grown":
+            return Message("finding-joint-resistance-high", cell=cell, size=size, band=band)
+        case "cell-resistance-high":
             size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")
-            return Message("finding-resistance-grown", cell=cell, size=size, band=band)
-        case "capacity-lost":
+            return Message("finding-cell-resistance-high", cell=cell, size=size, band=band)
+        case "capacity-low":
             size, band = _percent(found.size), _span(100 * low, min(100 * high, 100.0), "%")
-            return Message("finding-capacity-lost", cell=cell, size=size, band=band)
-        case "cell-leaks":
+            return Message("finding-capacity-low", cell=cell, size=size, band=band)
+        case "self-discharge-high":
             size, band = _leak(found.size), _leak_span(low, high)
-            return Message("finding-cell-leaks", cell=cell, size=size, band=band, resistance=_leak_ohm(found.size))
-        case "thermistor-off" if isnan(found.value):
-            return Message("finding-thermistor-missing", cell=cell)
-        case "thermistor-off":
+            return Message(
+                "finding-self-discharge-high", cell=cell, size=size, band=band, resistance=_leak_ohm(found.size)
+            )
+        case "temperature-sensor-open":
+            return Message("finding-temperature-sensor-open", cell=cell)
+        case "temperature-sensor-fault":
             shown, usual = Quantity(found.value, "degC", 0), Quantity(found.usual, "degC", 0)
-            return Message("finding-thermistor-off", cell=cell, shown=shown, usual=usual)
-        case "channel-stuck" if isnan(found.value):
-            return Message("finding-channel-missing", cell=cell)
-        case "channel-stuck":
+            return Message("finding-temperature-sensor-fault", cell=cell, shown=shown, usual=usual)
+        case "cell-voltage-missing":
+            return Message("finding-cell-voltage-missing", cell=cell)
+        case "cell-voltage-stuck":
             shown, moved = Quantity(found.value, "V", 3), Quantity(found.size, "V", 2)
-            return Message("finding-channel-stuck", cell=cell, shown=shown, moved=moved)
+            return Message("finding-cell-voltage-stuck", cell=cell, shown=shown, moved=moved)
 
 
 def evidence_of(found: CellFinding) -> Message:
@@ -121,7 +123,7 @@ def evidence_of(found: CellFinding) -> Message:
     others = _neighbour_range(found.neighbours)
     current = Quantity(found.current_a, "A", 0)
     match found.code:
-        case "joint-grown" | "resistance-grown":
+        case "joint-resistance-high" | "cell-resistance-high":
             value, usual = _milliohm(found.value), _milliohm(found.usual)
             return Message(
                 "evidence-resistance",
@@ -132,9 +134,9 @@ def evidence_of(found: CellFinding) -> Message:
                 others=others,
                 sure=sure,
             )
-        case "capacity-lost":
+        case "capacity-low":
             return Message("evidence-charge", lasted=lasted, current=current, others=others, sure=sure)
-        case "cell-leaks":
+        case "self-discharge-high":
             return Message("evidence-drift", lasted=lasted, current=current, others=others, sure=sure)
         case _:
             return Message("evidence-sensor", lasted=lasted, others=others, sure=sure)

@@ -1,8 +1,19 @@
 """What the service tells a person: codes with arguments, and the tables that turn them into text."""
 
-from app.words.message import Argument, Cell, Message, Pack, Quantity, RenderedMessage, Text, message_from_json
+from app.words.conditions import condition_of
+from app.words.message import (
+    Argument,
+    Cell,
+    Message,
+    Pack,
+    Quantity,
+    RenderedMessage,
+    Text,
+    condition,
+    message_from_json,
+)
 from app.words.render import languages, place_of, render, rendered, rendered_or_none, sentence, table
-from app.words.stored import message_or_text, rendered_as_stored
+from app.words.stored import message_or_text, rendered_as_stored, rendered_from_json
 
 __all__ = [
     "Argument",
@@ -12,6 +23,8 @@ __all__ = [
     "Quantity",
     "RenderedMessage",
     "Text",
+    "condition",
+    "condition_of",
     "languages",
     "message_from_json",
     "message_or_text",
@@ -19,6 +32,7 @@ __all__ = [
     "render",
     "rendered",
     "rendered_as_stored",
+    "rendered_from_json",
     "rendered_or_none",
     "sentence",
     "table",

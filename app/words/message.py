@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from app.words.conditions import condition_of
+
 
 @dataclass(frozen=True, slots=True)
 class Cell:
@@ -92,13 +94,18 @@ def _json(argument: Argument) -> Any:
     return argument
 
 
+def condition(code: str, n: int = 1) -> Message:
+    """Return the name of a condition by its code, of `n` cells or others that have it."""
+    return Message(code, n=n)
+
+
 def message_from_json(value: Mapping[str, Any]) -> Message:
-    """Return the message of which `value` is the JSON form.
+    """Return the message of which `value` is the JSON form; the code of a condition is today's.
 
     Raises:
         KeyError, TypeError: it is not one.
     """
-    return Message(value["code"], **{name: _argument(each) for name, each in value["args"].items()})
+    return Message(condition_of(value["code"]), **{name: _argument(each) for name, each in value["args"].items()})
 
 
 def _argument(value: Any) -> Argument:

@@ -1,7 +1,8 @@
 """Turn a message into text with the table of one language. `frontend/src/words/render.ts` does the same on the page.
 
 A template holds `{name}` for each argument. Where a number decides between two wordings, the template is an object
-with `one` and `other`, chosen by the argument `n`. A cell is named by the battery that whoever renders has.
+with `one` and `other`, chosen by the argument `n`; without it there is one. A cell is named by the battery that
+whoever renders has.
 """
 
 import json
@@ -50,7 +51,7 @@ def render(message: Text, segments: Sequence[int] = (), language: str = "en") ->
         return message
     template = table(language).get(message.code, message.code)
     if not isinstance(template, str):
-        template = template["one" if message.args.get("n") == 1 else "other"]
+        template = template["one" if message.args.get("n", 1) == 1 else "other"]
     return _NAME.sub(
         lambda found: _text(message.args[found[1]], segments, language) if found[1] in message.args else found[0],
         template,

@@ -1,6 +1,8 @@
 """Messages that were stored as JSON beside their English text."""
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 from app.words.message import Argument, Message, RenderedMessage, Text, coded, json_args, message_from_json
 from app.words.render import render, table
@@ -22,6 +24,16 @@ def rendered_as_stored(text: str, stored: str | None) -> RenderedMessage:
     """Return a stored message as it is sent, with the English text that was stored."""
     message = coded(message_or_text(text, stored))
     return RenderedMessage(message.code, json_args(message), text)
+
+
+def rendered_from_json(body: Mapping[str, Any]) -> RenderedMessage:
+    """Return a message that was kept as it was sent, with the code that a condition has today.
+
+    Raises:
+        KeyError, TypeError: it is not one.
+    """
+    message = message_from_json(body)
+    return RenderedMessage(message.code, json_args(message), body["text"])
 
 
 def _has_template(argument: Argument) -> bool:

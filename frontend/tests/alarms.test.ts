@@ -45,10 +45,10 @@ describe('open alarms', () => {
 
 describe('trips', () => {
   const alarms = [
-    alarm(1, { code: 'cell-hot', cell: 30, cells: [], since: 9 }),
+    alarm(1, { code: 'cell-overtemperature', cell: 30, cells: [], since: 9 }),
     alarm(2, { code: 'master-fault', cell: 63, cells: [], since: 1 }),
-    alarm(3, { code: 'cell-voltage-low', cell: 5, cells: [], active: false }),
-    alarm(4, { code: 'joint-loose', severity: 'warning', cell: 7, cells: [7, 8] }),
+    alarm(3, { code: 'cell-undervoltage', cell: 5, cells: [], active: false }),
+    alarm(4, { code: 'joint-resistance-high', severity: 'warning', cell: 7, cells: [7, 8] }),
   ];
   const snapshot = { ...makeSnapshot('drive', 0, 0, 0), alarms };
 

@@ -4,9 +4,9 @@ import { audibleAlarms, isDue, spokenAlarms } from '../src/store/alert_sound.sve
 
 const alarm = (id: number, part: Partial<Alarm> = {}): Alarm => ({
   id,
-  code: 'cell-hot',
+  code: 'cell-overtemperature',
   severity: 'trip',
-  message: { code: 'cell-hot', args: {}, text: 'cell too hot' },
+  message: { code: 'cell-overtemperature', args: {}, text: 'cell overtemperature' },
   cell: 3,
   value: 61,
   limit: 60,

@@ -43,9 +43,9 @@ describe('extremesBetween', () => {
 describe('alarmSpans', () => {
   const spans = alarmSpans(
     [
-      event(10, 'cell-hot', 'trip'),
+      event(10, 'cell-overtemperature', 'trip'),
       event(11, 'command', 'info'),
-      event(14, 'cell-hot', 'info'),
+      event(14, 'cell-overtemperature', 'info'),
       event(20, 'rs232-silent', 'warning'),
     ],
     60,
@@ -53,7 +53,7 @@ describe('alarmSpans', () => {
 
   it('end with the event that ends them, else with the session', () => {
     expect(spans.map((s) => [s.code, s.from, s.to])).toEqual([
-      ['cell-hot', 10, 14],
+      ['cell-overtemperature', 10, 14],
       ['rs232-silent', 20, 60],
     ]);
   });
@@ -63,7 +63,7 @@ describe('alarmSpans', () => {
       [
         event(1, 'boot', 'watch'),
         event(2, 'eeprom-invalid', 'warning'),
-        event(3, 'trip-t-max', 'trip'),
+        event(3, 'trip-cell-overtemperature', 'trip'),
         event(5, 'faults-cleared', 'info'),
         event(7, 'config-stored', 'info'),
       ],
@@ -72,7 +72,7 @@ describe('alarmSpans', () => {
     expect(own.map((s) => [s.code, s.from, s.to])).toEqual([
       ['boot', 1, 1],
       ['eeprom-invalid', 2, 7],
-      ['trip-t-max', 3, 5],
+      ['trip-cell-overtemperature', 3, 5],
     ]);
   });
 

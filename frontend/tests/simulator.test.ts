@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { faultPath } from '../src/store/simulator.svelte';
 
-const FAULT = { fault: 'loose-joint', value: 2, since_s: 0, until_s: null };
+const FAULT = { fault: 'joint-resistance-high', value: 2, since_s: 0, until_s: null };
 
 describe('where a fault is cleared', () => {
   it('names the place that the fault has', () => {

@@ -10,6 +10,7 @@ import pytest
 
 from app.api.web.problems import HTTP_SLUGS
 from app.sources.master.decode import CHARGER_FLAGS
+from app.words.conditions import CONDITIONS
 from app.words.render import languages, table
 from firmware_protocol.memory_map import CONFIG
 from simulator.fault_kinds import FAULTS
@@ -45,6 +46,7 @@ def used():
         assert found.setdefault(code, names) == names, f"{place}: {code} has other arguments elsewhere"
     slugs = {call.args[1].value for _, call in calls("Problem") if isinstance(call.args[1], ast.Constant)}
     found |= {code: placeholders(text) for code, text in NOTICES.items()}
+    found |= {code: placeholders(table("en")[code]) for code in CONDITIONS if code not in found}
     return found | {f"problem-{slug}": set() for slug in {*slugs, *HTTP_SLUGS.values(), "http"}}
 
 

@@ -39,7 +39,7 @@ def test_what_is_seen_in_one_tab_is_seen_in_the_other(make_service, open_page):
     service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
     one, other = (open_page(f"{service.base_url}/#/events", size) for size in ("desktop", "phone"))
     with service.client() as client:
-        client.post("/simulator/faults", json={"fault": "open-wire", "pack": 3, "cell": 7}).raise_for_status()
+        client.post("/simulator/faults", json={"fault": "sense-wire-open", "pack": 3, "cell": 7}).raise_for_status()
     for page in (one, other):
         expect(page.get_by_test_id("alarms")).to_contain_text("trip")
     # a loose wire floats between two cells: which of them trips first, and by which limit, is chance

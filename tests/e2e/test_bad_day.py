@@ -107,11 +107,11 @@ def test_a_trip_is_on_every_page_and_its_cell_is_marked_on_every_map(service, op
     page = open_page(f"{service.base_url}/#/overview", "television")
     phone = open_page(f"{service.base_url}/#/overview", "phone")
     with service.client() as client:
-        fault = {"fault": "stuck-sensor", "pack": 6, "cell": 4, "value": 4.4}
+        fault = {"fault": "cell-voltage-stuck", "pack": 6, "cell": 4, "value": 4.4}
         client.post("/simulator/faults", json=fault).raise_for_status()
     for view in (page, phone):
         expect(view.get_by_test_id("trip-banner")).to_contain_text(
-            "Shutdown circuit open: cell over-voltage", ignore_case=True
+            "Shutdown circuit open: cell overvoltage", ignore_case=True
         )
         expect(view.get_by_test_id("trip-banner")).to_contain_text(
             re.compile(r"4\.\d+ V, limit 4\.2000 V.*since", re.I)
@@ -145,7 +145,7 @@ def test_without_both_links_nothing_can_be_commanded_and_nothing_is_claimed(serv
     page = open_page(f"{service.base_url}/#/system")
     expect(page.get_by_test_id("command-reset")).to_be_enabled()
     with service.client() as client:
-        client.post("/simulator/faults", json={"fault": "can-bus-off"}).raise_for_status()
+        client.post("/simulator/faults", json={"fault": "can-master-bus-off"}).raise_for_status()
         client.post("/simulator/unplug", json={"for_s": 120}).raise_for_status()
     expect(page.get_by_test_id("car-silent")).to_be_visible()
     expect(page.get_by_test_id("command-reset")).to_be_disabled()

@@ -15,7 +15,7 @@ from tests.service_process import NO_CAR
 LAP_S = 60.0
 TIME_S = np.arange(0.0, 4 * LAP_S, 0.5)
 CURRENT_A = np.where(np.sin(TIME_S / LAP_S * 44) + np.sin(TIME_S / LAP_S * 19 + 1) > 0, 120.0, -20.0)
-TRIP = {"severity": "trip", "code": "trip-v-min", "text": "cell under-voltage", "cell": 30}
+TRIP = {"severity": "trip", "code": "trip-cell-undervoltage", "text": "cell under-voltage", "cell": 30}
 PHONE = "phone"
 COMPUTED_MS = 90_000  # what a page says of a session is computed when it is first asked for
 

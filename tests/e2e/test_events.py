@@ -9,7 +9,7 @@ def test_one_click_leads_from_an_event_to_its_moment(make_service, open_page):
     service = make_service("--seed", "8")
     service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 60)
     with service.client() as client:
-        client.post("/simulator/faults", json={"fault": "open-wire", "pack": 3, "cell": 7}).raise_for_status()
+        client.post("/simulator/faults", json={"fault": "sense-wire-open", "pack": 3, "cell": 7}).raise_for_status()
     service.wait_for(lambda s: any(a["cell"] is not None for a in s["alarms"]))
     for size in ("desktop", "phone"):
         page = open_page(f"{service.base_url}/#/events", size)

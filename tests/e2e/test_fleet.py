@@ -8,7 +8,8 @@ from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
 from tests.service_process import Service
 
 pytestmark = pytest.mark.skipif(MOSQUITTO is None and not IS_CI, reason="no mosquitto: apt-get install mosquitto")
-TRIP = {"severity": "trip", "message": {"code": "cell-hot", "args": {}, "text": "cell too hot"}, "cell": 30,
+HOT = {"code": "cell-overtemperature", "args": {}, "text": "cell overtemperature"}
+TRIP = {"severity": "trip", "message": HOT, "cell": 30,
         "active": True}  # fmt: skip
 
 
@@ -45,7 +46,7 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     blue, green, red = (page.get_by_test_id(f"car-{name}") for name in ("blue", "green", "red"))
     expect(blue.get_by_test_id("weakest")).to_contain_text("pack 3, cell 7")
     expect(blue.get_by_test_id("open")).to_have_attribute("href", "http://127.0.0.1:1")
-    expect(green.get_by_test_id("alarms")).to_contain_text("cell too hot · pack 3, cell 7")
+    expect(green.get_by_test_id("alarms")).to_contain_text("cell overtemperature · pack 3, cell 7")
     cars[2].vanish()
     expect(red).to_have_attribute("data-state", "vanished")
     expect(red.get_by_test_id("trust")).to_contain_text("vanished since")
@@ -62,7 +63,7 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     assert violations(page) == {}
     page.get_by_test_id("language").select_option("nb")
     expect(red.get_by_test_id("trust")).to_contain_text("borte siden")
-    expect(green.get_by_test_id("alarms")).not_to_contain_text("cell too hot")
+    expect(green.get_by_test_id("alarms")).not_to_contain_text("cell overtemperature")
     for car in cars[:2]:
         car.vanish()
 

@@ -12,7 +12,7 @@ def car(make_module_service):
     service = make_module_service("--seed", "8")
     service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 60)
     with service.client() as client:
-        client.post("/simulator/faults", json={"fault": "open-wire", "pack": 3, "cell": 7}).raise_for_status()
+        client.post("/simulator/faults", json={"fault": "sense-wire-open", "pack": 3, "cell": 7}).raise_for_status()
     service.wait_for(lambda s: s["alarms"])
     return service
 

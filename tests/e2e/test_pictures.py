@@ -85,7 +85,7 @@ def recorded(make_module_service, tmp_path_factory):
     current_a = np.where(np.sin(time_s / 60 * 44) + np.sin(time_s / 60 * 19 + 1) > 0, 120.0, -20.0)
     volts = 3.7 - 0.002 * current_a[:, None] * np.ones(96) + 0.004 * np.sin(12.9898 * np.arange(96))
     volts[(time_s > 99) & (time_s < 101), 30] = 2.3
-    trip = {"severity": "trip", "code": "trip-v-min", "text": "cell under-voltage", "cell": 30, "unit": "V"}
+    trip = {"severity": "trip", "code": "trip-cell-undervoltage", "text": "cell under-voltage", "cell": 30, "unit": "V"}
     events = [trip | {"at_s": 100.0, "value": 2.3, "limit": 2.5}]
     laps = [(60.0 * k, "lap", "") for k in range(4)]
     session = SessionMaker(data / "sessions")(time_s, current_a, volts, 25, 0.8, markers=laps, events=events).stem

@@ -15,13 +15,13 @@ def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, open_
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("race-day")
     expect(page.get_by_test_id("scenario-clean-endurance")).to_contain_text("Nothing may trip")
 
-    page.get_by_test_id("fault-kind").select_option("loose-joint")
+    page.get_by_test_id("fault-kind").select_option("joint-resistance-high")
     page.get_by_label("Value").fill("51")
     page.get_by_test_id("inject").click()
     expect(page.get_by_test_id("simulator-problem")).to_contain_text("0..50 mΩ")
     expect(page.get_by_test_id("fault-loose-joint")).to_have_count(0)
 
-    page.get_by_test_id("fault-kind").select_option("hot-cell")
+    page.get_by_test_id("fault-kind").select_option("external-heating")
     page.get_by_label("pack", exact=True).fill("3")
     page.get_by_label("cell", exact=True).fill("7")
     page.get_by_label("Value").fill("500")
@@ -29,7 +29,7 @@ def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, open_
     fault = page.get_by_test_id("fault-hot-cell")
     expect(fault).to_contain_text("pack 3, cell 7 · 500 W · until cleared")
     service.wait_for(lambda s: s["accumulator"]["temperature_max_cell"] == 30)
-    page.get_by_role("button", name="Clear hot-cell pack 3, cell 7").click()
+    page.get_by_role("button", name="Clear external-heating pack 3, cell 7").click()
     expect(fault).to_have_count(0)
     with service.client() as client:
         assert client.get("/simulator").json()["status"]["active"] == []
@@ -61,7 +61,7 @@ def assert_circuits_are_compared_beside_the_thesis(page):
 
 def test_an_alarm_follows_a_lost_slave_all_faults_are_cleared_at_once_and_another_scenario_starts(service, open_page):
     page = open_page(f"{service.base_url}/#/simulator", quiet=False)
-    page.get_by_test_id("fault-kind").select_option("lost-slave")
+    page.get_by_test_id("fault-kind").select_option("slave-lost")
     page.get_by_label("pack", exact=True).fill("6")
     page.get_by_test_id("inject").click()
     expect(page.get_by_test_id("fault-lost-slave")).to_contain_text("pack 6")

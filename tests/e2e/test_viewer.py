@@ -54,7 +54,7 @@ def record(folder: Path, name: str, *, dips: bool) -> None:
     if dips:
         at_ns = START_NS + round(DIP_S * 1e9)
         for cell in (CELL, CELL + 1):
-            trip = Event(at_ns, "trip", "trip-v-min", Message("cell-voltage-low"), cell=cell)
+            trip = Event(at_ns, "trip", "trip-cell-undervoltage", Message("cell-undervoltage"), cell=cell)
             recorder.event(round(DIP_S * 1e9), trip)
             recorder.marker(round(DIP_S * 1e9), at_ns, f"cell {cell}")
     recorder.close(60)

@@ -57,9 +57,9 @@ def test_a_simulated_foxbms_is_shown_judged_recorded_and_replayed(make_service, 
         over_rest = client.get("/snapshot").json()
         np.testing.assert_allclose(over_rest["cells"]["voltage_v"], expected, atol=RESOLUTION_V / 2 + NOISE_V)
         faults = {fault["name"] for fault in client.get("/simulator").json()["faults"]}
-        assert "loose-joint" in faults
+        assert "joint-resistance-high" in faults
         assert "serial-noise" not in faults
-        stuck = {"fault": "stuck-sensor", "pack": 12, "cell": 18, "value": 4.3}
+        stuck = {"fault": "cell-voltage-stuck", "pack": 12, "cell": 18, "value": 4.3}
         assert client.post("/simulator/faults", json=stuck).status_code == 201
     over = service.wait_for(lambda s: is_told(s["alarms"], 215))
     assert over["cells"]["voltage_v"][215] == pytest.approx(4.3, abs=0.003)

@@ -126,7 +126,7 @@ def test_cells_told_one_by_one_have_their_own_ages_alarms_and_an_end(orion):
     assert max(snapshot["cells"]["voltage_age_s"]) > 3.0
     assert snapshot["age"]["voltage"] < 1.0
     # a limit of the profile alone, and no signal for a state
-    snapshot = service.wait_for(lambda s: any(alarm["code"] == "cell-voltage-high" for alarm in s["alarms"]))
+    snapshot = service.wait_for(lambda s: any(alarm["code"] == "cell-overvoltage" for alarm in s["alarms"]))
     assert snapshot["master"]["state"] == "unknown"
     bus.fall_silent()
     snapshot = service.wait_for(lambda s: s["accumulator"]["current_a"] is None)

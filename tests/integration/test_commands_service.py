@@ -93,7 +93,11 @@ def test_a_slave_is_checked_against_a_meter_before_and_after_its_repair(client, 
     assert all(3.0 < value < 4.3 for value in meter)
     assert client.get("/calibration/slave").json() == {"checks": [], "next_cursor": None}, "reading alone keeps nothing"
 
-    drifting = {"fault": "drifting-reference", "pack": 5, "value": 0.3}  # the board's self-test finds it from 0.4 % on
+    drifting = {
+        "fault": "slave-reference-drift",
+        "pack": 5,
+        "value": 0.3,
+    }  # the board's self-test finds it from 0.4 % on
     client.post("/simulator/faults", json=drifting).raise_for_status()
     service.wait_for(lambda s: s["cells"]["voltage_v"][48] < meter[0] * 0.998)
     found = client.post("/calibration/slave", json=asked | {"reference": meter, "meter_error": 0.0005}).json()

@@ -81,7 +81,7 @@ def test_what_is_no_broker_or_unsafe_is_refused(tmp_path):
 
 LARGE_ALARM = {
     "severity": "trip",
-    "message": {"code": "cell-hot", "args": {}, "text": "t" * 190},
+    "message": {"code": "cell-overtemperature", "args": {}, "text": "t" * 190},
     "cell": 7,
     "active": True,
     "more": "m" * 5000,

@@ -166,12 +166,21 @@ def test_events_are_published_as_they_happen_and_not_retained(broker, closing):
     listener = closing(Listener(broker.port))
     sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}"))
     sender.offer_event(
-        Event(10**18, "trip", "cell-hot", Message("cell-hot"), cell=7, value=61.0, limit=60.0, unit="degC")
+        Event(
+            10**18,
+            "trip",
+            "cell-overtemperature",
+            Message("cell-overtemperature"),
+            cell=7,
+            value=61.0,
+            limit=60.0,
+            unit="degC",
+        )
     )
     listener.wait(lambda x: x.events)
     assert listener.events[0] == {
-        "time": 1e9, "severity": "trip", "code": "cell-hot", "cell": 7, "value": 61.0,
-        "message": {"code": "cell-hot", "args": {}, "text": "cell too hot"},
+        "time": 1e9, "severity": "trip", "code": "cell-overtemperature", "cell": 7, "value": 61.0,
+        "message": {"code": "cell-overtemperature", "args": {}, "text": "cell overtemperature"},
         "limit": 60.0, "unit": "degC", "who": None, "simulated": False,
     }  # fmt: skip
     late = closing(Listener(broker.port))

@@ -44,7 +44,7 @@ def test_a_session_is_proved_with_the_cell_file_that_it_keeps_and_that_is_told(s
 def test_what_does_not_hold_is_told_with_what_was_found(session, tmp_path, capsys):
     with SessionFile(session) as file:
         last_s = file.info.duration_s - 2
-    text = f'[[value]]\nname = "soc"\nat_s = {last_s}\nmax = 0.5\n[[alarm]]\ncode = "cell-hot"\n'
+    text = f'[[value]]\nname = "soc"\nat_s = {last_s}\nmax = 0.5\n[[alarm]]\ncode = "cell-overtemperature"\n'
     assert prove(session, tmp_path, text, "--json") == 1
     verdicts = json.loads(capsys.readouterr().out)
     assert verdicts["held"] is False

@@ -9,17 +9,21 @@ def test_faults_are_listed_injected_shown_and_cleared(service):
     with service.client() as client:
         body = client.get("/simulator").json()
         assert body["scenario"] in {item["name"] for item in body["scenarios"]}
-        assert {"loose-joint", "open-wire"} & {fault["name"] for fault in body["faults"]}
-        hot = client.post("/simulator/faults", json={"fault": "loose-joint", "pack": 3, "cell": 7, "value": 5})
+        assert {"joint-resistance-high", "sense-wire-open"} & {fault["name"] for fault in body["faults"]}
+        hot = client.post(
+            "/simulator/faults", json={"fault": "joint-resistance-high", "pack": 3, "cell": 7, "value": 5}
+        )
         assert hot.status_code == 201, hot.text
         active = client.get("/simulator").json()["status"]["active"]
-        assert [(fault["fault"], fault["pack"], fault["cell"]) for fault in active] == [("loose-joint", 3, 7)]
+        assert [(fault["fault"], fault["pack"], fault["cell"]) for fault in active] == [("joint-resistance-high", 3, 7)]
         assert client.delete("/simulator/faults/loose-joint?pack=3&cell=7").json() == {"active": []}
-        refused = client.post("/simulator/faults", json={"fault": "loose-joint", "pack": 3, "cell": 7, "value": 5000})
+        refused = client.post(
+            "/simulator/faults", json={"fault": "joint-resistance-high", "pack": 3, "cell": 7, "value": 5000}
+        )
         assert refused.status_code == 422
         assert "50" in refused.json()["detail"]
         assert client.post("/simulator/faults", json={"fault": "gremlins"}).status_code == 422
-        assert client.post("/simulator/faults", json={"fault": "loose-joint", "pack": 9}).status_code == 422
+        assert client.post("/simulator/faults", json={"fault": "joint-resistance-high", "pack": 9}).status_code == 422
 
 
 def test_an_unplugged_cable_is_noticed_and_comes_back(service):

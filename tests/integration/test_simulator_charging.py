@@ -39,7 +39,7 @@ def test_a_charge_ends_and_no_cell_is_lifted_over_its_limit(start_soc, joint_mil
     simulation.run_until(1.0)
     simulation.charger.is_plugged = True
     if joint_milliohm:
-        FaultBoard(simulation).inject("loose-joint", 30, joint_milliohm)
+        FaultBoard(simulation).inject("joint-resistance-high", 30, joint_milliohm)
     simulation.run_until(3.0)
     simulation.master.command(CommandId.CHARGE_START, 0, simulation.now_s)
     highest_v = 0.0

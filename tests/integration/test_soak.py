@@ -118,7 +118,7 @@ class Soak:
 
     def reset(self, client: httpx.Client) -> None:
         """The master starts anew."""
-        client.post("/simulator/faults", json={"fault": "reset"}).raise_for_status()
+        client.post("/simulator/faults", json={"fault": "master-watchdog-reset"}).raise_for_status()
 
     def page(self, client: httpx.Client) -> None:
         """What an open page asks for."""

@@ -66,7 +66,7 @@ class Watch(threading.Thread):
                     ages = [snapshot["age"][part] for part in ("voltage", "current", "temperature", "status")]
                     self.oldest_s = max(self.oldest_s, *(WAIT_S if age is None else age for age in ages))
                     self.pause_s, last_s = max(self.pause_s, now_s - last_s), now_s
-                    is_high = any(each["code"] == "cell-voltage-high" and each["active"] for each in snapshot["alarms"])
+                    is_high = any(each["code"] == "cell-overvoltage" and each["active"] for each in snapshot["alarms"])
                     (self.alarm.set if is_high else self.alarm.clear)()
                     (self.quiet.clear if is_high else self.quiet.set)()
                     self.not_recording = snapshot.get("not_recording")
@@ -157,7 +157,7 @@ def sound(tmp_path):
 def round_of_alarm(bench, watch):
     """Seconds from a cell's voltage above its limit to the alarm on a page."""
     began_s = time.monotonic()
-    bench.client.post("/simulator/faults", json={"fault": "stuck-sensor", "pack": 2, "cell": 3, "value": 4.5})
+    bench.client.post("/simulator/faults", json={"fault": "cell-voltage-stuck", "pack": 2, "cell": 3, "value": 4.5})
     assert watch.alarm.wait(WAIT_S)
     took_s = time.monotonic() - began_s
     bench.client.delete("/simulator/faults")

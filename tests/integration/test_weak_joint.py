@@ -22,12 +22,12 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
     car = ScenarioRecorder(tmp_path, "clean-endurance")
     car.run(60.0)
     assert car.snapshot.findings == ()
-    car.player.faults.inject("loose-joint", CELL, MORE_MOHM)
+    car.player.faults.inject("joint-resistance-high", CELL, MORE_MOHM)
     car.run(30.0)
     (live,) = car.snapshot.findings
-    assert (live.code, live.cell) == ("joint-grown", CELL)
+    assert (live.code, live.cell) == ("joint-resistance-high", CELL)
     assert live.low <= 1e-3 * MORE_MOHM <= live.high
-    alarm = next(each for each in car.snapshot.alarms if each.code == "joint-loose")
+    alarm = next(each for each in car.snapshot.alarms if each.code == "joint-resistance-high")
     assert alarm.cell == CELL
 
     car.run(75.0)
@@ -42,19 +42,21 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
         tmp_path / "past.npz", LearnedState(0, estimates.soc, estimates.soc_sigma, predictor.learned_cells)
     )
     again = Predictor(predictor.cell, (12,) * 8, load_learned_state(tmp_path / "past.npz", 96).cells)
-    assert [(each.code, each.cell, each.size) for each in again.findings] == [("joint-grown", CELL, live.size)]
+    assert [(each.code, each.cell, each.size) for each in again.findings] == [
+        ("joint-resistance-high", CELL, live.size)
+    ]
 
     car.close()
     with SessionFile(car.info.path) as session:
-        told = [event for event in session.events() if event["code"] == "finding-joint-grown"]
+        told = [event for event in session.events() if event["code"] == "finding-joint-resistance-high"]
         assert [event["cell"] for event in told] == [CELL]
-        assert [(cause.code, cause.cell) for cause in causes_of(session)][:1] == [("weak-joint", CELL)]
+        assert [(cause.code, cause.cell) for cause in causes_of(session)][:1] == [("joint-resistance-high", CELL)]
         report = report_of(session)
-        assert f"weak joint at p{PLACE}" in report.findings.why[0].text
-        assert any(f"P{PLACE}: the joint has grown by" in each.text for each in report.findings.why)
+        assert f"high-resistance joint at p{PLACE}" in report.findings.why[0].text
+        assert any(f"P{PLACE}: joint resistance +" in each.text for each in report.findings.why)
         assert not any("like the others" in each.text for each in report.findings.why)
         box = next(each for each in black_boxes(session) if each.severity == "trip")
-        assert any(PLACE in each.text and "joint has grown" in each.text for each in box.findings)
+        assert any(PLACE in each.text and "joint resistance +" in each.text for each in box.findings)
 
 
 @campaign(400, 400, 400)
@@ -63,18 +65,18 @@ def test_the_service_shows_a_joint_that_parts_and_keeps_it_while_the_car_stands(
     service = make_service("--seed", "1", "--scenario", "race-day")
     service.wait_for(lambda s: s["cells"]["joint_excess_ohm"][CELL] is not None, seconds=DRIVEN_S)
     with service.client() as client:
-        fault = {"fault": "loose-joint", "pack": 6, "cell": 4, "value": DRIVEN_MOHM}
+        fault = {"fault": "joint-resistance-high", "pack": 6, "cell": 4, "value": DRIVEN_MOHM}
         assert client.post("/simulator/faults", json=fault).status_code == 201
         found = service.wait_for(lambda s: s["findings"], seconds=DRIVEN_S)["findings"][0]
-        assert (found["code"], found["cell"], found["unit"]) == ("joint-grown", CELL, "ohm")
+        assert (found["code"], found["cell"], found["unit"]) == ("joint-resistance-high", CELL, "ohm")
         assert PLACE in found["message"]["text"]
-        alarmed = service.wait_for(lambda s: any(alarm["code"] == "joint-loose" for alarm in s["alarms"]))
-        assert next(alarm for alarm in alarmed["alarms"] if alarm["code"] == "joint-loose")["cells"] == [CELL]
+        alarmed = service.wait_for(lambda s: any(alarm["code"] == "joint-resistance-high" for alarm in s["alarms"]))
+        assert next(alarm for alarm in alarmed["alarms"] if alarm["code"] == "joint-resistance-high")["cells"] == [CELL]
         excess_ohm = alarmed["cells"]["joint_excess_ohm"][CELL]
         assert excess_ohm == pytest.approx(1e-3 * DRIVEN_MOHM, rel=0.3)
         assert client.post("/simulator/faults", json=fault | {"value": MORE_MOHM}).status_code == 201
         stood = service.wait_for(lambda s: (s["estimator"]["resistance_age_s"] or 0) > 15, seconds=DRIVEN_S)
-        assert [(each["code"], each["cell"]) for each in stood["findings"]] == [("joint-grown", CELL)]
+        assert [(each["code"], each["cell"]) for each in stood["findings"]] == [("joint-resistance-high", CELL)]
         assert stood["cells"]["joint_excess_ohm"][CELL] > 0.7e-3 * DRIVEN_MOHM
         events = client.get("/events").json()
-    assert "finding-joint-grown" in str(events)
+    assert "finding-joint-resistance-high" in str(events)

@@ -65,7 +65,7 @@ VALUES = (
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.lists(st.integers(), max_size=2)
 )
 KEYS = st.sampled_from(("value", "fault", "pack", "cell", "for_s", "token", "sensor"))
-BOLT = {"do": "inject", "fault": "loose-joint", "pack": 1, "cell": 1}
+BOLT = {"do": "inject", "fault": "joint-resistance-high", "pack": 1, "cell": 1}
 REQUESTS = st.builds(
     lambda do, rest: rest | {"do": do},
     st.sampled_from(("status", "faults", "scenarios", "inject", "clear", "clear-all", "speed", "next", "unplug"))
@@ -90,9 +90,9 @@ def test_any_request_is_answered(port, request):
 
 @given(line=st.binary(max_size=200).map(lambda raw: raw.replace(b"\n", b"")))
 @example(line=b"[" * (MAX_REQUEST - 1))
-@example(line=b'{"do":"inject","fault":"loose-joint","pack":1e400,"cell":1}')
-@example(line=b'{"do":"inject","fault":"loose-joint","pack":NaN,"cell":1}')
-@example(line=b'{"do":"inject","fault":"current-offset","value":' + b"9" * 401 + b"}")
+@example(line=b'{"do":"inject","fault":"joint-resistance-high","pack":1e400,"cell":1}')
+@example(line=b'{"do":"inject","fault":"joint-resistance-high","pack":NaN,"cell":1}')
+@example(line=b'{"do":"inject","fault":"current-sensor-offset","value":' + b"9" * 401 + b"}")
 @example(line=b'{"a":' * 800)
 @settings(max_examples=examples(60))
 def test_any_line_is_answered_or_refused(port, line):

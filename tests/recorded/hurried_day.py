@@ -139,9 +139,9 @@ class HurriedDay:
                 part = {"format": "csv", "signal": "v[0]", "t_from": 0, "t_to": 30} if name == "export" else {}
                 client.get(f"/sessions/{session}/{name}", params=part).raise_for_status()
             case "alarm":
-                self.player.faults.inject("stuck-sensor", 7, 4.4, 20.0)
+                self.player.faults.inject("cell-voltage-stuck", 7, 4.4, 20.0)
             case "reset":
-                self.player.faults.inject("reset")
+                self.player.faults.inject("master-watchdog-reset")
             case "unplug":
                 self.plugged_s = self.car.now_s + UNPLUGGED_S
                 self._link("lost")

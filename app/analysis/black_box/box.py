@@ -8,7 +8,7 @@ from typing import Any, Literal
 from app.analysis.root_cause.cause import Cause, cause_from_json
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.telemetry import Severity
-from app.words import RenderedMessage, rendered
+from app.words import RenderedMessage, condition_of, rendered, rendered_from_json
 
 Quantity = Literal["voltage", "temperature", "current"]
 Side = Literal["low", "high"]
@@ -112,20 +112,20 @@ def box_from_json(body: dict[str, Any]) -> BlackBox:
         KeyError, TypeError: it is not one.
     """
     parts = {
-        "events": [BoxEvent(**_with_message(event)) for event in body["events"]],
+        "events": [BoxEvent(**_named(event)) for event in body["events"]],
         "beyond": None if body["beyond"] is None else Beyond(**body["beyond"]),
         "peers": None if body["peers"] is None else Peers(**body["peers"]),
         "cells": CellsAround(**body["cells"]),
         "samples": Samples(**body["samples"]),
-        "findings": [RenderedMessage(**found) for found in body.get("findings", [])],
+        "findings": [rendered_from_json(found) for found in body.get("findings", [])],
         "cause": cause_from_json(body.get("cause")),
     }
-    return BlackBox(**_with_message({name: value for name, value in body.items() if name != "summary"}) | parts)
+    return BlackBox(**_named({name: value for name, value in body.items() if name != "summary"}) | parts)
 
 
-def _with_message(body: dict[str, Any]) -> dict[str, Any]:
-    """A stored box or event with its message; earlier versions kept `text` and beside it `text_words`, or no code."""
+def _named(body: dict[str, Any]) -> dict[str, Any]:
+    """A stored box or event with its message; earlier versions kept `text`, and next to it `text_words` or no code."""
     body = dict(body)
     text, words = body.pop("text", None), body.pop("text_words", None)
-    message = rendered(text) if words is None and text is not None else RenderedMessage(**(words or body["message"]))
-    return body | {"message": message}
+    message = rendered(text) if words is None and text is not None else rendered_from_json(words or body["message"])
+    return body | {"code": condition_of(body["code"]), "message": message}

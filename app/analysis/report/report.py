@@ -145,7 +145,7 @@ def report_of(session: SessionFile) -> Report:
     near, odd = watch.nearest(), odd_cells(survey)
     trips = [event for event in events if event["severity"] == "trip" and event["code"] not in _OF_OTHER_TRIPS]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
-    loose = [event for event in warned if event["code"] == "joint-loose"]
+    loose = [event for event in warned if event["code"] == "joint-resistance-high"]
     causes = causes_of(session, cell)
     segments = session.battery.segments
     why = [*_cause_findings(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))]
@@ -232,7 +232,7 @@ def _cells(events: Sequence[dict[str, Any]]) -> list[int]:
 
 def _unexplained(odd: Sequence[Odd], found: Sequence[Finding]) -> list[Odd]:
     """What is odd without the mean resistance of cells whose finding says what it came to."""
-    resisting = {each.cell for each in found if each.code in ("joint-grown", "resistance-grown")}
+    resisting = {each.cell for each in found if each.code in ("joint-resistance-high", "cell-resistance-high")}
     return [each for each in odd if each.what != "resistance" or each.cell not in resisting]
 
 

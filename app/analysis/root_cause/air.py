@@ -41,22 +41,26 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
         volts = float(np.min(_or_inf(recording.middle_v[rows])))
         degc, soc = median(recording.middle_degc[rows]), median(recording.soc[rows])
         limit = recording.limits.get("v_cell_min", 2.5)
-        if "v-min" in event.code or "voltage-low" in event.code:
+        condition = event.code.removeprefix("trip-")
+        if condition == "cell-undervoltage":
             if degc < COLD_DEGC:
-                yield Suspicion("cold-pack", event.at_s - 5.0, 15.0, (_cold(degc),))
+                yield Suspicion("accumulator-cold", event.at_s - 5.0, 15.0, (_cold(degc),))
             low = int((_or_inf(recording.voltage_v[rows]).min(axis=0) < limit + LOW_V).sum())
             if np.isfinite(soc) and (volts < limit + NEAR_V or (soc < EMPTY_SOC and low >= LOW_CELLS)):
                 level = Quantity(100 * float(soc), "%", 0)
                 middle = Quantity(float(volts), "V", 2)
                 yield Suspicion(
-                    "empty-pack", event.at_s - 5.0, EMPTY_WEIGHT, (Message("seen-empty", soc=level, middle=middle),)
+                    "accumulator-empty",
+                    event.at_s - 5.0,
+                    EMPTY_WEIGHT,
+                    (Message("seen-empty", soc=level, middle=middle),),
                 )
         hot_limit = recording.limits.get("t_cell_max", 60.0)
-        if ("t-max" in event.code or event.code == "cell-hot") and degc > hot_limit - 4.0:
+        if condition == "cell-overtemperature" and degc > hot_limit - 4.0:
             evidence = (Message("seen-hot", temperature=Quantity(float(degc), "degC", 0)),)
-            yield Suspicion("hot-pack", event.at_s - 5.0, 8.0, evidence)
-        if ("t-min" in event.code or "cold" in event.code) and degc < recording.limits.get("t_cell_min", -15.0) + 4.0:
-            yield Suspicion("cold-pack", event.at_s - 5.0, 15.0, (_cold(degc),))
+            yield Suspicion("accumulator-hot", event.at_s - 5.0, 8.0, evidence)
+        if condition == "cell-undertemperature" and degc < recording.limits.get("t_cell_min", -15.0) + 4.0:
+            yield Suspicion("accumulator-cold", event.at_s - 5.0, 15.0, (_cold(degc),))
     yield from _air(recording, model)
 
 
@@ -84,7 +88,7 @@ def _air(recording: Recording, model: CellModel) -> Iterator[Suspicion]:
     is_charging = bool((recording.charger_state > 0).any())  # bleeding warms the boards then
     hot = np.flatnonzero((moved - warmed >= AIR_K) & (moved >= AIR_K))
     cold = np.flatnonzero(moved <= -AIR_K)
-    for code, found in (("air-hot", hot), ("air-cold", cold)):
+    for code, found in (("ambient-temperature", hot), ("ambient-temperature", cold)):
         if found.size and not is_charging:
             worst = int(found[np.abs(moved[found]).argmax()])
             at_s = float(times[rows[found[0]]]) - 0.5 * AIR_WINDOW_S

@@ -30,7 +30,7 @@ def _line(recording: Recording) -> Iterator[Suspicion]:
         return
     packs = int((damaged[rows].max(axis=0) > 0).sum())
     evidence = (Message("seen-damaged-packets", n=round(float(damaged[rows].sum(axis=1).mean())), packs=packs),)
-    yield Suspicion("slave-line-disturbed", float(recording.boards.time_s[rows[0]]) - 2.0, 30.0 + rows.size, evidence)
+    yield Suspicion("isospi-noise", float(recording.boards.time_s[rows[0]]) - 2.0, 30.0 + rows.size, evidence)
 
 
 def _self_tests(recording: Recording) -> Iterator[Suspicion]:
@@ -39,11 +39,11 @@ def _self_tests(recording: Recording) -> Iterator[Suspicion]:
     for pack in np.flatnonzero(failed.any(axis=0)):
         rows = np.flatnonzero(failed[:, pack])
         bits = int(np.bitwise_or.reduce(failed[rows, pack]))
-        code, seen = "reference-drifted", Message("seen-reference-test", pack=Pack(int(pack)))
+        code, seen = "slave-reference-drift", Message("seen-reference-test", pack=Pack(int(pack)))
         if bits & CONVERTER_BITS:
-            code, seen = "converter-broken", Message("seen-converter-test", pack=Pack(int(pack)))
+            code, seen = "slave-adc-fault", Message("seen-converter-test", pack=Pack(int(pack)))
         elif bits & MULTIPLEXER_BIT:
-            code, seen = "multiplexer-failed", Message("seen-multiplexer-test", pack=Pack(int(pack)))
+            code, seen = "slave-multiplexer-fault", Message("seen-multiplexer-test", pack=Pack(int(pack)))
         at_s = float(boards.time_s[rows[0]]) - 3.0  # a round of the slow windows and of the tests before
         yield Suspicion(code, at_s, 60.0, (seen,), pack=int(pack))
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.analysis.root_cause.codes import NAMES, SAME, cause_message
-from app.analysis.root_cause.judge import LEAST_OTHER, MOST_OTHERS, Judgement
+from app.analysis.root_cause.judge import LEAST_OTHER, MOST_OTHERS, SAME, Judgement
 from app.analysis.root_cause.recording import Suspicion
 from app.telemetry import PossibleCause, TripCause
-from app.words import RenderedMessage, sentence
+from app.words import Cell, Message, Pack, RenderedMessage, condition, condition_of, rendered_from_json, sentence
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def cause_of(judgement: Judgement, segments: Sequence[int]) -> Cause:
     """Return a judgement in words; `segments` are the cells of each pack."""
     trip = None if judgement.trip is None else judgement.trip.code
     if not judgement.ranked:
-        message = sentence(cause_message("unknown", None, None))
+        message = sentence(Message("cause-unknown"))
         return Cause(judgement.at_s, trip, "unknown", message, None, None, None, 0.0, [], [], [])
     main = judgement.ranked[0]
     cell, pack = main.place
@@ -66,12 +65,12 @@ def cause_of(judgement: Judgement, segments: Sequence[int]) -> Cause:
         at=judgement.at_s,
         trip=trip,
         code=main.code,
-        message=sentence(cause_message(main.code, cell, pack), segments),
+        message=sentence(_message(main), segments),
         cell=cell,
         pack=pack,
         since=main.at_s,
         confidence=round(judgement.confidence[0], 3),
-        same=[sentence(NAMES[code]) for code in SAME.get(main.code, ())],
+        same=[sentence(condition(code)) for code in SAME.get(main.code, ())],
         evidence=[sentence(message, segments) for message in main.evidence],
         others=[_other(each, share, segments) for each, share in pairs if share >= LEAST_OTHER][:MOST_OTHERS],
     )
@@ -94,20 +93,29 @@ def cause_from_json(body: dict[str, Any] | None) -> Cause | None:
     if body is None:
         return None
     parts = {
-        "same": [RenderedMessage(**each) for each in body["same"]],
-        "evidence": [RenderedMessage(**each) for each in body["evidence"]],
-        "others": [OtherCause(**_with_message(each)) for each in body["others"]],
+        "trip": None if body["trip"] is None else condition_of(body["trip"]),
+        "same": [rendered_from_json(each) for each in body["same"]],
+        "evidence": [rendered_from_json(each) for each in body["evidence"]],
+        "others": [OtherCause(**_named(each)) for each in body["others"]],
     }
-    return Cause(**_with_message(body) | parts)
+    return Cause(**_named(body) | parts)
 
 
-def _with_message(body: dict[str, Any]) -> dict[str, Any]:
-    """A stored cause with its message; earlier versions kept the English text as `message` and this form beside it."""
-    body = dict(body)
-    message = body.pop("message_words", body["message"])
-    return body | {"message": RenderedMessage(**message)}
+def _named(body: dict[str, Any]) -> dict[str, Any]:
+    """A stored cause with its message; earlier versions kept the English text as `message` and this form next to it."""
+    message = rendered_from_json(body["message_words"] if "message_words" in body else body["message"])
+    kept = {name: value for name, value in body.items() if name != "message_words"}
+    return kept | {"code": condition_of(body["code"]), "message": message}
+
+
+def _message(each: Suspicion) -> Message:
+    """Return a cause with its place."""
+    name, (cell, pack) = condition(each.code), each.place
+    if cell is not None:
+        return Message("cause-at-cell", cause=name, cell=Cell(cell))
+    return name if pack is None else Message("cause-in-pack", cause=name, pack=Pack(pack))
 
 
 def _other(each: Suspicion, share: float, segments: Sequence[int]) -> OtherCause:
     cell, pack = each.place
-    return OtherCause(each.code, sentence(cause_message(each.code, cell, pack), segments), cell, pack, round(share, 3))
+    return OtherCause(each.code, sentence(_message(each), segments), cell, pack, round(share, 3))

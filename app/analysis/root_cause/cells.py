@@ -41,13 +41,13 @@ LEAST: Final[dict[Law, float]] = {
     "lower": 0.03,
 }
 CODES: Final[dict[Law, str]] = {
-    "joint": "weak-joint",
-    "resistance": "high-resistance",
-    "capacity": "lost-capacity",
-    "leak": "leaking-cell",
-    "stuck": "voltage-input-stuck",
-    "warm": "heated-cell",
-    "lower": "unbalanced-cell",
+    "joint": "joint-resistance-high",
+    "resistance": "cell-resistance-high",
+    "capacity": "capacity-low",
+    "leak": "self-discharge-high",
+    "stuck": "cell-voltage-stuck",
+    "warm": "external-heating",
+    "lower": "cell-imbalance",
 }
 
 
@@ -159,7 +159,7 @@ def _of_cell(
             evidence = (_seen(law, fit, cell), *warm)
             yield Suspicion(CODES[law], fit.onset_s, weight, evidence, cell)
     if warm and watts > HEATED_W:
-        yield Suspicion("heated-cell", since_s, fits["warm"].log_likelihood + gained - FREE, warm, cell)
+        yield Suspicion("external-heating", since_s, fits["warm"].log_likelihood + gained - FREE, warm, cell)
 
 
 def _heat_of(law: Law, fit: CellFit, recording: Recording) -> float:
@@ -195,7 +195,7 @@ def _warmest_of_pack(found: list[Suspicion], segments: Sequence[int]) -> Iterato
             loudest[pack] = max(loudest.get(pack, -np.inf), each.weight)
     for each in found:
         if (
-            each.code != "heated-cell"
+            each.code != "external-heating"
             or each.cell is None
             or each.weight >= 0.3 * loudest[pack_of(each.cell, segments)]
         ):
@@ -230,7 +230,7 @@ def _noise(recording: Recording, cell: int) -> Suspicion | None:
     first = int(quiet[np.flatnonzero(loud)[0]])
     size = Quantity(1000 * float(np.std(steps[quiet][loud, cell])) / np.sqrt(2), "mV", 0)
     evidence = (Message("seen-noise", cell=Cell(cell), size=size),)
-    return Suspicion("voltage-input-noisy", float(recording.time_s[first]), 5.0 * float(loud.sum()), evidence, cell)
+    return Suspicion("cell-voltage-noisy", float(recording.time_s[first]), 5.0 * float(loud.sum()), evidence, cell)
 
 
 def _broken_wires(recording: Recording) -> Iterator[Suspicion]:
@@ -244,7 +244,7 @@ def _broken_wires(recording: Recording) -> Iterator[Suspicion]:
         of_pack = slice(starts[pack], starts[pack] + recording.segments[pack])
         cells = np.flatnonzero(missing[rows[len(rows) // 2], of_pack]) + starts[pack]
         evidence = (Message("seen-no-voltage", n=len(cells), cells=tuple(Cell(int(each)) for each in cells)),)
-        yield Suspicion("broken-wire", float(recording.time_s[rows[0]]), 60.0, evidence, int(cells[0]))
+        yield Suspicion("sense-wire-open", float(recording.time_s[rows[0]]), 60.0, evidence, int(cells[0]))
 
 
 def _unplugged(recording: Recording, broken: set[int | None]) -> Iterator[Suspicion]:
@@ -257,7 +257,7 @@ def _unplugged(recording: Recording, broken: set[int | None]) -> Iterator[Suspic
     for cell in np.flatnonzero(missing[-1] | (missing.sum(axis=0) >= 10)):
         rows = np.flatnonzero(missing[:, cell])
         evidence = (Message("seen-no-temperature", cell=Cell(int(cell))),)
-        yield Suspicion("temperature-unplugged", float(recording.time_s[rows[0]]), 60.0, evidence, int(cell))
+        yield Suspicion("temperature-sensor-open", float(recording.time_s[rows[0]]), 60.0, evidence, int(cell))
 
 
 def _stuck_temperatures(recording: Recording) -> Iterator[Suspicion]:
@@ -279,4 +279,4 @@ def _stuck_temperatures(recording: Recording) -> Iterator[Suspicion]:
             level = Quantity(float(np.median(after)), "degC", 0)
             before = Quantity(float(table[row, cell]), "degC", 0)
             evidence = (Message("seen-temperature-jump", cell=Cell(int(cell)), before=before, after=level),)
-            yield Suspicion("temperature-stuck", float(recording.time_s[row]), 50.0, evidence, int(cell))
+            yield Suspicion("temperature-sensor-fault", float(recording.time_s[row]), 50.0, evidence, int(cell))

@@ -17,10 +17,10 @@ ACTIVE: Final = tuple(CHARGER_STATES.index(name) for name in ("constant_current"
 NOT_HEARD: Final = 255
 BEFORE_S: Final = 3.0
 BY_FLAG: Final = (
-    (ChargerFlags.HARDWARE, "charger-broken", Message("seen-charger-broken")),
-    (ChargerFlags.OVER_TEMPERATURE, "charger-hot", Message("seen-charger-hot")),
-    (ChargerFlags.INPUT_VOLTAGE, "charger-no-mains", Message("seen-charger-no-mains")),
-    (ChargerFlags.BATTERY, "charger-reversed", Message("seen-charger-reversed")),
+    (ChargerFlags.HARDWARE, "charger-hardware-fault", Message("seen-charger-broken")),
+    (ChargerFlags.OVER_TEMPERATURE, "charger-over-temperature", Message("seen-charger-hot")),
+    (ChargerFlags.INPUT_VOLTAGE, "charger-input-voltage", Message("seen-charger-no-mains")),
+    (ChargerFlags.BATTERY, "charger-no-battery", Message("seen-charger-reversed")),
 )
 
 

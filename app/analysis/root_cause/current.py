@@ -26,7 +26,7 @@ def current_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspi
     ohm = _resistance(recording, float(np.median(model.r0_ohm)))
     yield from _offset(recording, load, amps)
     for event in recording.events:
-        if event.severity == "trip" and event.code.startswith("trip-i-"):
+        if event.severity == "trip" and event.code in ("trip-discharge-overcurrent", "trip-charge-overcurrent"):
             yield from _beyond(recording, event.at_s, ohm)
 
 
@@ -50,7 +50,7 @@ def _offset(recording: Recording, load: np.ndarray, amps: np.ndarray) -> Iterato
     spread = float(np.std(amps[rows][-50:]))
     evidence = (Message("seen-current-open", current=Quantity(level, "A", 1)),)
     if abs(level) > 200.0 and spread < STILL_A:
-        yield Suspicion("current-sensor-unplugged", _jump(recording, amps, level), 60.0, evidence)
+        yield Suspicion("current-sensor-open", _jump(recording, amps, level), 60.0, evidence)
         return
     yield Suspicion("current-sensor-offset", _jump(recording, amps, level), 40.0, evidence)
 
@@ -84,6 +84,6 @@ def _beyond(recording: Recording, at_s: float, ohm: float) -> Iterator[Suspicion
     evidence = (Message("seen-no-sag", current=current),)
     still = recording.steady_a[recording.near(at_s, at_s + 3.0)]
     if abs(amps) > 200.0 and still.size > 10 and float(np.std(still)) < STILL_A and abs(float(still.mean())) > 200.0:
-        yield Suspicion("current-sensor-unplugged", at_s - 2.0, 60.0, evidence)
+        yield Suspicion("current-sensor-open", at_s - 2.0, 60.0, evidence)
     else:
         yield Suspicion("current-sensor-offset", at_s - 2.0, 40.0, evidence)

@@ -20,60 +20,83 @@ MOST_OTHERS: Final = 4
 LEAST_OTHER: Final = 0.02
 
 _CELL = (
-    "weak-joint", "high-resistance", "lost-capacity", "leaking-cell", "unbalanced-cell", "voltage-input-stuck",
-    "voltage-input-noisy",
-)  # fmt: skip
-_BOARD = ("slave-line-disturbed", "reference-drifted", "converter-broken", "multiplexer-failed", "slave-lost")
-_LOST = ("broken-wire", "temperature-unplugged", *_BOARD)
+    "joint-resistance-high",
+    "cell-resistance-high",
+    "capacity-low",
+    "self-discharge-high",
+    "cell-imbalance",
+    "cell-voltage-stuck",
+    "cell-voltage-noisy",
+)
+_BOARD = ("isospi-noise", "slave-reference-drift", "slave-adc-fault", "slave-multiplexer-fault", "slave-lost")
+_SENSORS = ("temperature-sensor-fault", "external-heating", "temperature-sensor-open", "sense-wire-open")
+_LOST = ("sense-wire-open", "temperature-sensor-open", *_BOARD)
 _WARM = (
-    "heated-cell",
-    "leaking-cell",
-    "weak-joint",
-    "high-resistance",
-    "temperature-stuck",
+    "external-heating",
+    "self-discharge-high",
+    "joint-resistance-high",
+    "cell-resistance-high",
+    "temperature-sensor-fault",
     "cooling-failed",
-    "air-hot",
-    "hot-pack",
+    "ambient-temperature",
+    "accumulator-hot",
 )
 EXPLAINS: Final[dict[str, tuple[str, ...]]] = {
-    "v-min": (*_CELL, *_BOARD, "broken-wire", "empty-pack", "cold-pack", "air-cold"),
-    "v-max": (*_CELL, *_BOARD, "broken-wire"),  # a loose input reads high or low until its test finds it
-    "t-max": (*_WARM, *_LOST),
-    "t-min": ("cold-pack", "air-cold", "temperature-stuck", *_LOST),
-    "i-disc": ("overload", "current-sensor-offset", "current-sensor-unplugged"),
-    "i-chrg": ("overload", "current-sensor-offset", "current-sensor-unplugged"),
-    "slave-lost": _BOARD,
-    "sensor-lost": (*_LOST, "current-sensor-unplugged", "temperature-stuck"),
-}
-_KINDS: Final = {
-    "cell-voltage-low": "v-min", "cell-voltage-high": "v-max", "cell-hot": "t-max", "cell-cold": "t-min",
-    "current-high": "i-disc", "current-low": "i-disc",
-}  # fmt: skip
-# What follows from another cause when both are seen: the first is told, the second is not
-FOLLOWS: Final[dict[str, tuple[str, ...]]] = {
-    "can-flooded": ("charger-silent", "can-silent", "can-master-off", "can-master-silent", "can-disturbed"),
-    "can-silent": ("charger-silent", "can-disturbed"),
-    "can-master-off": ("charger-silent",),
-    "can-master-silent": ("charger-silent",),
-    "can-disturbed": ("charger-silent",),
-    "serial-silent": ("can-master-silent",),
-    "serial-disturbed": ("serial-silent",),  # so much noise that no frame is left
-    "master-reset": ("shutdown-opened", "serial-silent", "can-master-silent", "can-master-off", "charger-silent"),
-    "master-power-lost": ("shutdown-opened", "serial-silent", "can-master-silent", "can-master-off", "charger-silent"),
-    "slave-line-disturbed": (
-        "slave-lost", "voltage-input-noisy", "temperature-unplugged", "temperature-stuck", "broken-wire",
+    "cell-undervoltage": (
+        *_CELL,
+        *_BOARD,
+        "sense-wire-open",
+        "accumulator-empty",
+        "accumulator-cold",
+        "ambient-temperature",
     ),
-    "converter-broken": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
-    "multiplexer-failed": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
-    "reference-drifted": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
-    "slave-lost": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
-    "broken-wire": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged"),
-    "current-sensor-unplugged": ("current-sensor-offset", "overload"),
+    "cell-overvoltage": (*_CELL, *_BOARD, "sense-wire-open"),  # a loose input reads high or low until its test finds it
+    "cell-overtemperature": (*_WARM, *_LOST),
+    "cell-undertemperature": ("accumulator-cold", "ambient-temperature", "temperature-sensor-fault", *_LOST),
+    "discharge-overcurrent": ("overload", "current-sensor-offset", "current-sensor-open"),
+    "charge-overcurrent": ("overload", "current-sensor-offset", "current-sensor-open"),
+    "slave-lost": _BOARD,
+    "sensor-lost": (*_LOST, "current-sensor-open", "temperature-sensor-fault"),
+}
+# A code that stands for several things of which the recording holds the same; why: docs/reference/causes.md
+SAME: Final[dict[str, tuple[str, ...]]] = {
+    "contactors-not-closed": ("precharge-failed", "external-shutdown", "hv-not-switched-on"),
+    "can-silent": ("can-short", "can-adapter-off"),
+    "can-master-silent": ("can-short", "can-master-bus-off", "can-adapter-off"),
+}
+# What follows from another cause when both are seen: the first is told, the second is not
+_CAN: Final = ("can-silent", "can-master-bus-off", "can-master-silent")
+_RESTART: Final = (
+    "external-shutdown",
+    "serial-silent",
+    "can-master-silent",
+    "can-master-bus-off",
+    "charger-silent",
+)
+FOLLOWS: Final[dict[str, tuple[str, ...]]] = {
+    "can-babbling-node": ("charger-silent", *_CAN, "can-noise"),
+    "can-silent": ("charger-silent", "can-noise"),
+    "can-master-bus-off": ("charger-silent",),
+    "can-master-silent": ("charger-silent",),
+    "can-noise": ("charger-silent",),
+    "serial-silent": ("can-master-silent",),
+    "serial-noise": ("serial-silent",),  # so much noise that no frame is left
+    "master-watchdog-reset": _RESTART,
+    "master-supply-lost": _RESTART,
+    "isospi-noise": (
+        *("slave-lost", "cell-voltage-noisy", "temperature-sensor-open", "temperature-sensor-fault"),
+        "sense-wire-open",
+    ),
+    "slave-adc-fault": (*_CELL, *_SENSORS),
+    "slave-multiplexer-fault": (*_CELL, *_SENSORS),
+    "slave-reference-drift": (*_CELL, *_SENSORS),
+    "slave-lost": (*_CELL, *_SENSORS),
+    "sense-wire-open": (*_CELL, *(code for code in _SENSORS if code != "sense-wire-open")),
+    "current-sensor-open": ("current-sensor-offset", "overload"),
     "current-sensor-offset": _CELL,
-    "air-hot": ("heated-cell", "cooling-failed", "hot-pack"),
-    "air-cold": ("heated-cell", "cold-pack"),
-    "cooling-failed": ("hot-pack", "leaking-cell"),
-}  # fmt: skip
+    "ambient-temperature": ("external-heating", "cooling-failed", "accumulator-hot", "accumulator-cold"),
+    "cooling-failed": ("accumulator-hot", "self-discharge-high"),
+}
 
 
 @dataclass(frozen=True)
@@ -88,7 +111,8 @@ class Judgement:
 
 def trip_kind(code: str) -> str | None:
     """What a trip is about; None for one that only repeats another."""
-    return _KINDS.get(code, code.removeprefix("trip-") if code.startswith("trip-") else None)
+    condition = code.removeprefix("trip-")
+    return condition if condition in EXPLAINS else None
 
 
 def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion], segments: Sequence[int]) -> list[Judgement]:
@@ -113,7 +137,9 @@ def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion], segments: S
         used |= {_key(each) for each in ranked}
         explained |= {each.cell for each in ranked[:1]} - {None}
     rest = [each for each in left if _key(each) not in used and each.weight >= ENOUGH and each.cell not in explained]
-    if any(each.ranked and each.ranked[0].code == "empty-pack" for each in found):  # then small differences are large
+    if any(
+        each.ranked and each.ranked[0].code == "accumulator-empty" for each in found
+    ):  # then small differences are large
         rest = [each for each in rest if each.code not in _CELL or each.weight >= SURE_WHEN_EMPTY]
     for group in _places(rest):
         ranked = _ranked(group)

@@ -17,9 +17,9 @@ BUS_SILENT_S: Final = 3.0  # a service that is held up hears one link later than
 CUT_LENGTH: Final = 0.85  # of a good frame's: shorter damaged frames broke off
 FLOOD_PER_S: Final = 1500.0  # frames of one foreign identifier
 BOOTS: Final = {
-    "boot-watchdog": "master-reset",
-    "boot-brown-out": "master-power-lost",
-    "boot-power-on": "master-power-lost",
+    "boot-watchdog": "master-watchdog-reset",
+    "boot-brown-out": "master-supply-lost",
+    "boot-power-on": "master-supply-lost",
 }
 
 
@@ -62,10 +62,12 @@ def _line(recording: Recording) -> Iterator[Suspicion]:
         share = Quantity(100 * line.bad_s.size / total, "%", 1)
         n = int(line.bad_s.size)
         if is_cut:
-            yield Suspicion("serial-cut", float(line.bad_s[0]), 40.0, (Message("seen-cut-frames", n=n, share=share),))
+            yield Suspicion(
+                "serial-drop-outs", float(line.bad_s[0]), 40.0, (Message("seen-cut-frames", n=n, share=share),)
+            )
         else:
             evidence = (Message("seen-damaged-frames", n=n, share=share),)
-            yield Suspicion("serial-disturbed", float(line.bad_s[0]), 40.0, evidence)
+            yield Suspicion("serial-noise", float(line.bad_s[0]), 40.0, evidence)
     if not total:
         return
     of_master = [times for can_id, times in bus.times_s.items() if can_id in bus.master_period_s]
@@ -91,7 +93,7 @@ def _bus(recording: Recording) -> Iterator[Suspicion]:
         if (per_s > FLOOD_PER_S).any() and can_id & 0x1FFFFFFF < min(each & 0x1FFFFFFF for each in known):
             at_s = float(times[0] + np.flatnonzero(per_s > FLOOD_PER_S)[0])
             evidence = (Message("seen-can-flood", identifier=f"{can_id:X}", n=int(per_s.max())),)
-            yield Suspicion("can-flooded", at_s, 80.0, evidence)
+            yield Suspicion("can-babbling-node", at_s, 80.0, evidence)
             return
     errors = [event for event in recording.events if event.code == "can-error-frames"]
     silence = _silence_of_master(recording)
@@ -103,7 +105,7 @@ def _bus(recording: Recording) -> Iterator[Suspicion]:
         talks = ((charger > from_s + 1.5) & (charger < to_s)).sum() >= 1
         code, seen = "can-master-silent", Message("seen-can-master-silent", length=length)
         if talks:
-            code, seen = "can-master-off", Message("seen-can-master-off", length=length)
+            code, seen = "can-master-bus-off", Message("seen-can-master-off", length=length)
         elif talked:
             code, seen = "can-silent", Message("seen-can-silent", length=length)
         reasons: tuple[Message, ...] = (seen,)
@@ -114,7 +116,7 @@ def _bus(recording: Recording) -> Iterator[Suspicion]:
         if to_s - from_s > 5.0:
             return
     if len(errors) >= 2 and line.good_s.size:
-        yield Suspicion("can-disturbed", errors[0].at_s, 30.0, (Message("seen-can-errors"),))
+        yield Suspicion("can-noise", errors[0].at_s, 30.0, (Message("seen-can-errors"),))
 
 
 def _silence_of_master(recording: Recording) -> tuple[float, float] | None:

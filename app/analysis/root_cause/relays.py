@@ -57,7 +57,7 @@ def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator
         was_reset = any(e.code == "boot" and abs(e.at_s - at_s) < 8.0 for e in recording.events)
         if most_a > LOADED_A and (fit[after] == 1.0).all() and not was_reset:
             evidence = (Message("seen-opened-under-load", current=Quantity(most_a, "A", 0)),)
-            yield Suspicion("shutdown-opened", at_s - 1.0, 40.0, evidence)
+            yield Suspicion("external-shutdown", at_s - 1.0, 40.0, evidence)
 
 
 def _tries(recording: Recording, load: np.ndarray, zero_a: float) -> list[float]:
@@ -83,7 +83,7 @@ def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_
         rows = recording.near(at_s - 0.4 * TRY_S, at_s + 0.4 * TRY_S)
         amps = Quantity(float(np.mean(recording.steady_a[rows])) - zero_a, "A", 2)
         evidence = (Message("seen-precharge-loaded", current=amps),)
-        yield Suspicion("link-loaded", at_s - TRY_S, 40.0, evidence)
+        yield Suspicion("dc-link-load", at_s - TRY_S, 40.0, evidence)
         return
     for event in recording.events:
         if event.code != "faults-cleared":
@@ -91,7 +91,7 @@ def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_
         rows = recording.near(event.at_s - 20.0, event.at_s)
         tripped = any(e.severity == "trip" and e.at_s < event.at_s for e in recording.events)
         if rows.stop - rows.start > 20 and (load[rows] == 0.0).all() and (fit[rows] == 1.0).all() and not tripped:
-            yield Suspicion("relays-not-closed", event.at_s - 20.0, 20.0, (Message("seen-cleared-without-trip"),))
+            yield Suspicion("contactors-not-closed", event.at_s - 20.0, 20.0, (Message("seen-cleared-without-trip"),))
 
 
 def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Suspicion]:
@@ -110,4 +110,4 @@ def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Suspicio
         inrush = float(((recording.steady_a[rows] - still.mean()) * dt_s).sum())
         if inrush < INRUSH_COULOMB:
             evidence = (Message("seen-no-inrush", charge=Quantity(1000 * max(inrush, 0.0), "mC", 0)),)
-            yield Suspicion("link-not-discharged", at_s - 5.0, 25.0, evidence)
+            yield Suspicion("dc-link-discharge-failed", at_s - 5.0, 25.0, evidence)

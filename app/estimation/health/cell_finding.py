@@ -7,12 +7,14 @@ from math import erf, sqrt
 from typing import Final, Literal
 
 FindingCode = Literal[
-    "joint-grown",  # its busbar joint resists more than it did, or than the others' do [ohm]
-    "resistance-grown",  # the cell itself resists more than the others do [ohm]
-    "capacity-lost",  # it holds less than the others do [1: part of their capacity that is gone]
-    "cell-leaks",  # it loses charge while the others do not [A]
-    "thermistor-off",  # its temperature sensor tells nothing of the cell [K from the others, NaN: no value]
-    "channel-stuck",  # its voltage stands still while the others move [V that the others moved by]
+    "joint-resistance-high",  # its busbar joint resists more than it did, or than the others' do [ohm]
+    "cell-resistance-high",  # the cell itself resists more than the others do [ohm]
+    "capacity-low",  # it holds less than the others do [1: part of their capacity that is gone]
+    "self-discharge-high",  # it loses charge while the others do not [A]
+    "temperature-sensor-fault",  # its temperature sensor shows another value than the cell has [K from the others]
+    "temperature-sensor-open",  # its temperature sensor shows nothing
+    "cell-voltage-stuck",  # its voltage stands still while the others move [V that the others moved by]
+    "cell-voltage-missing",  # it has no voltage
 ]
 SURE: Final = 0.99  # no finding is surer: what was not thought of is not in sigma
 BAND_SIGMAS: Final = 2.0

@@ -41,6 +41,8 @@ CHANNEL_V: Final = 1e-3
 EMPTY_SOC: Final = 0.12
 UNSURE: Final = 0.25  # of a size: a size with a larger sigma does not replace one that was surer
 GONE: Final = 0.5  # of what was found: evidence that it is less ends a finding, want of evidence does not
+_TEMPERATURE: Final[tuple[FindingCode, FindingCode]] = ("temperature-sensor-fault", "temperature-sensor-open")
+_VOLTAGE: Final[tuple[FindingCode, FindingCode]] = ("cell-voltage-stuck", "cell-voltage-missing")
 HOLD: Final = 0.6  # of a threshold: what was found ends below it
 
 
@@ -83,7 +85,7 @@ class CellWatch:
         self._time_s = -np.inf
         self._thermal_s = self._channel_s = 0.0  # since they were looked at
         self._has_looked = False
-        self._leaked = {cell for code, cell in self._findings if code == "cell-leaks"}
+        self._leaked = {cell for code, cell in self._findings if code == "self-discharge-high"}
         self._growth = _Mean(n_cells)
         self.joints: JointReport | None = None
 
@@ -159,14 +161,14 @@ class CellWatch:
         self.joints = self._joint_watch.judge()
         has_changed = self._joint_watch.loose != was_loose
         self._charge_watch.forget(has_changed, leak=True)  # a drop that changed was taken for charge
-        self._keep(("joint-grown", "resistance-grown"), self._resisting(self.joints))
+        self._keep(("joint-resistance-high", "cell-resistance-high"), self._resisting(self.joints))
         if self._has_looked:
             self._has_looked = False
             drift = self._charge_watch.drift()
-            self._keep(("cell-leaks",), self._leaking(drift))
-            self._keep(("capacity-lost",), self._losing(drift))
-        self._keep(("thermistor-off",), self._dead("thermistor-off", "K", THERMISTOR_K, self._thermistors.result()))
-        self._keep(("channel-stuck",), self._dead("channel-stuck", "V", CHANNEL_V, self._channels.result()))
+            self._keep(("self-discharge-high",), self._leaking(drift))
+            self._keep(("capacity-low",), self._losing(drift))
+        self._keep(_TEMPERATURE, self._dead(_TEMPERATURE, "K", THERMISTOR_K, self._thermistors.result()))
+        self._keep(_VOLTAGE, self._dead(_VOLTAGE, "V", CHANNEL_V, self._channels.result()))
         return self.findings
 
     def _keep(self, codes: tuple[FindingCode, ...], found: list[CellFinding]) -> None:
@@ -180,7 +182,11 @@ class CellWatch:
         """Return the joints and the cells that resist more than they ought to."""
         watch = self._joint_watch
         if not np.isfinite(watch.age_s):  # nothing has been seen since an earlier session
-            return [each for (code, _), each in self._findings.items() if code in ("joint-grown", "resistance-grown")]
+            return [
+                each
+                for (code, _), each in self._findings.items()
+                if code in ("joint-resistance-high", "cell-resistance-high")
+            ]
         usual = median(report.resistance_ohm)
         is_sure = watch.growth_sigma < GROWTH_SIGMA_MAX
         growth = self._growth.add(np.where(is_sure, report.cell_growth_frac, np.nan), watch.evidence_count)
@@ -188,17 +194,17 @@ class CellWatch:
         excess_ohm = np.nan_to_num(report.ohmic_excess_ohm)
         limit = max(GROWTH_MIN, GROWTH_SIGMAS * scatter)
         is_cell = np.zeros(len(growth), dtype=np.bool_)
-        is_cell[self._beyond("resistance-grown", growth, np.full(len(growth), limit))] = True
+        is_cell[self._beyond("cell-resistance-high", growth, np.full(len(growth), limit))] = True
         is_cell &= (np.nan_to_num(growth) * usual > CELL_SHARE * excess_ohm) & (excess_ohm > GROWTH_MIN * usual)
         is_cell &= ~(watch.loose & watch.was_sound)  # no cell ages within a session
         found = []
         is_empty = self._charge_watch.soc < EMPTY_SOC  # an empty cell resists more, and a fuller one does not
         for cell in np.flatnonzero(watch.loose | is_cell).tolist():
-            if is_empty[cell] and not self._is_found(cell, "joint-grown", "resistance-grown"):
+            if is_empty[cell] and not self._is_found(cell, "joint-resistance-high", "cell-resistance-high"):
                 continue
-            code: FindingCode = "resistance-grown" if is_cell[cell] else "joint-grown"
-            size = float((report.ohmic_excess_ohm if code == "resistance-grown" else report.joint_excess_ohm)[cell])
-            of_cell = scatter * usual if code == "resistance-grown" else 0.0
+            code: FindingCode = "cell-resistance-high" if is_cell[cell] else "joint-resistance-high"
+            size = float((report.ohmic_excess_ohm if code == "cell-resistance-high" else report.joint_excess_ohm)[cell])
+            of_cell = scatter * usual if code == "cell-resistance-high" else 0.0
             sigma = float(
                 np.linalg.norm((report.sigma_ohm[cell], watch.change_ohm[cell], of_cell, SIGMA_MIN_FRAC * size))
             )
@@ -223,27 +229,31 @@ class CellWatch:
     def _leaking(self, drift: ChargeDrift) -> list[CellFinding]:
         limits_a = np.maximum(LEAK_MIN_A, LEAK_SIGMAS * drift.leak_noise_a)
         found = []
-        beyond, before = set(self._beyond("cell-leaks", drift.leak_a, limits_a)), self._leaked
+        beyond, before = set(self._beyond("self-discharge-high", drift.leak_a, limits_a)), self._leaked
         self._leaked = beyond
         for cell in sorted(beyond & before):  # two looks in a row
             size, sigma = float(drift.leak_a[cell]), float(drift.leak_sigma_a[cell])
             usual = median(drift.leak_a)
             found.append(
-                self._of_charge("cell-leaks", cell, size, sigma, "A", size, usual, confidence_of(size, sigma, 0.0))
+                self._of_charge(
+                    "self-discharge-high", cell, size, sigma, "A", size, usual, confidence_of(size, sigma, 0.0)
+                )
             )
-        return self._lasting("cell-leaks", found, drift.leak_a, drift.leak_sigma_a)
+        return self._lasting("self-discharge-high", found, drift.leak_a, drift.leak_sigma_a)
 
     def _losing(self, drift: ChargeDrift) -> list[CellFinding]:
         limits = np.maximum(LOST_MIN, LOST_SIGMAS * drift.lost_sigma)
         found = []
-        for cell in self._beyond("capacity-lost", drift.lost, limits):
+        for cell in self._beyond("capacity-low", drift.lost, limits):
             size, sigma = float(drift.lost[cell]), float(drift.lost_sigma[cell])
             value, usual = 1.0 - size, 1.0 - median(drift.lost)
             confidence = confidence_of(size, sigma, 0.0)
-            found.append(self._of_charge("capacity-lost", cell, size, sigma, "1", value, usual, confidence))
-        return self._lasting("capacity-lost", found, drift.lost, drift.lost_sigma)
+            found.append(self._of_charge("capacity-low", cell, size, sigma, "1", value, usual, confidence))
+        return self._lasting("capacity-low", found, drift.lost, drift.lost_sigma)
 
-    def _dead(self, code: FindingCode, unit: str, sigma: float, found: DeadSensors) -> list[CellFinding]:
+    def _dead(
+        self, codes: tuple[FindingCode, FindingCode], unit: str, sigma: float, found: DeadSensors
+    ) -> list[CellFinding]:
         nan = float("nan")
         dead = []
         for cell in np.flatnonzero(found.is_dead).tolist():
@@ -253,7 +263,7 @@ class CellWatch:
                 float(found.usual[cell]),
                 self._segments.neighbours(cell),
             )
-            evidence_s = seen_s - since_s
+            evidence_s, code = seen_s - since_s, codes[int(np.isnan(value))]
             dead.append(
                 CellFinding(
                     code, cell, size, sigma, unit, since_s, seen_s, evidence_s, nan, value, usual, neighbours, SURE

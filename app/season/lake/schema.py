@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 from app.errors import ExtraMissing
 from app.words import Message
 
-LAKE_VERSION: Final = 3  # a lake of an older number is made again from its sessions
+LAKE_VERSION: Final = 4  # a lake of an older number is made again from its sessions
 WHOLE: Final = 0  # number of the row that stands for a whole session, in the column `lap`
 SAMPLES: Final = "samples"
 MARK: Final = "sessions"  # the table that is written last: with it a session is in the lake

@@ -29,7 +29,7 @@ from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, Signals
 from app.sources.items import TableItem
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
-from app.words import Message
+from app.words import Message, condition_of
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 
@@ -214,8 +214,8 @@ class SessionFile:
         return [Marker(**row) for row in self._stored.table("markers")]
 
     def events(self) -> list[dict[str, Any]]:
-        """All events of the session, in order, each with the columns of the table `events`."""
-        return self._stored.table("events")
+        """All events of the session, in order, each with the columns of the table `events` and today's code."""
+        return [row | {"code": condition_of(row["code"])} for row in self._stored.table("events")]
 
     def series(
         self,

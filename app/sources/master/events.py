@@ -6,12 +6,12 @@ from firmware_protocol.memory_map import CHARGER_STATES, N_CELLS
 from firmware_protocol.messages import EventCode, EventMessage
 
 _TRIPS: dict[int, tuple[Message, float, str]] = {
-    EventCode.TRIP_V_MIN: (Message("under-voltage"), 1e-4, "V"),
-    EventCode.TRIP_V_MAX: (Message("over-voltage"), 1e-4, "V"),
-    EventCode.TRIP_T_MIN: (Message("too-cold"), 1.0, "degC"),
-    EventCode.TRIP_T_MAX: (Message("too-hot"), 1.0, "degC"),
-    EventCode.TRIP_I_DISC: (Message("discharge-over-current"), 0.01, "A"),
-    EventCode.TRIP_I_CHRG: (Message("charge-over-current"), 0.01, "A"),
+    EventCode.TRIP_V_MIN: (Message("cell-undervoltage"), 1e-4, "V"),
+    EventCode.TRIP_V_MAX: (Message("cell-overvoltage"), 1e-4, "V"),
+    EventCode.TRIP_T_MIN: (Message("cell-undertemperature"), 1.0, "degC"),
+    EventCode.TRIP_T_MAX: (Message("cell-overtemperature"), 1.0, "degC"),
+    EventCode.TRIP_I_DISC: (Message("discharge-overcurrent"), 0.01, "A"),
+    EventCode.TRIP_I_CHRG: (Message("charge-overcurrent"), 0.01, "A"),
     EventCode.TRIP_SLAVE_LOST: (Message("slave-lost"), 1.0, ""),
     EventCode.TRIP_SENSOR_LOST: (Message("sensor-lost"), 1.0, ""),
 }
@@ -41,7 +41,7 @@ def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | No
         what, scale, unit = _TRIPS[message.code]
         value, limit = message.value * scale, message.limit * scale
         reason = _reason(what, cell, Quantity(value, unit), Quantity(limit, unit))
-        return Event(t_wall_ns, "trip", code, reason, cell, value, limit, unit), reason
+        return Event(t_wall_ns, "trip", f"trip-{what.code}", reason, cell, value, limit, unit), reason
     severity: Severity = "info"
     match message.code:
         case EventCode.BOOT:

@@ -388,12 +388,14 @@ export interface CellColumn {
 /** What is wrong with one cell: how much, since when, on which evidence, and how sure that is. */
 export interface CellFinding {
   code:
-    | 'joint-grown'
-    | 'resistance-grown'
-    | 'capacity-lost'
-    | 'cell-leaks'
-    | 'thermistor-off'
-    | 'channel-stuck';
+    | 'joint-resistance-high'
+    | 'cell-resistance-high'
+    | 'capacity-low'
+    | 'self-discharge-high'
+    | 'temperature-sensor-fault'
+    | 'temperature-sensor-open'
+    | 'cell-voltage-stuck'
+    | 'cell-voltage-missing';
   cell: number;
   message: RenderedMessage;
   evidence: RenderedMessage;

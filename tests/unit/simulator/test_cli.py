@@ -43,7 +43,7 @@ def test_describe_tells_start_phases_faults_and_outcome(capsys):
     assert main(["--describe", "broken-converter"]) == 0
     text = capsys.readouterr().out
     assert find_scenario("broken-converter").title in text
-    for part in ("starts at 70%", "idle", "broken-converter in pack 4", "TRIP_SENSOR_LOST"):
+    for part in ("starts at 70%", "idle", "slave-adc-fault in pack 4", "TRIP_SENSOR_LOST"):
         assert part in text
 
 

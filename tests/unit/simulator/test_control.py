@@ -25,11 +25,15 @@ def control(player) -> Control:
 
 
 def test_inject_and_clear_name_cells_as_people_do(control, player):
-    assert control.answer({"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7, "value": 2}) == {"ok": True}
+    assert control.answer({"do": "inject", "fault": "joint-resistance-high", "pack": 3, "cell": 7, "value": 2}) == {
+        "ok": True
+    }
     assert player.simulation.accumulator.extra_joint_ohm[30] == pytest.approx(2e-3)
     active = control.answer({"do": "status"})["active"]
-    assert active == [{"fault": "loose-joint", "value": 2.0, "since_s": 0.0, "until_s": None, "pack": 3, "cell": 7}]
-    assert control.answer({"do": "clear", "fault": "loose-joint", "pack": 3, "cell": 7})["ok"]
+    assert active == [
+        {"fault": "joint-resistance-high", "value": 2.0, "since_s": 0.0, "until_s": None, "pack": 3, "cell": 7}
+    ]
+    assert control.answer({"do": "clear", "fault": "joint-resistance-high", "pack": 3, "cell": 7})["ok"]
     assert control.answer({"do": "status"})["active"] == []
 
 
@@ -43,7 +47,7 @@ def test_catalogue_is_enough_to_build_a_form(control):
         assert control.answer(request) == {"ok": True}, fault
 
 
-BOLT = {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7}
+BOLT = {"do": "inject", "fault": "joint-resistance-high", "pack": 3, "cell": 7}
 
 
 @pytest.mark.parametrize(
@@ -53,7 +57,7 @@ BOLT = {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7}
         ({"do": "explode"}, "`do` is one of"),
         ({"do": []}, "`do` is one of"),
         ({"do": "inject"}, "fault is missing"),
-        ({"do": "inject", "fault": "loose-joint"}, "needs pack and cell"),
+        ({"do": "inject", "fault": "joint-resistance-high"}, "needs pack and cell"),
         (BOLT | {"cell": 13}, "cell = 13 is outside the whole numbers 1..12"),
         (BOLT | {"cell": 1.5}, "cell = 1.5 is outside"),
         (BOLT | {"pack": math.inf}, "pack = inf is outside the whole numbers 1..8"),
@@ -61,12 +65,15 @@ BOLT = {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7}
         (BOLT | {"value": 10**400}, "is outside 0..50 mohm"),
         (BOLT | {"vlaue": 2}, "'vlaue' means nothing to 'inject'"),
         (BOLT | {"for_s": math.inf}, "for_s = inf is outside 0..100000000 s"),
-        ({"do": "inject", "fault": "current-offset", "value": "much"}, "value = 'much' is no number"),
-        ({"do": "inject", "fault": "current-offset", "value": True}, "value = True is no number"),
-        ({"do": "inject", "fault": "current-offset", "pack": 1}, "needs neither pack nor cell"),
-        ({"do": "inject", "fault": "lost-slave", "pack": 1, "cell": 1}, "needs pack"),
-        ({"do": "inject", "fault": "reset", "for_s": 5}, "for_s means nothing"),
-        ({"do": "clear", "fault": "loose-joint", "pack": 3, "cell": 7, "value": 2}, "'value' means nothing to 'clear'"),
+        ({"do": "inject", "fault": "current-sensor-offset", "value": "much"}, "value = 'much' is no number"),
+        ({"do": "inject", "fault": "current-sensor-offset", "value": True}, "value = True is no number"),
+        ({"do": "inject", "fault": "current-sensor-offset", "pack": 1}, "needs neither pack nor cell"),
+        ({"do": "inject", "fault": "slave-lost", "pack": 1, "cell": 1}, "needs pack"),
+        ({"do": "inject", "fault": "master-watchdog-reset", "for_s": 5}, "for_s means nothing"),
+        (
+            {"do": "clear", "fault": "joint-resistance-high", "pack": 3, "cell": 7, "value": 2},
+            "'value' means nothing to 'clear'",
+        ),
         ({"do": "status", "pack": 3}, "'pack' means nothing to 'status'"),
         ({"do": "speed", "value": 0}, "value = 0 is outside 0.01..1000"),
         ({"do": "speed", "value": 1e-300}, "outside 0.01..1000"),

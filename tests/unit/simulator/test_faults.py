@@ -53,7 +53,7 @@ def test_each_fault_changes_something_and_leaves_nothing_behind(simulation, name
 
 def test_a_fault_ends_after_its_time(simulation):
     board = FaultBoard(simulation)
-    board.inject("lost-slave", 3, for_s=10)
+    board.inject("slave-lost", 3, for_s=10)
     board.step(9.9)
     assert not simulation.board.chain.is_powered[3]
     board.step(10.0)
@@ -62,9 +62,9 @@ def test_a_fault_ends_after_its_time(simulation):
 
 def test_the_same_fault_again_replaces_the_first(simulation):
     board = FaultBoard(simulation)
-    board.inject("loose-joint", 7, 1.0, for_s=1)
-    board.inject("loose-joint", 7, 5.0)
-    board.inject("loose-joint", 8, 2.0)
+    board.inject("joint-resistance-high", 7, 1.0, for_s=1)
+    board.inject("joint-resistance-high", 7, 5.0)
+    board.inject("joint-resistance-high", 8, 2.0)
     board.step(100.0)
     assert simulation.accumulator.extra_joint_ohm[[7, 8]] == pytest.approx([5e-3, 2e-3])
     board.clear_all()
@@ -75,16 +75,16 @@ def test_the_same_fault_again_replaces_the_first(simulation):
     ("name", "target", "value", "for_s"),
     [
         ("flat-tyre", 0, None, None),
-        ("loose-joint", 96, None, None),
-        ("lost-slave", 8, None, None),
-        ("current-offset", 1, None, None),
-        ("loose-joint", 0, 51.0, None),
-        ("loose-joint", 0, float("nan"), None),
-        ("loose-joint", 0, 1.0, 0.0),
-        ("loose-joint", 0, 1.0, float("nan")),
-        ("loose-joint", 0, 1.0, 1e9),
-        ("broken-converter", 0, 7.5, None),
-        ("brown-out", 0, 1.0, 5.0),
+        ("joint-resistance-high", 96, None, None),
+        ("slave-lost", 8, None, None),
+        ("current-sensor-offset", 1, None, None),
+        ("joint-resistance-high", 0, 51.0, None),
+        ("joint-resistance-high", 0, float("nan"), None),
+        ("joint-resistance-high", 0, 1.0, 0.0),
+        ("joint-resistance-high", 0, 1.0, float("nan")),
+        ("joint-resistance-high", 0, 1.0, 1e9),
+        ("slave-adc-fault", 0, 7.5, None),
+        ("master-supply-lost", 0, 1.0, 5.0),
     ],
 )
 def test_what_cannot_be_is_refused(simulation, name, target, value, for_s):

@@ -52,7 +52,7 @@ def test_the_link_is_below_60_v_within_the_five_seconds_of_the_rules_unless_its_
     assert faulty.voltage_v == SOURCE_V
 
 
-@pytest.mark.parametrize("fault", ["precharge-open", "link-leak"])
+@pytest.mark.parametrize("fault", ["precharge-failed", "dc-link-load"])
 def test_a_car_whose_precharge_fails_does_not_drive_until_it_is_mended(host, fault):
     simulation = host.simulation
     faults = FaultBoard(simulation)

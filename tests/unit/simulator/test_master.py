@@ -131,13 +131,13 @@ def test_a_trip_opens_the_relays_and_stays_until_cleared(host):
     assert host.simulation.master.relay_state is RelayState.VEHICLE
 
 
-@pytest.mark.parametrize("cause", ["reset", "brown-out"])
+@pytest.mark.parametrize("cause", ["master-watchdog-reset", "master-supply-lost"])
 def test_a_trip_outlives_the_master_s_restart(host, cause):
     start_driving(host)
     faults = FaultBoard(host.simulation)
-    faults.inject("stuck-temperature", 5, 80)
+    faults.inject("temperature-sensor-fault", 5, 80)
     host.run(2.0)
-    faults.clear("stuck-temperature", 5)
+    faults.clear("temperature-sensor-fault", 5)
     faults.inject(cause)
     host.run(4.0)
     assert host.simulation.board.boots == 2
@@ -152,7 +152,7 @@ def test_a_trip_outlives_the_master_s_restart(host, cause):
 def test_a_current_sensor_that_is_off_trips_whatever_the_limit(host):
     host.ask(Write(0, host.config(i_disc_max=320)))
     start_driving(host)
-    FaultBoard(host.simulation).inject("current-unplugged")
+    FaultBoard(host.simulation).inject("current-sensor-open")
     host.run(0.7)
     trips = [code for event in host.events if (code := EventCode(event.code)).name.startswith("TRIP_")]
     assert trips == [EventCode.TRIP_SENSOR_LOST]

@@ -28,7 +28,7 @@ for_s = 60
 
 [[fault]]
 at_s = 10
-name = "loose-joint"
+name = "joint-resistance-high"
 pack = 3
 cell = 7
 value = 2
@@ -51,7 +51,7 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
     assert (scenario.name, scenario.title, scenario.seed, scenario.loop) == ("mine", "A title", 5, False)
     assert scenario.start.cells == {"12": 0.6}
     assert unit_value(scenario.config, "v_cell_max") == 4.15
-    assert (scenario.faults[0].name, scenario.faults[0].target) == ("loose-joint", 30)
+    assert (scenario.faults[0].name, scenario.faults[0].target) == ("joint-resistance-high", 30)
     assert (scenario.expected[0].event, scenario.expected[0].cell) == (EventCode.TRIP_SLAVE_LOST, 12)
 
 
@@ -71,7 +71,7 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ("v_cell_max = 4.15", "v_cell_max = 9", "v_cell_max"),
         ("v_cell_max = 4.15", "v_cell_min = 4.0\nv_cell_max = 3.9", "v_cell_min"),
         ('load = "constant"', 'load = "rocket"', "'rocket' is none of"),
-        ('name = "loose-joint"', 'name = "loose-screw"', "'loose-screw' is none of"),
+        ('name = "joint-resistance-high"', 'name = "loose-screw"', "'loose-screw' is none of"),
         ("cell = 7\n", "", "needs pack and cell"),
         ("value = 2", "value = 2000", "outside 0..50 mohm"),
         ("at_s = 10", 'at_s = "ten"', "no number"),

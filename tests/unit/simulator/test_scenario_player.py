@@ -57,7 +57,7 @@ def action(at_s: float, name: str, **keys: float) -> str:
 def test_every_cell_has_its_own_temperature_however_its_sensor_is_wired(play, inputs):
     """One sensor is off: in the struct its cell is without a temperature, whatever input the chip reads it by."""
     slaves = "" if inputs is None else f"[slaves]\nsensor_inputs = {inputs}\n"
-    fault = '[[fault]]\nat_s = 0.5\nname = "temperature-unplugged"\npack = 2\ncell = 5\n'
+    fault = '[[fault]]\nat_s = 0.5\nname = "temperature-sensor-open"\npack = 2\ncell = 5\n'
     played = play(slaves + phase("rest", for_s=9) + fault)
     played.player.run(2)
     memory = MasterMemory(played.player.simulation.master.image)
@@ -67,7 +67,7 @@ def test_every_cell_has_its_own_temperature_however_its_sensor_is_wired(play, in
 
 
 def test_each_round_has_its_faults_and_actions(play):
-    fault = '[[fault]]\nat_s = 5\nname = "blocked-fan"\nfor_s = 2\n'
+    fault = '[[fault]]\nat_s = 5\nname = "cooling-failed"\nfor_s = 2\n'
     played = play(
         "loop = true\n" + phase("rest", for_s=12) + phase("rest", for_s=8) + fault + action(8, "soc", argument=0.4)
     )
@@ -83,7 +83,7 @@ def test_each_round_has_its_faults_and_actions(play):
 
 
 def test_a_fault_for_good_stays_over_the_rounds(play):
-    fault = '[[fault]]\nat_s = 1\nname = "loose-joint"\npack = 1\ncell = 2\n'
+    fault = '[[fault]]\nat_s = 1\nname = "joint-resistance-high"\npack = 1\ncell = 2\n'
     played = play("loop = true\n" + phase("rest", for_s=3) + fault)
     played.player.run(3.5)
     assert [active.since_s for active in played.player.faults.active] == pytest.approx([1.0])
@@ -92,12 +92,12 @@ def test_a_fault_for_good_stays_over_the_rounds(play):
 
 
 def test_what_a_round_is_too_short_for_is_told(play):
-    fault = '[[fault]]\nat_s = 7\nname = "lost-slave"\npack = 2\n'
+    fault = '[[fault]]\nat_s = 7\nname = "slave-lost"\npack = 2\n'
     played = play(phase("rest", for_s=2) + fault + action(9, "soc", argument=0.5))
     played.player.run(10.0)
     assert played.player.is_over
     assert [text.partition(": ")[2] for text in played.notices] == [
-        "lost-slave in pack 2 at 7 s never came: the phases were over",
+        "slave-lost in pack 2 at 7 s never came: the phases were over",
         "soc 0.5 at 9 s never came: the phases were over",
     ]
 
@@ -110,7 +110,7 @@ def test_an_action_that_the_master_refuses_is_told(play, name, why):
 
 
 def test_an_action_without_a_master_is_told(play):
-    fault = '[[fault]]\nat_s = 1\nname = "brown-out"\nvalue = 3\n'
+    fault = '[[fault]]\nat_s = 1\nname = "master-supply-lost"\nvalue = 3\n'
     played = play(phase("rest", for_s=6) + fault + action(2, "store"))
     played.player.run(5.0)
     assert played.notices == ["at 2 s: store did nothing: the master is off"]

@@ -28,7 +28,7 @@ def session(make_session):
 
 
 def stuck(watch):
-    return [each.cell for each in watch.judge() if each.code == "channel-stuck"]
+    return [each.cell for each in watch.judge() if each.code == "cell-voltage-stuck"]
 
 
 def test_a_watch_stands_as_it_stood_then_in_whatever_order_it_is_asked(session):
@@ -51,4 +51,4 @@ def test_a_clock_that_is_set_back_hides_nothing(session):
         late = piece.time_s >= START_S + 30.0
         judge.add(replace(piece, time_s=np.where(late, piece.time_s - 3600.0, piece.time_s)))
     judge.result()
-    assert [each.cell for each in judge.ended() if each.code == "channel-stuck"] == [STUCK]
+    assert [each.cell for each in judge.ended() if each.code == "cell-voltage-stuck"] == [STUCK]

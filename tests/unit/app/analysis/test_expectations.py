@@ -22,22 +22,22 @@ def held(text, alarms=(), samples=()):
     return [verdict.held for verdict in expected.verdicts()]
 
 
-LOOSE = Raised(70.0, "joint-loose", "warning", 30)
-TRIP = Raised(181.0, "cell-voltage-low", "trip", 30)
+LOOSE = Raised(70.0, "joint-resistance-high", "warning", 30)
+TRIP = Raised(181.0, "cell-undervoltage", "trip", 30)
 
 
 @pytest.mark.parametrize(
     ("expectation", "expected"),
     [
-        ('[[alarm]]\ncode = "joint-loose"', True),
-        ('[[alarm]]\ncode = "joint-loose"\ncell = "3/7"\nfrom_s = 60\nto_s = 80', True),
-        ('[[alarm]]\ncode = "joint-loose"\ncell = "3/8"', False),
-        ('[[alarm]]\ncode = "joint-loose"\nto_s = 60', False),
+        ('[[alarm]]\ncode = "joint-resistance-high"', True),
+        ('[[alarm]]\ncode = "joint-resistance-high"\ncell = "3/7"\nfrom_s = 60\nto_s = 80', True),
+        ('[[alarm]]\ncode = "joint-resistance-high"\ncell = "3/8"', False),
+        ('[[alarm]]\ncode = "joint-resistance-high"\nto_s = 60', False),
         ('[[alarm]]\nseverity = "trip"\ncount = 2', True),
         ('[[alarm]]\nseverity = "trip"\ncount = 1', False),
         ('[[no_alarm]]\nseverity = "trip"', False),
         ('[[no_alarm]]\nseverity = "trip"\nto_s = 180', True),
-        ('[[no_alarm]]\ncode = "cell-hot"', True),
+        ('[[no_alarm]]\ncode = "cell-overtemperature"', True),
     ],
 )
 def test_alarms_are_told_apart_by_code_severity_cell_time_and_count(expectation, expected):

@@ -66,7 +66,7 @@ def test_a_filter_that_is_none_is_refused(session):
 def test_after_a_jump_the_findings_of_before_are_known(session, master):
     pipeline = pipelines(session())
     (stuck,) = pipeline(START_S + 110.0).feed(master.frame()).snapshot.findings
-    assert stuck.code == "channel-stuck"
+    assert stuck.code == "cell-voltage-stuck"
     assert pipeline(START_S + 30.0).feed(master.frame()).snapshot.findings == ()
 
 

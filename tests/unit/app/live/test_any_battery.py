@@ -14,6 +14,7 @@ from app.live.trend import Trend
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.items import CanItem
 from app.sources.loaded_battery import LoadedBattery
+from app.words import Pack
 from tests.peer_messages import HEAD
 
 S = 1_000_000_000
@@ -101,12 +102,12 @@ def test_a_battery_without_temperatures_is_estimated_and_says_nothing_of_them():
 @pytest.mark.parametrize(
     ("limit", "value", "code"),
     [
-        ("cell_voltage_max_v", 3.65, "cell-voltage-high"),
-        ("cell_voltage_min_v", 3.75, "cell-voltage-low"),
-        ("discharge_current_max_a", 8.0, "current-high"),
+        ("cell_voltage_max_v", 3.65, "cell-overvoltage"),
+        ("cell_voltage_min_v", 3.75, "cell-undervoltage"),
+        ("discharge_current_max_a", 8.0, "discharge-overcurrent"),
         ("pack_voltage_max_v", 100.0, "accumulator-voltage-high"),
         ("segment_voltage_max_v", 40.0, "pack-voltage-high"),
-        ("temperature_max_degc", 20.0, "cell-hot"),
+        ("temperature_max_degc", 20.0, "cell-overtemperature"),
     ],
 )
 def test_each_limit_of_a_profile_alone_raises_its_alarm_without_a_signal_for_the_state(limit, value, code):
@@ -120,7 +121,7 @@ def test_the_pack_above_its_limit_is_named():
     battery = loaded((9, 12, 8), segment_voltage_max_v=40.0)
     found = drive(PipelineFactory("coulomb", None, battery).pipeline("can"), 2, np.full(29, 3.7))
     (alarm,) = found[-1].alarms
-    assert alarm.message.args["pack"] == 2
+    assert alarm.message.args["pack"] == Pack(1)
     assert alarm.value == pytest.approx(44.4)
 
 
@@ -129,7 +130,7 @@ def test_a_sensor_that_stands_for_several_cells_is_found_once():
     pipeline = PipelineFactory("coulomb", None, battery).pipeline("can")
     drive(pipeline, 20, np.full(12, 3.7), degc=[25, 25, 25, 25, 25, 25])
     found = drive(pipeline, 20, np.full(12, 3.7), degc=[25, 25, 45, 25, 25, 25], from_s=20)
-    assert [(each.code, each.cell) for each in found[-1].findings] == [("thermistor-off", 4)]
+    assert [(each.code, each.cell) for each in found[-1].findings] == [("temperature-sensor-fault", 4)]
 
 
 def test_a_fault_that_the_bms_tells_is_its_own_alarm_and_no_word_of_a_circuit():
@@ -144,5 +145,5 @@ def test_cells_that_were_not_heard_yet_are_no_alarm_until_the_first_round_is_ove
     pipeline = PipelineFactory("coulomb", None, battery).pipeline("can")
     assert codes(drive(pipeline, 2.5, np.full(12, 3.7))) == set()  # 17 cells are still to come
     found = drive(pipeline, 4, np.full(12, 3.7), from_s=3)
-    assert codes(found) == {"cell-missing"}
+    assert codes(found) == {"cell-voltage-missing"}
     assert found[-1].alarms[0].cells == tuple(range(12, 29))

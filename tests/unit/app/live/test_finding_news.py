@@ -22,17 +22,17 @@ def snapshot(*findings):
 
 
 def test_a_finding_is_an_event_once_and_another_when_it_ends():
-    news, joint = FindingNews(), found("joint-grown", 63, 14e-3)
+    news, joint = FindingNews(), found("joint-resistance-high", 63, 14e-3)
     (event,) = news.step(snapshot(joint))
-    assert (event.code, event.cell, event.value, event.unit) == ("finding-joint-grown", 63, 14e-3, "ohm")
+    assert (event.code, event.cell, event.value, event.unit) == ("finding-joint-resistance-high", 63, 14e-3, "ohm")
     assert "pack 6, cell 4" in render(event.message, [12] * 8)
     assert "14.00 mΩ" in render(event.message, [12] * 8)
-    assert news.step(snapshot(found("joint-grown", 63, 14.2e-3))) == []
+    assert news.step(snapshot(found("joint-resistance-high", 63, 14.2e-3))) == []
     (ended,) = news.step(snapshot())
     assert (ended.code, ended.severity, ended.cell) == ("finding-ended", "info", 63)
 
 
 def test_every_cell_is_an_event_of_its_own():
     cells = [3, 40, 63]
-    events = FindingNews().step(snapshot(*(found("cell-leaks", cell, 0.02, "A") for cell in cells)))
+    events = FindingNews().step(snapshot(*(found("self-discharge-high", cell, 0.02, "A") for cell in cells)))
     assert [event.cell for event in events] == cells

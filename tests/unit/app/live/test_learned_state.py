@@ -42,7 +42,7 @@ def test_a_file_of_an_older_version_knows_no_resistances_and_is_read(tmp_path):
 
 def test_what_was_found_of_cells_and_their_charge_survives_a_restart(tmp_path):
     file = tmp_path / "past.npz"
-    found = CellFinding("cell-leaks", 22, 0.02, 0.003, "A", 1e9, 1.1e9, 1e5, NAN, 0.02, 0.0, (21, 23), 0.99)
+    found = CellFinding("self-discharge-high", 22, 0.02, 0.003, "A", 1e9, 1.1e9, 1e5, NAN, 0.02, 0.0, (21, 23), 0.99)
     charge = ChargeMemory(1.1e9, 1e5, 0.8, np.full((STATES, N_CELLS), 0.5), np.ones((STATES, STATES, N_CELLS)))
     loose = LooseJoints(np.where(np.arange(N_CELLS) == 63, 14e-3, NAN), np.full(N_CELLS, 1e-4))
     watch = CellWatchMemory(np.zeros(N_CELLS), loose, charge, (found,))
@@ -50,7 +50,7 @@ def test_what_was_found_of_cells_and_their_charge_survives_a_restart(tmp_path):
     save_learned_state(file, replace(before, cells=replace(before.cells, watch=watch)))
     predictor = Predictor(CELL, (12,) * 8, load_learned_state(file, 96).cells)
     assert [(each.code, each.cell, each.size, each.since) for each in predictor.findings] == [
-        ("cell-leaks", 22, 0.02, 1e9)
+        ("self-discharge-high", 22, 0.02, 1e9)
     ]
     kept = predictor.learned_cells.watch
     np.testing.assert_array_equal(kept.charge.mean, charge.mean)

@@ -27,7 +27,7 @@ def path(tmp_path: Path) -> Path:
 
 def test_events_and_their_ids_survive_a_restart(path: Path) -> None:
     log = EventLog(path, FakeClock())
-    too_low = Event(1, "trip", "v_min", Message("cell-voltage-low"), cell=36, value=2.4, limit=2.5, unit="V")
+    too_low = Event(1, "trip", "v_min", Message("cell-undervoltage"), cell=36, value=2.4, limit=2.5, unit="V")
     first = log.append(too_low, uptime_ms=77)
     log.close()
     log = EventLog(path, FakeClock())
@@ -35,8 +35,8 @@ def test_events_and_their_ids_survive_a_restart(path: Path) -> None:
     events = log.query()
     log.close()
     assert second > first
-    assert events[1].message == '{"code":"cell-voltage-low","args":{}}'
-    assert events[1].text == "cell voltage below its limit"
+    assert events[1].message == '{"code":"cell-undervoltage","args":{}}'
+    assert events[1].text == "cell undervoltage"
     assert [event.id for event in events] == [second, first]
     assert (events[1].cell, events[1].value, events[1].limit, events[1].unit, events[1].uptime_ms) == (
         36,

@@ -29,20 +29,20 @@ def test_every_finding_is_told_whole_in_every_language(code, value, language):
 
 
 def test_sizes_are_told_in_the_units_of_the_workshop():
-    assert "14.00 mΩ (12.00 to 16.00 mΩ)" in render(told("joint-grown", 14e-3, "ohm").message)
-    assert "21 mA (19 to 23 mA)" in render(told("cell-leaks", 0.021, "A").message)
-    assert "6.1 A" in render(told("cell-leaks", 6.1, "A").message)
-    assert "30 %" in render(told("capacity-lost", 0.3, "1").message)
+    assert "14.00 mΩ (12.00 to 16.00 mΩ)" in render(told("joint-resistance-high", 14e-3, "ohm").message)
+    assert "21 mA (19 to 23 mA)" in render(told("self-discharge-high", 0.021, "A").message)
+    assert "6.1 A" in render(told("self-discharge-high", 6.1, "A").message)
+    assert "30 %" in render(told("capacity-low", 0.3, "1").message)
 
 
 def test_what_has_no_size_has_none():
-    finding = told("thermistor-off", NAN, "K", NAN)
+    finding = told("temperature-sensor-fault", NAN, "K", NAN)
     assert (finding.size, finding.low, finding.high, finding.value) == (None, None, None, None)
     assert finding.seen - finding.since == 60.0
 
 
 def sensor_off(cell):
-    return CellFinding("thermistor-off", cell, NAN, NAN, "K", 1e9, 1e9 + 60, 30.0, NAN, NAN, 30.0, (), 0.9)
+    return CellFinding("temperature-sensor-fault", cell, NAN, NAN, "K", 1e9, 1e9 + 60, 30.0, NAN, NAN, 30.0, (), 0.9)
 
 
 @pytest.mark.parametrize(
@@ -60,8 +60,8 @@ def test_a_sensor_that_stands_for_many_cells_is_named_once(language, name):
 
 
 def test_a_cell_without_a_sensor_has_no_finding_of_one_and_a_joint_stays_its_cells():
-    joint = CellFinding("joint-grown", 3, 0.01, 0.001, "ohm", 1e9, 1e9 + 60, 30.0, 50.0, 1.0, 0.002, (), 0.98)
-    assert [finding.code for finding in told_findings([joint, sensor_off(5)], ((0, 1),))] == ["joint-grown"]
+    joint = CellFinding("joint-resistance-high", 3, 0.01, 0.001, "ohm", 1e9, 1e9 + 60, 30.0, 50.0, 1.0, 0.002, (), 0.98)
+    assert [finding.code for finding in told_findings([joint, sensor_off(5)], ((0, 1),))] == ["joint-resistance-high"]
 
 
 def test_where_each_cell_has_its_own_sensor_the_cell_is_named():

@@ -76,16 +76,16 @@ def test_every_other_fault_is_injected_run_and_cleared(rig, name):
 def test_a_target_beyond_the_battery_is_refused(rig):
     faults = FaultBoard(rig.simulation)
     with pytest.raises(FaultError, match=r"outside 0\.\.29"):
-        faults.inject("loose-joint", 30)
+        faults.inject("joint-resistance-high", 30)
     with pytest.raises(FaultError, match=r"outside 0\.\.2"):
-        faults.inject("lost-slave", 3)
+        faults.inject("slave-lost", 3)
 
 
 def test_an_open_wire_takes_the_voltages_of_both_its_neighbours_in_the_pack(rig):
     rig.run(1.0)
     faults = FaultBoard(rig.simulation)
-    faults.inject("open-wire", 3)
-    faults.inject("open-wire", 19)  # the last one of its pack
+    faults.inject("sense-wire-open", 3)
+    faults.inject("sense-wire-open", 19)  # the last one of its pack
     rig.run(0.3)
     assert np.flatnonzero(np.isnan(rig.voice.last("voltage"))).tolist() == [3, 4, 19]
     rig.run(2.0)
@@ -94,7 +94,7 @@ def test_an_open_wire_takes_the_voltages_of_both_its_neighbours_in_the_pack(rig)
 
 def test_a_lost_board_takes_the_voltages_and_sensors_of_its_pack(rig):
     rig.run(1.0)
-    FaultBoard(rig.simulation).inject("lost-slave", 1)
+    FaultBoard(rig.simulation).inject("slave-lost", 1)
     rig.run(0.3)
     assert np.flatnonzero(np.isnan(rig.voice.last("voltage"))).tolist() == list(range(14, 20))
     assert np.isnan(rig.voice.last("temperature")).tolist() == [False, False, True, True, False, False, False]
@@ -102,8 +102,8 @@ def test_a_lost_board_takes_the_voltages_and_sensors_of_its_pack(rig):
 
 def test_a_sensor_that_is_stuck_or_off_says_so_for_all_its_cells(rig):
     faults = FaultBoard(rig.simulation)
-    faults.inject("stuck-temperature", 7, 55.0)
-    faults.inject("temperature-unplugged", 22)
+    faults.inject("temperature-sensor-fault", 7, 55.0)
+    faults.inject("temperature-sensor-open", 22)
     rig.run(1.0)
     degc = rig.voice.last("temperature")
     assert degc[1] == 55.0
@@ -113,7 +113,7 @@ def test_a_sensor_that_is_stuck_or_off_says_so_for_all_its_cells(rig):
 
 def test_a_bms_without_power_is_silent_and_comes_back(rig):
     rig.run(2.0)
-    FaultBoard(rig.simulation).inject("brown-out", 0, 1.5)
+    FaultBoard(rig.simulation).inject("master-supply-lost", 0, 1.5)
     n = len(rig.voice.heard)
     rig.run(1.4)
     assert len(rig.voice.heard) == n
@@ -126,7 +126,7 @@ def test_a_trip_opens_the_relays_and_stays_until_it_is_cleared(make_rig):
     rig.draw(5.0)
     rig.run(3.0)
     faults = FaultBoard(rig.simulation)
-    faults.inject("stuck-sensor", 8, 4.1)
+    faults.inject("cell-voltage-stuck", 8, 4.1)
     rig.run(1.0)
     assert rig.voice.last("state.fault")[0] == 1.0
     assert rig.voice.last("state.closed")[0] == 0.0
@@ -144,7 +144,7 @@ def test_balancing_brings_the_cells_together(make_rig):
     faults = FaultBoard(rig.simulation)
     rig.run(2.0)
     soc = rig.simulation.accumulator.soc
-    faults.inject("internal-short", 5, 1.0)  # one cell loses a few percent
+    faults.inject("self-discharge-high", 5, 1.0)  # one cell loses a few percent
     rig.run(60.0)
     faults.clear_all()
     rig.run(60.0)

@@ -29,7 +29,7 @@ def window(voltage_v=3.5, **changes):
     return Window(**values | changes)
 
 
-def trigger(at_s=100.0, code="trip-v-min", severity="trip", cell=CELL, value=2.4, limit=2.5, unit="V"):
+def trigger(at_s=100.0, code="trip-cell-undervoltage", severity="trip", cell=CELL, value=2.4, limit=2.5, unit="V"):
     return Trigger(WALL_S + at_s, at_s, code, severity, "cell under-voltage", cell, value, limit, unit)
 
 
@@ -82,10 +82,12 @@ def test_a_hot_cell_and_a_current_are_judged_by_their_own_values():
     heat = np.full((len(TIME_S), 96), 30.0)
     heat[:, CELL] = 61.0
     heat[:, CELL + 1] = 60.5
-    hot = boxed([trigger(code="cell-hot", value=61, limit=60, unit="degC")], window(temperature_degc=heat))
+    hot = boxed([trigger(code="cell-overtemperature", value=61, limit=60, unit="degC")], window(temperature_degc=heat))
     assert (hot.quantity, hot.side, hot.peers.also_beyond) == ("temperature", "high", 1)
     amps = np.where(TIME_S > 99.75, 250.0, 100.0)
-    high = boxed([trigger(code="current-high", cell=None, value=250, limit=200, unit="A")], window(current_a=amps))
+    high = boxed(
+        [trigger(code="discharge-overcurrent", cell=None, value=250, limit=200, unit="A")], window(current_a=amps)
+    )
     assert (high.quantity, high.peers, high.beyond.worst) == ("current", None, 250)
     assert high.beyond.since_s == pytest.approx(-0.2)
 
@@ -94,26 +96,26 @@ def test_what_follows_within_seconds_is_the_same_incident():
     alarm = trigger(99.9, "master-fault", cell=None, value=None, limit=None, unit="")
     groups = incidents([trigger(200.0), trigger(100.0), alarm, trigger(100.0 + AFTER_S + 0.1)])
     assert [[each.mono_s for each in group] for group in groups] == [[99.9, 100.0], [105.1], [200.0]]
-    assert main_trigger(groups[0]).code == "trip-v-min"
-    warning = trigger(99.0, "joint-loose", "warning")
-    assert main_trigger([warning, *groups[0]]).code == "trip-v-min"
+    assert main_trigger(groups[0]).code == "trip-cell-undervoltage"
+    warning = trigger(99.0, "joint-resistance-high", "warning")
+    assert main_trigger([warning, *groups[0]]).code == "trip-cell-undervoltage"
     many = incidents([trigger(100.0 + k) for k in range(40)])
     assert all(group[-1].mono_s - group[0].mono_s <= 15 for group in many)
 
 
 def test_its_name_is_the_time_in_utc_and_the_code():
-    assert incident_id(trigger(100.25)) == "20260921T141500.250Z-trip-v-min"
+    assert incident_id(trigger(100.25)) == "20260921T141500.250Z-trip-cell-undervoltage"
 
 
 @pytest.mark.parametrize(
     ("severity", "code", "expected"),
     [
         ("trip", "anything", True),
-        ("warning", "joint-loose", True),
-        ("warning", "charger-hardware", True),
+        ("warning", "joint-resistance-high", True),
+        ("warning", "charger-hardware-fault", True),
         ("warning", "rs232-lost", False),
-        ("watch", "joint-loose", False),
-        ("info", "cell-missing", False),
+        ("watch", "joint-resistance-high", False),
+        ("info", "cell-voltage-missing", False),
     ],
 )
 def test_trips_and_faults_of_the_battery_are_worth_one(severity, code, expected):

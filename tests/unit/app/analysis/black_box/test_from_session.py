@@ -98,7 +98,7 @@ def test_a_trip_is_boxed_live_and_again_out_of_the_file(car, tmp_path):
     car.recorder.close()
     (live,) = car.made
     assert live.is_complete
-    assert (live.code, live.cell) == ("cell-voltage-low", 30)
+    assert (live.code, live.cell) == ("cell-undervoltage", 30)
     assert live.beyond.since_s == pytest.approx(-0.3, abs=0.05)
     assert live.beyond.lasted_s == pytest.approx(1.0, abs=0.05)
     with SessionFile(car.info.path) as session:
@@ -121,7 +121,7 @@ def test_a_loose_wire_that_reads_high_first_is_named_in_the_box(car):
     car.run(9)
     car.boxes.close()
     (box,) = car.made
-    assert (box.code, box.cause.code, box.cause.cell) == ("cell-voltage-high", "broken-wire", 30)
+    assert (box.code, box.cause.code, box.cause.cell) == ("cell-overvoltage", "sense-wire-open", 30)
     assert "pack 3, cell 7, pack 3, cell 8" in box.cause.evidence[0].text
 
 
@@ -131,7 +131,7 @@ def test_a_box_is_kept_when_the_search_for_its_cause_fails(car, monkeypatch):
     car.set_cell(2.3)
     car.run(8)
     car.boxes.close()
-    assert [(box.code, box.cause) for box in car.made] == [("cell-voltage-low", None)]
+    assert [(box.code, box.cause) for box in car.made] == [("cell-undervoltage", None)]
 
 
 def refusing(code, searches):
@@ -167,7 +167,7 @@ def test_a_disk_that_stays_away_costs_the_cause_and_not_the_box(car, monkeypatch
     car.set_cell(2.3)
     car.run(8)
     box = made.get(timeout=30)
-    assert (box.code, box.cause, len(searches)) == ("cell-voltage-low", None, tries)
+    assert (box.code, box.cause, len(searches)) == ("cell-undervoltage", None, tries)
     car.boxes.close()
 
 

@@ -8,7 +8,7 @@ from app.sessions.black_box_store import BlackBoxStore
 from app.sessions.catalogue import Catalogue
 
 TIME_S = np.arange(0.0, 50.0, 0.5)
-TRIP = {"at_s": 20.0, "severity": "trip", "code": "trip-v-min", "text": "under-voltage", "cell": 3}
+TRIP = {"at_s": 20.0, "severity": "trip", "code": "trip-cell-undervoltage", "text": "under-voltage", "cell": 3}
 
 
 @pytest.fixture

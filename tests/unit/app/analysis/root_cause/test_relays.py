@@ -29,7 +29,7 @@ def codes(of):
 
 @pytest.mark.filterwarnings("error")
 def test_relays_that_open_under_load_without_a_trip_are_told():
-    assert codes(recording()) == ["shutdown-opened"]
+    assert codes(recording()) == ["external-shutdown"]
 
 
 @pytest.mark.filterwarnings("error")
@@ -52,5 +52,5 @@ def test_a_link_is_not_judged_by_a_current_that_was_not_measured():
     def between(time_s):
         return (time_s >= OPENED_S) & (time_s < OPENED_S + 10.0)
 
-    assert "link-not-discharged" in codes(recording(load=again))
-    assert "link-not-discharged" not in codes(recording(load=again, hides=between))
+    assert "dc-link-discharge-failed" in codes(recording(load=again))
+    assert "dc-link-discharge-failed" not in codes(recording(load=again, hides=between))

@@ -88,7 +88,7 @@ def tripped(make_session):
     time_s = np.arange(0.0, 30.0, 0.5)
     event = {
         "severity": "trip",
-        "code": "trip-v-min",
+        "code": "trip-cell-undervoltage",
         "text": "under",
         "cell": 3,
         "value": 2.4,
@@ -101,7 +101,7 @@ def tripped(make_session):
 def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_it(client, tripped):
     assert client.get("/api/v1/blackboxes").json() == {"boxes": [], "next_cursor": None}
     (listed,) = client.get(f"/api/v1/sessions/{tripped}/blackboxes").json()["boxes"]
-    assert (listed["code"], listed["cell"], listed["session_id"]) == ("trip-v-min", 3, tripped)
+    assert (listed["code"], listed["cell"], listed["session_id"]) == ("trip-cell-undervoltage", 3, tripped)
     assert listed["message"] == {"code": "verbatim", "args": {"text": "under"}, "text": "under"}
     assert client.delete(f"/api/v1/sessions/{tripped}").status_code == 200
     assert client.get("/api/v1/blackboxes").json()["boxes"] == [listed]

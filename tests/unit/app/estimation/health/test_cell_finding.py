@@ -9,7 +9,7 @@ NAN = float("nan")
 
 
 def finding(size, sigma):
-    return CellFinding("joint-grown", 5, size, sigma, "ohm", 1.0, 2.0, 3.0, 50.0, 0.01, 0.002, (4, 6), 0.9)
+    return CellFinding("joint-resistance-high", 5, size, sigma, "ohm", 1.0, 2.0, 3.0, 50.0, 0.01, 0.002, (4, 6), 0.9)
 
 
 def test_the_band_lies_around_the_size_and_never_below_nothing():

@@ -54,7 +54,7 @@ def new_watch(cell, memory=None):
 
 
 def joints(watch):
-    return {each.cell: each for each in watch.findings if each.code == "joint-grown"}
+    return {each.cell: each for each in watch.findings if each.code == "joint-resistance-high"}
 
 
 def test_a_grown_joint_is_a_finding_with_its_size_and_evidence(cell):
@@ -82,7 +82,7 @@ def test_a_joint_that_parts_at_any_time_is_neither_a_leak_nor_the_cell(sound_s, 
     car.resistance_ohm[63] += more_ohm
     for _ in range(6):
         car.drive(15)
-        assert {(each.code, each.cell) for each in car.watch.findings} <= {("joint-grown", 63)}
+        assert {(each.code, each.cell) for each in car.watch.findings} <= {("joint-resistance-high", 63)}
     assert joints(car.watch)[63].size == pytest.approx(more_ohm, rel=0.1)
 
 
@@ -179,7 +179,7 @@ def test_a_leak_is_a_finding_of_its_cell_alone_with_a_band_that_holds_it(shape, 
     pack, cell = Pack(load_cell(), *shape, seed), int(place * shape[0])
     pack.run(90)
     pack.leak_a[cell] = leak_a
-    assert pack.run(240) == {("cell-leaks", cell)}
+    assert pack.run(240) == {("self-discharge-high", cell)}
     (found,) = pack.watch.findings
     assert abs(found.size - leak_a) < 3 * found.sigma
     assert cell not in found.neighbours
@@ -193,7 +193,8 @@ def test_a_thermistor_that_came_off_is_the_finding_and_the_cell_is_not(shape, pl
     pack, cell = Pack(load_cell(), *shape, seed), int(place * shape[0])
     pack.run(10)
     pack.shown_degc[cell] = shown_degc
-    assert pack.run(30) == {("thermistor-off", cell)}
+    code = "temperature-sensor-open" if np.isnan(shown_degc) else "temperature-sensor-fault"
+    assert pack.run(30) == {(code, cell)}
     pack.shown_degc.clear()
     assert pack.run(40) == set()
 
@@ -203,8 +204,8 @@ def test_a_channel_that_is_stuck_is_neither_leak_nor_joint_nor_capacity(cell, sh
     pack = Pack(cell, *shape, seed)
     pack.run(60, RACING)
     pack.shown_v[stuck] = 3.9
-    assert pack.run(120, RACING) == {("channel-stuck", stuck)}
-    assert pack.run(120) == {("channel-stuck", stuck)}
+    assert pack.run(120, RACING) == {("cell-voltage-stuck", stuck)}
+    assert pack.run(120) == {("cell-voltage-stuck", stuck)}
     pack.shown_v.clear()
     assert pack.run(400, RACING) == set()
 
@@ -213,10 +214,10 @@ def test_a_leak_survives_a_restart_and_ends_when_the_cell_is_mended(cell):
     pack = Pack(cell)
     pack.run(90)
     pack.leak_a[5] = 6.0
-    assert pack.run(240) == {("cell-leaks", 5)}
+    assert pack.run(240) == {("self-discharge-high", 5)}
     (before,) = pack.watch.findings
     pack.restart()
-    assert pack.run(30) == {("cell-leaks", 5)}
+    assert pack.run(30) == {("self-discharge-high", 5)}
     assert pack.watch.findings[0].since_s == before.since_s
     pack.leak_a[5] = 0.0
     assert pack.run(1800, dt_s=1.0) == set()
@@ -226,7 +227,7 @@ def test_two_faults_are_two_findings(cell):
     pack = Pack(cell)
     pack.run(90)
     pack.leak_a[5], pack.shown_degc[17] = 6.0, 125.0
-    assert pack.run(240) == {("cell-leaks", 5), ("thermistor-off", 17)}
+    assert pack.run(240) == {("self-discharge-high", 5), ("temperature-sensor-fault", 17)}
     assert all(0.0 < each.confidence <= SURE for each in pack.watch.findings)
 
 
@@ -237,7 +238,7 @@ def test_a_clock_that_is_set_is_no_finding_and_ends_none(cell, jump_s):
     pack.leak_a[5] = 6.0
     pack.run(240)
     pack.time_s += jump_s
-    assert pack.run(120) == {("cell-leaks", 5)}
+    assert pack.run(120) == {("self-discharge-high", 5)}
 
 
 def test_samples_without_current_voltage_or_temperature_are_no_evidence(cell):
@@ -258,7 +259,7 @@ def test_a_step_of_no_length_is_refused_and_leaves_every_watch_awake(cell, dt_s)
     with pytest.raises(EstimatorError, match="dt_s"):
         pack.watch.step(pack.time_s, dt_s, 0.0, np.full(24, 3.9), np.full(24, 25.0))
     pack.shown_degc[3] = 125.0
-    assert pack.run(30) == {("thermistor-off", 3)}
+    assert pack.run(30) == {("temperature-sensor-fault", 3)}
 
 
 @pytest.mark.parametrize("segments", [(), (12, 0), (-1,)])
@@ -296,7 +297,7 @@ def test_cells_whose_messages_take_turns_are_not_called_stuck(cell, turns):
         voltages_v = 3.7 - 2e-3 * current_a + rng.normal(0, 1e-3, N)
         voltages_v[of_turn if k % turns else np.zeros(N, bool)] = np.nan
         watch.step(k * DT_S, DT_S, current_a, voltages_v, WARM)
-    assert [each for each in watch.judge() if each.code == "channel-stuck"] == []
+    assert [each for each in watch.judge() if each.code == "cell-voltage-stuck"] == []
 
 
 def test_cells_that_are_not_told_for_seconds_are_missing_whenever_the_channels_are_looked_at(cell):
@@ -305,4 +306,4 @@ def test_cells_that_are_not_told_for_seconds_are_missing_whenever_the_channels_a
         voltages_v = 3.7 + rng.normal(0, 1e-3, N)
         voltages_v[5] = np.nan
         watch.step(k * DT_S, DT_S, 0.0, voltages_v, WARM)
-    assert {each.cell for each in watch.judge() if each.code == "channel-stuck"} == {5}
+    assert {each.cell for each in watch.judge() if each.code == "cell-voltage-missing"} == {5}

@@ -12,7 +12,7 @@ from app.service.mqtt.cars import DRIFT, LIVE_S, MOST_BYTES, SILENT_S, TOPICS, C
 
 ALARM = {
     "severity": "trip",
-    "message": {"code": "cell-hot", "args": {}, "text": "cell too hot"},
+    "message": {"code": "cell-overtemperature", "args": {}, "text": "cell overtemperature"},
     "cell": 7,
     "active": True,
 }

@@ -43,7 +43,7 @@ def test_without_a_recording_its_topic_is_null(bench, master):
 def test_a_simulated_car_is_marked_in_every_object(bench, master):
     bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
     recording = Recording("s1", 5_500_000_000, 7, 4096)
-    alarm = Alarm(1, "cell-hot", "trip", Message("cell-hot"), 0, True)
+    alarm = Alarm(1, "cell-overtemperature", "trip", Message("cell-overtemperature"), 0, True)
     for source in ("simulator", "serial"):
         snapshot = replace(bench.live.snapshot, source=source, alarms=(alarm,))
         bodies = {topic: json.loads(body) for topic, body in messages(snapshot, recording)}

@@ -57,7 +57,10 @@ def record(folder: Path, seconds: int = SECONDS) -> SessionInfo:
         if step % 100 == 99:
             recorder.flush()
     recorder.marker(START_NS + 30 * 10**9, WALL_NS, "first lap", kind="lap", who="anna")
-    recorder.event(START_NS + 31 * 10**9, Event(WALL_NS, "trip", "cell-hot", Message("cell-hot"), cell=7, value=61.0))
+    recorder.event(
+        START_NS + 31 * 10**9,
+        Event(WALL_NS, "trip", "cell-overtemperature", Message("cell-overtemperature"), cell=7, value=61.0),
+    )
     recorder.close()
     return info
 

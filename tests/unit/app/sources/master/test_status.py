@@ -9,7 +9,7 @@ from app.telemetry import Flags
 from app.words import Message, render
 from firmware_protocol.memory_map import STATUS_FLAGS
 
-TRIP = Message("too-hot")
+TRIP = Message("cell-overtemperature")
 
 
 def flags(*on, **said):
@@ -28,7 +28,7 @@ def flags(*on, **said):
         (flags("fit", "balancing", "load"), "balance", "cells are bled to the lowest"),
         (flags("fit", load=None), "unknown", "nothing heard of the relays"),
         (flags("fit", "charging", load=None), "charge", "charger: constant current"),
-        (flags("load"), "fault", "cell too hot"),
+        (flags("load"), "fault", "cell overtemperature"),
         (None, "unknown", "no status from the master"),
     ],
 )
