@@ -7,7 +7,6 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray
 from app.estimation.health.cell_finding import FindingCode
-from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
 from app.telemetry.link_messages import LATE, SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
@@ -230,12 +229,6 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     missing = _indices(is_missing if snapshot.awaited is None else is_missing & ~snapshot.awaited)
     if missing and (len(missing) < len(voltage_v) or _is_recent(snapshot)):
         yield Condition("warning", Message("cell-voltage-missing", n=len(missing)), missing[0], cells=missing)
-    loose = () if snapshot.cells.joint_loose is None else _indices(snapshot.cells.joint_loose)
-    if loose:
-        worst = max(loose, key=lambda cell: float(snapshot.cells.joint_excess_ohm[cell]))
-        excess_mohm = float(snapshot.cells.joint_excess_ohm[worst] * 1000)
-        message = Message("joint-resistance-high", n=len(loose))
-        yield Condition("warning", message, worst, excess_mohm, ALARM_OHM * 1000, "mohm", loose)
     yield from _findings(snapshot)
     if snapshot.cells.model_valid is not None:
         invalid = _indices(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
@@ -248,16 +241,20 @@ def _indices(is_so: BoolArray) -> tuple[int, ...]:
 
 
 def _findings(snapshot: Snapshot) -> Iterator[Condition]:
-    """Every kind of finding once, with all its cells; a grown joint has an alarm of its own, as has a missing value."""
+    """Every kind of finding once, with all its cells; a missing voltage has an alarm of its own."""
     for code in _FINDINGS:
         found = [each for each in snapshot.findings if each.code == code]
         if found:
             worst = max(found, key=lambda each: each.size or 0.0)
             cells = (worst.cell, *(each.cell for each in found if each is not worst))
-            yield Condition("warning", condition(code, len(found)), worst.cell, worst.size, None, worst.unit, cells)
+            value, unit = worst.size, worst.unit
+            if value is not None and unit == "ohm":
+                value, unit = 1000 * value, "mohm"
+            yield Condition("warning", condition(code, len(found)), worst.cell, value, None, unit, cells)
 
 
 _FINDINGS: tuple[FindingCode, ...] = (
+    "joint-resistance-high",
     "cell-resistance-high",
     "capacity-low",
     "self-discharge-high",

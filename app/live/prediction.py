@@ -294,7 +294,7 @@ class Predictor:
     def _learned_so_far(self) -> Assessment:
         return Assessment(
             joints=self._joints,
-            loose=self._watch.loose,
+            loose=self._watch.has("joint-resistance-high"),
             health=self._health,
             capacity_ah=self._capacity_ah,
             learned=self.learned,

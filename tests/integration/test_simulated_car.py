@@ -16,7 +16,7 @@ def test_faults_are_listed_injected_shown_and_cleared(service):
         assert hot.status_code == 201, hot.text
         active = client.get("/simulator").json()["status"]["active"]
         assert [(fault["fault"], fault["pack"], fault["cell"]) for fault in active] == [("joint-resistance-high", 3, 7)]
-        assert client.delete("/simulator/faults/loose-joint?pack=3&cell=7").json() == {"active": []}
+        assert client.delete("/simulator/faults/joint-resistance-high?pack=3&cell=7").json() == {"active": []}
         refused = client.post(
             "/simulator/faults", json={"fault": "joint-resistance-high", "pack": 3, "cell": 7, "value": 5000}
         )

@@ -13,7 +13,7 @@ from app.analysis.black_box.findings import cause_findings, findings_of
 from app.analysis.cell_findings import CellJudge
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
-from app.analysis.root_cause.cause import Cause
+from app.analysis.root_cause.cause import Cause, agreeing
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
@@ -54,7 +54,8 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         window = read_window(session, group)
         config_hash = None if image is None else image_hash(image)
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
-        found = told_findings(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
+        cause = cause_of_trip(session, main_trigger(group))
+        known_then = told_findings(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
         limits = limits_then.at(session.unix_s(round(group[0].mono_s * 1e9)))
         box = build(
             group,
@@ -62,11 +63,11 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
             session_id=session_id,
             config_hash=config_hash,
             limits=limits,
-            found=found,
+            found=agreeing(known_then, [] if cause is None else [cause]),
             is_simulated=session.info.metadata.get("source") == "simulator",
             segments=session.battery.segments,
         )
-        boxes.append(with_cause(box, cause_of_trip(session, main_trigger(group))))
+        boxes.append(with_cause(box, cause))
     return boxes
 
 

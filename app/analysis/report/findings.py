@@ -17,11 +17,9 @@ MAD_TO_SIGMA: Final = 1.4826
 ODD_SIGMAS: Final = 5.0  # beyond so many robust standard deviations a cell is unlike the others
 ODD_NAMED: Final = 3  # of the oddest cells, with what is odd; the others by name alone
 LEAST_SAG_V: Final = 0.005
-LEAST_GROWTH: Final = 0.1  # of the resistance, against the median
 LEAST_HEAT_K: Final = 4.0
 LOWEST_SHARE: Final = 0.3  # of the driving: more is one cell's, not chance
 SPREAD_SOC: Final = 0.03
-MISSING_SHARE: Final = 0.001
 LimitName = Literal["v_min", "v_max", "t_max", "i_max", "i_min"]
 NEAR: Final[dict[LimitName, float]] = {
     "v_min": 0.2,
@@ -62,7 +60,7 @@ class Odd:
 
     message: RenderedMessage
     cell: int
-    what: Literal["sag", "resistance", "temperature", "lowest", "missing"]
+    what: Literal["sag", "temperature", "lowest"]
     value: float
     usual: float
     unit: str
@@ -110,14 +108,11 @@ def margin_of(limit: LimitName, seen: float, allowed: float, cell: int | None, a
 
 
 def odd_cells(survey: Survey) -> list[Odd]:
-    """Return the cells that stand out, the oddest of each kind first."""
+    """Return the cells that stand out in what no verdict is about, the oddest of each kind first."""
     found: list[Odd] = []
     for cell, value, usual in _outliers(survey.sag_v, LEAST_SAG_V):
         message = Message("odd-sag", more=Quantity(1000 * (value - usual), "mV", 0))
         found.append(_odd(message, cell, "sag", value, usual, "V"))
-    for cell, value, usual in _outliers(survey.resistance_ohm, LEAST_GROWTH * median(survey.resistance_ohm)):
-        message = Message("odd-resistance", resistance=_milliohm(value), usual=_milliohm(usual))
-        found.append(_odd(message, cell, "resistance", value, usual, "ohm"))
     for cell, value, usual in _outliers(survey.temperature_max_degc, LEAST_HEAT_K):
         message = Message("odd-temperature", temperature=Quantity(value, "degC", 0), usual=Quantity(usual, "degC", 0))
         found.append(_odd(message, cell, "temperature", value, usual, "degC"))
@@ -128,9 +123,6 @@ def odd_cells(survey: Survey) -> list[Odd]:
             found.append(
                 _odd(Message("odd-lowest", share=percent(share)), cell, "lowest", share, 1 / survey.n_cells, "1")
             )
-    for cell in np.flatnonzero(survey.missing > MISSING_SHARE * max(survey.samples, 1)).tolist():
-        share = float(survey.missing[cell]) / max(survey.samples, 1)
-        found.append(_odd(Message("odd-missing", share=percent(share, 1)), cell, "missing", share, 0.0, "1"))
     return found
 
 
@@ -299,7 +291,7 @@ def percent(fraction: float, digits: int = 0) -> Quantity:
 def _odd(
     message: Message,
     cell: int,
-    what: Literal["sag", "resistance", "temperature", "lowest", "missing"],
+    what: Literal["sag", "temperature", "lowest"],
     value: float,
     usual: float,
     unit: str,
@@ -313,7 +305,3 @@ def _length(seconds: float) -> Quantity:
 
 def _kwh(energy_wh: float) -> Quantity:
     return Quantity(energy_wh / 1000, "kWh", 2)
-
-
-def _milliohm(ohm: float) -> Quantity:
-    return Quantity(1000 * ohm, "mohm", 2)

@@ -24,8 +24,7 @@ from app.analysis.report.findings import (
 )
 from app.analysis.report.margins import MarginWatch
 from app.analysis.report.over_time import OverTime, over_time
-from app.analysis.report.verdict import verdicts
-from app.analysis.root_cause.cause import Cause
+from app.analysis.root_cause.cause import Cause, agreeing
 from app.analysis.root_cause.from_session import causes_of
 from app.analysis.session_arrays import TotalsCollector
 from app.analysis.session_cell import cell_of, judged_by, unlike
@@ -145,12 +144,11 @@ def report_of(session: SessionFile) -> Report:
     near, odd = watch.nearest(), odd_cells(survey)
     trips = [event for event in events if event["severity"] == "trip" and event["code"] not in _OF_OTHER_TRIPS]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
-    loose = [event for event in warned if event["code"] == "joint-resistance-high"]
     causes = causes_of(session, cell)
     segments = session.battery.segments
-    why = [*_cause_findings(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))]
+    why = [*_cause_findings(causes), *_verdicts(agreeing(found, causes))]
     warnings = [*_ended(ended), *_event_arguments(warned, segments)]
-    look_at = what_to_look_at(survey, _unexplained(odd, found), warnings, session.bad_frames())
+    look_at = what_to_look_at(survey, odd, warnings, session.bad_frames())
     findings = Findings(
         sentence(headline(survey, len(found_laps)), segments),
         [sentence(each, segments) for each in why],
@@ -202,10 +200,8 @@ def _cause_findings(causes: Sequence[Cause]) -> list[Message]:
     return list(by_place.values())
 
 
-def _blamed(causes: Sequence[Cause]) -> set[int]:
-    """Cells that a cause names, first or among others: nobody says of them that nothing is wrong."""
-    first, others = {cause.cell for cause in causes}, {each.cell for cause in causes for each in cause.others}
-    return {cell for cell in first | others if cell is not None}
+def _verdicts(found: Sequence[Finding]) -> list[Message]:
+    return [Message("why-finding", finding=each.message, evidence=each.evidence) for each in found]
 
 
 def compare_sessions(first: SessionFile, second: SessionFile) -> SessionComparison:
@@ -224,16 +220,6 @@ def _compared(
 ) -> ComparedSession:
     info = session.info
     return ComparedSession(info.id, info.name, info.started_wall_ns / 1e9, figures, histograms, judged_by(session))
-
-
-def _cells(events: Sequence[dict[str, Any]]) -> list[int]:
-    return [event["cell"] for event in events if event["cell"] is not None]
-
-
-def _unexplained(odd: Sequence[Odd], found: Sequence[Finding]) -> list[Odd]:
-    """What is odd without the mean resistance of cells whose finding says what it came to."""
-    resisting = {each.cell for each in found if each.code in ("joint-resistance-high", "cell-resistance-high")}
-    return [each for each in odd if each.what != "resistance" or each.cell not in resisting]
 
 
 def _ended(found: Sequence[Finding]) -> list[Argument]:

@@ -9,6 +9,7 @@ from typing import Any
 from app.analysis.root_cause.judge import LEAST_OTHER, MOST_OTHERS, SAME, Judgement
 from app.analysis.root_cause.recording import Suspicion
 from app.telemetry import PossibleCause, TripCause
+from app.telemetry.cell_findings import Finding
 from app.words import Cell, Message, Pack, RenderedMessage, condition, condition_of, rendered_from_json, sentence
 
 
@@ -82,6 +83,12 @@ def trip_cause(cause: Cause) -> TripCause:
         PossibleCause(each.code, each.message.message, each.cell, each.pack, each.confidence) for each in cause.others
     )
     return TripCause(cause.code, cause.message.message, cause.cell, cause.pack, cause.confidence, others)
+
+
+def agreeing(found: Sequence[Finding], causes: Sequence[Cause]) -> list[Finding]:
+    """Return the findings without those of a cell that a cause explains by another condition."""
+    explained = {cause.cell: cause.code for cause in reversed(causes) if cause.cell is not None}
+    return [each for each in found if explained.get(each.cell, each.code) == each.code]
 
 
 def cause_from_json(body: dict[str, Any] | None) -> Cause | None:

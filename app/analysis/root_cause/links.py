@@ -105,7 +105,7 @@ def _bus(recording: Recording) -> Iterator[Suspicion]:
         talks = ((charger > from_s + 1.5) & (charger < to_s)).sum() >= 1
         code, seen = "can-master-silent", Message("seen-can-master-silent", length=length)
         if talks:
-            code, seen = "can-master-bus-off", Message("seen-can-master-off", length=length)
+            code, seen = "can-master-bus-off", Message("seen-can-master-bus-off", length=length)
         elif talked:
             code, seen = "can-silent", Message("seen-can-silent", length=length)
         reasons: tuple[Message, ...] = (seen,)

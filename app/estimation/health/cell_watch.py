@@ -101,10 +101,10 @@ class CellWatch:
         """What is wrong, the surest first."""
         return tuple(sorted(self._findings.values(), key=lambda each: (-each.confidence, each.cell)))
 
-    @property
-    def loose(self) -> BoolArray:
-        """(n_cells,) joints that are loose."""
-        return self._joint_watch.loose
+    def has(self, code: FindingCode) -> BoolArray:
+        """Return (n_cells,) the cells of which this was found."""
+        found: BoolArray = np.array([(code, cell) in self._findings for cell in range(self._segments.n_cells)])
+        return found
 
     @property
     def resistance_age_s(self) -> float:

@@ -1261,7 +1261,7 @@ export interface Notice {
 export interface Odd {
   message: RenderedMessage;
   cell: number;
-  what: 'sag' | 'resistance' | 'temperature' | 'lowest' | 'missing';
+  what: 'sag' | 'temperature' | 'lowest';
   value: number;
   usual: number;
   unit: string;

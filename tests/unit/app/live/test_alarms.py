@@ -6,7 +6,7 @@ from app.live.pipeline import Pipeline
 from app.sources.items import LinkChange
 from app.sources.master.source import MasterSource
 from app.telemetry import TripCause
-from app.words import Message, Pack, render
+from app.words import Message, Pack, condition, render
 from firmware_protocol.messages import EventCode, EventMessage, MessageType
 
 CELL = load_cell("samsung-25r-10p")
@@ -200,7 +200,7 @@ def test_a_slave_that_is_not_heard_of_any_more_is_not_well_again(pipeline, maste
 
 
 def test_the_cause_of_a_trip_stays_with_its_alarm_while_it_holds(pipeline, master):
-    cause = TripCause("joint-resistance-high", Message("joint-resistance-high"), 40, 3, 0.9)
+    cause = TripCause("joint-resistance-high", condition("joint-resistance-high"), 40, 3, 0.9)
     pipeline.explain(cause)  # nothing tripped: there is nothing to explain
     master.set("v", [*[37000] * 40, 24000, *[37000] * 55])
     snapshot, _ = run(pipeline, master, 2)

@@ -16,7 +16,7 @@ from app.sessions.replay_schedule import LEAD_S
 from app.sources.items import SerialItem
 from app.sources.master.source import MasterSource
 from app.telemetry import TripCause
-from app.words import Message
+from app.words import condition
 from tests.fake_clock import FunctionClock
 
 RECORDED_SOC = 0.42
@@ -258,7 +258,7 @@ def test_a_jump_goes_on_with_what_the_cells_had_shown_before_it(shown, failures,
 def test_the_cause_of_a_trip_is_looked_for_once_and_told_to_the_alarm_that_holds(shown, failures, tmp_path, master):
     master.set("status.flags", [0])  # the master holds the shutdown circuit open
     path = recorded(tmp_path, master, 100)
-    cause = TripCause("joint-resistance-high", Message("joint-resistance-high"), 63, 5, 0.9, ())
+    cause = TripCause("joint-resistance-high", condition("joint-resistance-high"), 63, 5, 0.9, ())
     replaying = Player(shown, failures, cause=cause)
     replaying.start(path, ReplayOptions(10))
     shown.wait(lambda s: any(alarm.cause == cause for alarm in s.alarms if alarm.severity == "trip"))

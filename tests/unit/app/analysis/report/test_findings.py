@@ -79,10 +79,8 @@ def test_trips_come_first_and_limits_that_were_not_heard_are_said_so():
     ("name", "value", "what"),
     [
         ("sag_v", 0.03, "sag"),
-        ("resistance_ohm", 0.0026, "resistance"),
         ("temperature_max_degc", 41.0, "temperature"),
         ("lowest_s", 600.0, "lowest"),
-        ("missing", 600.0, "missing"),
     ],
 )
 def test_the_odd_cell_is_found_and_no_other(name, value, what):
