@@ -29,3 +29,18 @@ def latest_at(times_s: FloatArray, at_s: FloatArray, values: FloatArray) -> Floa
     found = np.full((len(times_s), *values.shape[1:]), np.nan)
     found[place >= 0] = values[place[place >= 0]]
     return found
+
+
+def row_median(values: FloatArray) -> FloatArray:
+    """Median of each row's known elements, NaN where none is known."""
+    found = np.full(len(values), np.nan)
+    known = np.isfinite(values).any(axis=1)
+    if known.any():
+        found[known] = np.nanmedian(values[known], axis=1)
+    return found
+
+
+def row_mean(values: FloatArray) -> FloatArray:
+    """Mean of each row's known elements, NaN where none is known."""
+    count = np.isfinite(values).sum(axis=1)
+    return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)

@@ -115,6 +115,14 @@ def what_of(found: CellFinding, name: Message | None = None) -> Message:
         case "cell-voltage-stuck":
             shown, moved = Quantity(found.value, "V", 3), Quantity(found.size, "V", 2)
             return Message("finding-cell-voltage-stuck", cell=cell, shown=shown, moved=moved)
+        case "cell-voltage-noisy":
+            return Message("finding-cell-voltage-noisy", cell=cell, size=Quantity(1000 * found.size, "mV", 0))
+        case "sense-wire-open":
+            return Message("finding-sense-wire-open", cell=cell)
+        case "cell-imbalance":
+            return Message("finding-cell-imbalance", cell=cell, size=_percent(found.size))
+        case "external-heating":
+            return Message("finding-external-heating", cell=cell, heat=Quantity(found.size, "W", 0))
 
 
 def evidence_of(found: CellFinding) -> Message:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from app.analysis.black_box.findings import cause_findings, findings_of
 from app.analysis.cell_findings import CellJudge
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
-from app.analysis.root_cause.cause import Cause, agreeing
+from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
@@ -21,6 +21,7 @@ from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import sensors_of, told_findings
+from app.words import RenderedMessage
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import STATUS_FLAGS
 
@@ -55,7 +56,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         config_hash = None if image is None else image_hash(image)
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
         cause = cause_of_trip(session, main_trigger(group))
-        known_then = told_findings(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
+        found = told_findings(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
         limits = limits_then.at(session.unix_s(round(group[0].mono_s * 1e9)))
         box = build(
             group,
@@ -63,7 +64,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
             session_id=session_id,
             config_hash=config_hash,
             limits=limits,
-            found=agreeing(known_then, [] if cause is None else [cause]),
+            found=found,
             is_simulated=session.info.metadata.get("source") == "simulator",
             segments=session.battery.segments,
         )
@@ -72,8 +73,17 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
 
 
 def with_cause(box: BlackBox, cause: Cause | None) -> BlackBox:
-    """Return a box that tells its cause."""
-    return replace(box, cause=cause, findings=[*box.findings, *cause_findings(cause, box.segments)])
+    """Return a box with its cause, without a finding of that cell by another condition."""
+    findings = [each for each in box.findings if not _contradicts(each, cause)]
+    return replace(box, cause=cause, findings=[*findings, *cause_findings(cause, box.segments)])
+
+
+def _contradicts(found: RenderedMessage, cause: Cause | None) -> bool:
+    inner = found.args.get("finding")
+    if cause is None or cause.cell is None or not isinstance(inner, Mapping):
+        return False
+    is_of_cell: bool = inner["args"]["cell"].get("index") == cause.cell
+    return is_of_cell and inner["code"] != f"finding-{cause.code}"
 
 
 def explained(session: SessionFile, box: BlackBox) -> BlackBox:

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Recording, Suspicion, row_mean
-from app.estimation.arrays import FloatArray, median
+from app.analysis.root_cause.recording import Recording, Suspicion
+from app.estimation.arrays import FloatArray, median, row_mean
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
 

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
+
 from app.analysis.incidents import AFTER_S, Trigger, incidents, main_trigger
 from app.analysis.root_cause.air import pack_suspicions
-from app.analysis.root_cause.boards import board_suspicions
 from app.analysis.root_cause.cause import Cause, cause_of
-from app.analysis.root_cause.cells import cell_suspicions
-from app.analysis.root_cause.charging import charger_suspicions
-from app.analysis.root_cause.current import current_suspicions
 from app.analysis.root_cause.judge import Judgement, judge, trip_kind
-from app.analysis.root_cause.links import link_suspicions
-from app.analysis.root_cause.reading import read_events, read_recording
-from app.analysis.root_cause.recording import Recording, Suspicion
-from app.analysis.root_cause.relays import relay_suspicions
+from app.analysis.root_cause.links import board_suspicions, charger_suspicions, link_suspicions
+from app.analysis.root_cause.recording import Recording, Suspicion, read_events, read_recording
+from app.analysis.root_cause.relays import current_suspicions, relay_suspicions
 from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.circuit import CellModel
+from app.estimation.health.cell_finding import CellFinding
+from app.estimation.health.stretch_judge import judge_stretch
 from app.sessions.reading.reader import SessionFile
+from app.words import Cell, Message, Quantity
 
 BACK_S = 900.0  # that much before an instant is looked at
 SETTLED_S = AFTER_S  # and that much after it: what recovers when the current stops
+FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
+FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
+FOUND_WITHIN_S = 6.0  # it takes the judge so long to be sure
 MOST_TRIPS = 12  # of a session; more are the same again
 
 
@@ -105,6 +108,7 @@ def _edges(start_s: float, end_s: float) -> list[float]:
 
 def _suspicions(recording: Recording, model: CellModel, at_s: float) -> list[Suspicion]:
     """Return everything that may be wrong; `at_s` is the instant that is asked about, unix time."""
+    reported = [event.cell for event in recording.events if event.cell is not None]
     return [
         *link_suspicions(recording),
         *board_suspicions(recording),
@@ -112,5 +116,56 @@ def _suspicions(recording: Recording, model: CellModel, at_s: float) -> list[Sus
         *relay_suspicions(recording),
         *current_suspicions(recording, model),
         *pack_suspicions(recording, model),
-        *cell_suspicions(recording, model, at_s),
+        *(_of_cell(each) for each in judge_stretch(recording, model, at_s, reported)),
+        *found_live(recording),
     ]
+
+
+def found_live(recording: Recording) -> Iterator[Suspicion]:
+    """What the judge had found of cells while the session was recorded, by its events, and evidence has not ended."""
+    found: dict[int, Trigger] = {}
+    for event in recording.events:
+        if event.cell is None or not event.code.startswith(FINDING):
+            continue
+        if event.code == FINDING_ENDED:
+            found.pop(event.cell, None)
+        else:
+            found[event.cell] = event
+    for cell, event in found.items():
+        evidence = () if isinstance(event.message, str) else (event.message,)
+        yield Suspicion(event.code.removeprefix(FINDING), event.at_s - FOUND_WITHIN_S, FOUND_LIVE, evidence, cell)
+
+
+def _of_cell(found: CellFinding) -> Suspicion:
+    """A verdict on a cell, to be weighed against everything else that may explain a trip."""
+    evidence = () if found.code == "external-heating" else (_seen(found),)
+    if np.isfinite(found.warmer_k):
+        warmer, heat = Quantity(found.warmer_k, "K", 0), Quantity(found.heat_w, "W", 0)
+        evidence = (*evidence, Message("seen-warmer", cell=Cell(found.cell), warmer=warmer, heat=heat))
+    return Suspicion(found.code, found.since_s, found.log_odds, evidence, found.cell)
+
+
+def _seen(found: CellFinding) -> Message:
+    cell, size = Cell(found.cell), found.size
+    match found.code:
+        case "joint-resistance-high":
+            return Message("seen-joint", cell=cell, size=Quantity(1000 * size, "mohm", 2))
+        case "cell-resistance-high":
+            return Message("seen-resistance", cell=cell, size=Quantity(1000 * size, "mohm", 2))
+        case "capacity-low":
+            return Message("seen-capacity", cell=cell, size=Quantity(100 * (1.0 - size), "%", 0))
+        case "cell-imbalance":
+            return Message("seen-lower", cell=cell, size=Quantity(100 * size, "%", 1))
+        case "self-discharge-high":
+            return Message("seen-leak", cell=cell, size=Quantity(size, "A", 1))
+        case "cell-voltage-noisy":
+            return Message("seen-noise", cell=cell, size=Quantity(1000 * size, "mV", 0))
+        case "sense-wire-open":
+            cells = found.neighbours
+            return Message("seen-no-voltage", n=len(cells), cells=tuple(Cell(each) for each in cells))
+        case "temperature-sensor-open":
+            return Message("seen-no-temperature", cell=cell)
+        case "temperature-sensor-fault":
+            before, after = Quantity(found.usual, "degC", 0), Quantity(found.value, "degC", 0)
+            return Message("seen-temperature-jump", cell=cell, before=before, after=after)
+    return Message("seen-stuck", cell=cell, size=Quantity(size, "V", 3))

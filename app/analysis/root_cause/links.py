@@ -1,4 +1,4 @@
-"""Hypotheses about the master's supply, its memory, and the links to it: RS232 and CAN."""
+"""Hypotheses about the master's supply, its memory, its links RS232 and CAN, the slave boards and the charger."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Recording, Suspicion
-from app.estimation.arrays import FloatArray
-from app.words import Message, Quantity
+from app.analysis.root_cause.recording import Recording, Suspicion, pack_of
+from app.estimation.arrays import BoolArray, FloatArray
+from app.words import Message, Pack, Quantity
+from firmware_protocol.elcon import ChargerFlags
+from firmware_protocol.memory_map import CHARGER_STATES
 
 SETTLED_S: Final = 4.0  # a boot this soon after the start is the start
 SILENT_S: Final = 2.0
@@ -131,3 +133,86 @@ def _silence_of_master(recording: Recording) -> tuple[float, float] | None:
             if alive.sum() > 0.6 * (to_s - from_s) / 0.1 - 5 and alive.sum() >= 5:
                 return from_s, to_s
     return None
+
+
+CONVERTER_BITS: Final = 1 | 2 | 4  # cells, auxiliary, status: what is converted is wrong
+MULTIPLEXER_BIT: Final = 8
+
+
+def board_suspicions(recording: Recording) -> Iterator[Suspicion]:
+    """Yield what the boards' own tests, their silence and their damaged packets tell."""
+    noisy = list(_isospi(recording))
+    yield from noisy
+    yield from _self_tests(recording)
+    yield from _silent(recording, is_noisy=bool(noisy))
+
+
+def _isospi(recording: Recording) -> Iterator[Suspicion]:
+    damaged = np.nan_to_num(recording.boards.damaged)
+    rows = np.flatnonzero((damaged > 0).sum(axis=1) >= 2)
+    if rows.size < 2 and not (rows.size and damaged[rows].sum() > 20):
+        return
+    packs = int((damaged[rows].max(axis=0) > 0).sum())
+    evidence = (Message("seen-damaged-packets", n=round(float(damaged[rows].sum(axis=1).mean())), packs=packs),)
+    yield Suspicion("isospi-noise", float(recording.boards.time_s[rows[0]]) - 2.0, 30.0 + rows.size, evidence)
+
+
+def _self_tests(recording: Recording) -> Iterator[Suspicion]:
+    boards = recording.boards
+    failed = np.nan_to_num(boards.failed_tests).astype(np.int64)
+    for pack in np.flatnonzero(failed.any(axis=0)):
+        rows = np.flatnonzero(failed[:, pack])
+        bits = int(np.bitwise_or.reduce(failed[rows, pack]))
+        code, seen = "slave-reference-drift", Message("seen-reference-test", pack=Pack(int(pack)))
+        if bits & CONVERTER_BITS:
+            code, seen = "slave-adc-fault", Message("seen-converter-test", pack=Pack(int(pack)))
+        elif bits & MULTIPLEXER_BIT:
+            code, seen = "slave-multiplexer-fault", Message("seen-multiplexer-test", pack=Pack(int(pack)))
+        at_s = float(boards.time_s[rows[0]]) - 3.0  # a round of the slow windows and of the tests before
+        yield Suspicion(code, at_s, 60.0, (seen,), pack=int(pack))
+
+
+def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
+    if not recording.time_s.size:
+        return
+    lost = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
+    missing: BoolArray = np.logical_and.reduceat(np.isnan(recording.voltage_v), recording.pack_starts, axis=1)
+    if not recording.is_together:  # what comes later in the first round is awaited
+        missing &= np.logical_or.accumulate(~missing, axis=0) | missing.all(axis=0)
+    tested = (np.nan_to_num(recording.boards.failed_tests) != 0).any(axis=0)
+    packs = {pack for event in lost if (pack := pack_of(event.cell, recording.segments)) is not None}
+    if not missing.all(axis=1).any():
+        packs |= {int(pack) for pack in np.flatnonzero(missing.sum(axis=0) >= 5) if not tested[pack]}
+    for pack in sorted(packs):
+        rows = np.flatnonzero(missing[:, pack])
+        at_s = float(recording.time_s[rows[0]]) if rows.size else lost[0].at_s
+        weight = 10.0 if is_noisy else 60.0
+        yield Suspicion("slave-lost", at_s, weight, (Message("seen-slave-silent", pack=Pack(pack)),), pack=pack)
+
+
+FAULT: Final = CHARGER_STATES.index("fault")
+ACTIVE: Final = tuple(CHARGER_STATES.index(name) for name in ("constant_current", "constant_voltage", "balancing"))
+NOT_HEARD: Final = 255
+BEFORE_S: Final = 3.0
+BY_FLAG: Final = (
+    (ChargerFlags.HARDWARE, "charger-hardware-fault", Message("seen-charger-broken")),
+    (ChargerFlags.OVER_TEMPERATURE, "charger-over-temperature", Message("seen-charger-hot")),
+    (ChargerFlags.INPUT_VOLTAGE, "charger-input-voltage", Message("seen-charger-no-mains")),
+    (ChargerFlags.BATTERY, "charger-no-battery", Message("seen-charger-reversed")),
+)
+
+
+def charger_suspicions(recording: Recording) -> Iterator[Suspicion]:
+    """Yield why charging ended by itself."""
+    state = recording.charger_state
+    ended = np.flatnonzero((state[1:] == FAULT) & np.isin(state[:-1], ACTIVE)) + 1
+    for row in ended:
+        at_s = float(recording.time_s[row])
+        near = recording.near(at_s - BEFORE_S, at_s + 1.0)
+        flags = [value for value in recording.charger_flags[near].tolist() if value not in (-1, NOT_HEARD)]
+        fault = next(((code, seen) for flag, code, seen in BY_FLAG if any(value & flag for value in flags)), None)
+        if fault is not None:
+            code, seen = fault
+            yield Suspicion(code, at_s - BEFORE_S, 60.0, (seen,))
+        elif any(e.code == "can-rx-timeout" and abs(e.at_s - at_s) < 2.0 for e in recording.events):
+            yield Suspicion("charger-silent", at_s - 8.0, 40.0, (Message("seen-charger-silent"),))

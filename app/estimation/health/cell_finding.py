@@ -15,6 +15,10 @@ FindingCode = Literal[
     "temperature-sensor-open",  # its temperature sensor shows nothing
     "cell-voltage-stuck",  # its voltage stands still while the others move [V that the others moved by]
     "cell-voltage-missing",  # it has no voltage
+    "cell-voltage-noisy",  # its voltage jumps while the current stands still [V]
+    "sense-wire-open",  # it, and perhaps its neighbour, has no voltage while the rest of the pack has
+    "cell-imbalance",  # it began with less charge than the others [1: of its charge]
+    "external-heating",  # heat comes to it from outside [W]
 ]
 SURE: Final = 0.99  # no finding is surer: what was not thought of is not in sigma
 BAND_SIGMAS: Final = 2.0
@@ -38,6 +42,9 @@ class CellFinding:
         usual: what its neighbours show of the same.
         neighbours: the cells that it was compared with.
         confidence: probability that the size is beyond what is tolerated, at most `SURE`.
+        log_odds: against nothing being wrong, by the judge of a stretch; NaN: by the watch.
+        warmer_k: how much warmer than the median cell it has become since it began; NaN: no warmer [K].
+        heat_w: and the heat of its own that this takes [W].
     """
 
     code: FindingCode
@@ -53,6 +60,9 @@ class CellFinding:
     usual: float
     neighbours: tuple[int, ...]
     confidence: float
+    log_odds: float = float("nan")
+    warmer_k: float = float("nan")
+    heat_w: float = float("nan")
 
     @property
     def band(self) -> tuple[float, float]:

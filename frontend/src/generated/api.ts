@@ -395,7 +395,11 @@ export interface CellFinding {
     | 'temperature-sensor-fault'
     | 'temperature-sensor-open'
     | 'cell-voltage-stuck'
-    | 'cell-voltage-missing';
+    | 'cell-voltage-missing'
+    | 'cell-voltage-noisy'
+    | 'sense-wire-open'
+    | 'cell-imbalance'
+    | 'external-heating';
   cell: number;
   message: RenderedMessage;
   evidence: RenderedMessage;

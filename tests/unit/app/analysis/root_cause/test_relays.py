@@ -18,8 +18,9 @@ def recording(until_s=60.0, hides=lambda time_s: np.zeros(time_s.shape, bool), l
     n, nothing = time_s.size, np.full(time_s.size, np.nan)
     cells = np.full((n, 4), 3.7)
     return Recording(
-        time_s, amps, amps, cells, cells, nothing, is_on.astype(int) | 2, np.full(n, UNKNOWN), np.full(n, UNKNOWN),
-        nothing, None, None, None, (), {}, 0.0, BITS, (4,),
+        time_s=time_s, current_a=amps, steady_a=amps, voltage_v=cells, temperature_degc=cells, soc=nothing,
+        flags=is_on.astype(int) | 2, charger_state=np.full(n, UNKNOWN), charger_flags=np.full(n, UNKNOWN),
+        fan_duty=nothing, boards=None, line=None, bus=None, events=(), limits={}, start_s=0.0, bits=BITS, segments=(4,),
     )  # fmt: skip
 
 

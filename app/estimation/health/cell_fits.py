@@ -22,9 +22,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from app.analysis.root_cause.recording import IntArray, Recording, row_median
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import FloatArray, IntArray, row_median
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
+from app.estimation.health.stretch import Stretch
 
 Law = Literal["joint", "resistance", "capacity", "leak", "stuck", "warm", "lower"]
 FULL_RATE_S: Final = 8.0  # around the instant that is asked about every sample counts
@@ -33,7 +33,7 @@ ONSETS: Final = 48
 LEAST_NOISE_V: Final = 1.5e-3
 LAG_SHARE: Final = 0.3  # of what a cell moves by from sample to sample: the master's low pass, and when it was measured
 CORRELATED: Final = 0.1  # independent values a sample: errors of one second are alike
-MOST_INDEPENDENT: Final = 15.0  # values of a recording: drifts of healthy cells last as long as it does
+MOST_INDEPENDENT: Final = 15.0  # values of a stretch: drifts of healthy cells last as long as it does
 HEALTHY_OHM: Final = 2.5e-4  # by which sound cells and joints differ
 WARM_OHM: Final = 8e-4  # of a cell of 2 mohm, from 25 to 60 degC
 STUCK_V: Final = 1.5e-3
@@ -112,30 +112,30 @@ class UnderLoad:
 
 
 class CellVoltages:
-    """A recording's voltages as the fits want them: made once, asked for cell by cell."""
+    """The voltages of a stretch as the fits want them: made once, asked for cell by cell."""
 
-    def __init__(self, recording: Recording, model: CellModel, around_s: float) -> None:
-        self._recording = recording
+    def __init__(self, stretch: Stretch, model: CellModel, around_s: float) -> None:
+        self._stretch = stretch
         self._around_s = around_s
-        time_s = recording.time_s
-        current = np.nan_to_num(recording.steady_a)
+        time_s = stretch.time_s
+        current = np.nan_to_num(stretch.steady_a)
         self._rows = _thinned(time_s, around_s)
         dt_s = np.clip(np.diff(time_s, prepend=time_s[:1]), 0.0, 10.0)
         used = np.cumsum(current * dt_s) / (SECONDS_PER_HOUR * model.capacity_ah)
         branches = [slow_current(time_s, current, float(tau_s.mean())) for tau_s in model.tau_s]
         slow = slow_current(time_s, current, float(model.tau_s.max(axis=0).mean()))
-        known = np.isfinite(recording.soc)
-        start = float(recording.soc[known][0] + used[known][0]) if known.any() else 0.5
+        known = np.isfinite(stretch.soc)
+        start = float(stretch.soc[known][0] + used[known][0]) if known.any() else 0.5
         self._shared = tuple(each[self._rows] for each in (time_s, current, slow, used, start - used))
         self._branches = np.array(branches).reshape(-1, len(time_s))[:, self._rows]
-        apart = recording.apart_v[self._rows]
+        apart = stretch.apart_v[self._rows]
         usual = 1.4826 * row_median(np.abs(apart - row_median(apart.T)))
         self._noise = np.hypot(np.nan_to_num(usual), LEAST_NOISE_V)
 
     def of(self, cell: int) -> CellVoltage | None:
         """Return one cell, None where it was hardly measured."""
-        voltage = self._recording.voltage_v[self._rows, cell]
-        middle = self._recording.middle_v[self._rows]
+        voltage = self._stretch.voltage_v[self._rows, cell]
+        middle = self._stretch.middle_v[self._rows]
         known = np.isfinite(voltage) & np.isfinite(middle)
         if known.sum() < 10:
             return None
