@@ -21,9 +21,8 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import causes_of
-from app.analysis.root_cause.judge import SAME
+from app.analysis.root_cause.judge import SAME, Cause
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.reading.reader import SessionFile
 from benchmarks.root_cause_runs import HEALTHY, Case, cases, record

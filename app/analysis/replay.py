@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from app.analysis.cell_findings import WatchAlong
 from app.analysis.expectations import Expectations, Raised, Values, Verdict
-from app.analysis.root_cause.cause import trip_cause
 from app.analysis.root_cause.from_session import cause_at
+from app.analysis.root_cause.judge import trip_cause
 from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.circuit import CellModel
 from app.live.cells import mean

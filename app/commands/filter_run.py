@@ -23,8 +23,7 @@ from app.estimation.filters.estimates import (
 from app.estimation.filters.first_minutes import KEPT_S, FirstMinutes
 from app.estimation.filters.soc_estimator import SocEstimator
 from app.estimation.filters.tuning import Tuning
-from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
-from app.estimation.health.learning import LEARN_S, LearningRun
+from app.estimation.health.learned import LEARN_S, RESISTANCE_SIGMA_MAX, LearningRun
 from app.estimation.health.sensor_offset import COMPARE_S, OffsetTracker, SensorOffset
 from app.estimation.identification.branches import GAP_S
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording

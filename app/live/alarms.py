@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from app.live.alarm_rules import Condition, conditions, is_judged
 from app.telemetry import Alarm, Event, Severity, Snapshot, TripCause
+from app.telemetry.cell_findings import Finding
 from app.words import Message, Quantity
 
 RAISE_AFTER_NS: dict[Severity, int] = {
@@ -118,3 +119,36 @@ def _event(source: Condition | Alarm, wall_ns: int, message: Message, severity: 
     return Event(
         wall_ns, severity or source.severity, source.code, message, source.cell, source.value, source.limit, source.unit
     )
+
+
+class FindingNews:
+    """Compares every snapshot's findings with those of the one before."""
+
+    def __init__(self) -> None:
+        self._standing: dict[tuple[str, int], Finding] = {}
+        self._last: tuple[Finding, ...] = ()
+
+    def step(self, snapshot: Snapshot) -> list[Event]:
+        """Return what is new in a snapshot."""
+        if snapshot.findings is self._last:
+            return []
+        self._last = snapshot.findings
+        now: dict[tuple[str, int], Finding] = {(each.code, each.cell): each for each in snapshot.findings}
+        made = [
+            _finding_event(snapshot, each, each.message, ended=False)
+            for key, each in now.items()
+            if key not in self._standing
+        ]
+        ended = [
+            _finding_event(snapshot, each, Message("finding-ended", finding=each.message), ended=True)
+            for key, each in self._standing.items()
+            if key not in now
+        ]
+        self._standing = now
+        return made + ended
+
+
+def _finding_event(snapshot: Snapshot, found: Finding, message: Message, *, ended: bool) -> Event:
+    code = "finding-ended" if ended else f"finding-{found.code}"
+    severity: Severity = "info" if ended else "warning"
+    return Event(snapshot.t_wall_ns, severity, code, message, found.cell, found.size, None, found.unit)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.telemetry import Accumulator, Cells, FloatArray, Snapshot
-from app.telemetry.aging import is_stale
+from app.telemetry.encoding import is_stale
 from app.telemetry.fields import Part, history_fields
 
 LENGTH_S = 900

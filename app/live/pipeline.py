@@ -18,10 +18,9 @@ from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.energy_target import RacePlan
 from app.estimation.recording.gaps import GapWatch
 from app.live.accumulator import accumulator_of
-from app.live.alarms import AlarmKeeper
+from app.live.alarms import AlarmKeeper, FindingNews
 from app.live.cells import cells_of, packs_of
 from app.live.estimator_start import start_estimator
-from app.live.finding_news import FindingNews
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
 from app.live.prediction_conditions import as_of

@@ -13,12 +13,11 @@ import numpy as np
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import Estimates, SocEstimator
 from app.estimation.filters.tuning import Tuning
-from app.estimation.health.capacity import CapacityTracker, StateOfHealth, state_of_health
+from app.estimation.health.capacity import CapacityBetweenRests, CapacityTracker, StateOfHealth, state_of_health
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
 from app.estimation.health.joints import JointReport
 from app.estimation.health.learned import Learned, learned
 from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
-from app.estimation.health.rest_capacity import CapacityBetweenRests
 from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.calibration import VoltageForecast
 from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint

@@ -18,7 +18,7 @@ from app.service.inbox import Inbox
 from app.sessions.replay import ReplayPlayer
 from app.sources.items import Item
 from app.telemetry import Snapshot
-from app.telemetry.aging import aged
+from app.telemetry.encoding import aged
 from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)

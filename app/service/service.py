@@ -3,7 +3,7 @@
 import threading
 from dataclasses import dataclass
 
-from app.analysis.black_box.of_sessions import BlackBoxesOfSessions
+from app.analysis.black_box.from_session import BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.clock import Clock
 from app.live.can_trace import CanTrace

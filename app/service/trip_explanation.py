@@ -2,8 +2,8 @@
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.incidents import Trigger
-from app.analysis.root_cause.cause import Cause, trip_cause
 from app.analysis.root_cause.from_session import cause_of_trip
+from app.analysis.root_cause.judge import Cause, trip_cause
 from app.clock import Clock
 from app.estimation.cell_model.circuit import CellModel
 from app.live.pipeline import Pipeline

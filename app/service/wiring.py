@@ -6,7 +6,7 @@ Items flow from the links through the inbox and the pipeline to the listeners, c
 import time
 from functools import partial
 
-from app.analysis.black_box.of_sessions import BlackBoxesOfSessions
+from app.analysis.black_box.from_session import BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.replay import cause_of_trip_at, pipelines_of
 from app.clock import Clock, ClockRun

@@ -4,7 +4,7 @@ Missing values (None, NaN, infinity) become null. What needs no change is left t
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from operator import attrgetter
 from types import NoneType, UnionType
@@ -14,7 +14,10 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
+from app.telemetry.events import LinkStatus
 from app.telemetry.fields import Described, SentAs, Unit, described
+from app.telemetry.measurement import STALE_S
+from app.telemetry.snapshot import Ages, Number, Snapshot
 from app.words import rendered
 
 Segments = Sequence[int]
@@ -109,3 +112,33 @@ def _rounding(decimals: int, *, of_array: bool) -> _Convert:
     if of_array:
         return lambda values, _: None if values is None else np.round(values, decimals)
     return lambda value, _: round(value, decimals) if isinstance(value, float) else value
+
+
+def is_stale(snapshot: Snapshot, part: str) -> bool:
+    """A part is older than it may be to count as live, or was never received."""
+    age_s: Number = getattr(snapshot.age_s, part)
+    live_s: Number = None if snapshot.live_s is None else getattr(snapshot.live_s, part)
+    return age_s is None or age_s >= (STALE_S if live_s is None else live_s)
+
+
+def aged(snapshot: Snapshot, now_ns: int) -> Snapshot:
+    """Return a snapshot with its ages at an instant of the monotonic clock.
+
+    A replay's ages are those of then.
+    """
+    waited_s = (now_ns - snapshot.t_mono_ns) / 1e9
+    if snapshot.source == "replay" or waited_s <= 0.0:
+        return snapshot
+
+    def older(age_s: Number) -> Number:
+        return None if age_s is None else age_s + waited_s
+
+    def link(status: LinkStatus) -> LinkStatus:
+        return replace(status, age_s=older(status.age_s))
+
+    ages = Ages(*(older(getattr(snapshot.age_s, field.name)) for field in fields(Ages)))
+    links = replace(snapshot.links, rs232=link(snapshot.links.rs232), can=link(snapshot.links.can))
+    cells = snapshot.cells
+    if cells.voltage_age_s is not None:
+        cells = replace(cells, voltage_age_s=cells.voltage_age_s + waited_s)
+    return replace(snapshot, age_s=ages, links=links, cells=cells)

@@ -8,15 +8,24 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.black_box.box import Beyond, BlackBox, BoxEvent, CellsAround, Peers, Quantity, Samples, Side
-from app.analysis.black_box.findings import findings_of
+from app.analysis.black_box.box import (
+    Beyond,
+    BlackBox,
+    BoxEvent,
+    CellsAround,
+    Measured,
+    Peers,
+    Samples,
+    Side,
+    findings_of,
+)
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incident_id, main_trigger
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.telemetry.cell_findings import Finding
 from app.words import rendered
 
-_QUANTITIES: Final[dict[str, Quantity]] = {"V": "voltage", "degC": "temperature", "A": "current"}
+_QUANTITIES: Final[dict[str, Measured]] = {"V": "voltage", "degC": "temperature", "A": "current"}
 
 
 @dataclass(frozen=True)
@@ -95,7 +104,7 @@ def _side(value: float, limit: float) -> Side:
     return "low" if value < limit else "high"
 
 
-def _values(main: Trigger, quantity: Quantity | None, window: Window) -> FloatArray | None:
+def _values(main: Trigger, quantity: Measured | None, window: Window) -> FloatArray | None:
     """What the limit is about, over time: of the cell named, of all cells' worst, or the current."""
     if quantity == "current":
         return window.current_a
@@ -109,7 +118,7 @@ def _values(main: Trigger, quantity: Quantity | None, window: Window) -> FloatAr
 
 
 def _beyond(
-    main: Trigger, quantity: Quantity | None, side: Side | None, time_s: FloatArray, window: Window
+    main: Trigger, quantity: Measured | None, side: Side | None, time_s: FloatArray, window: Window
 ) -> Beyond | None:
     """How long the value was beyond its limit: the stretch at the trip, or the one that led up to it."""
     values = _values(main, quantity, window)
@@ -136,7 +145,7 @@ def _beyond(
 
 
 def _peers(
-    main: Trigger, quantity: Quantity | None, side: Side | None, time_s: FloatArray, window: Window
+    main: Trigger, quantity: Measured | None, side: Side | None, time_s: FloatArray, window: Window
 ) -> Peers | None:
     if main.cell is None or quantity not in ("voltage", "temperature") or not time_s.size or main.limit is None:
         return None

@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
+import logging
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 
-from app.analysis.black_box.box import BlackBox, box_from_json
+from app.analysis.black_box.box import BlackBox, box_from_json, cause_findings, findings_of
 from app.analysis.black_box.excerpt import Window, build
-from app.analysis.black_box.findings import cause_findings, findings_of
 from app.analysis.cell_findings import CellJudge
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
-from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import cause_of_trip
+from app.analysis.root_cause.judge import Cause
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
+from app.errors import AppError
 from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
+from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import sensors_of, told_findings
 from app.words import RenderedMessage
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import STATUS_FLAGS
 
+log = logging.getLogger(__name__)
+_END_S = 10.0
 SAME_S = 0.01  # between a stored time and the one it was read from
 _FIELDS = ("i_fs", "v", "t", "estimate.soc", "status.flags")
 
@@ -164,3 +169,55 @@ def _onto(time_s: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]], wi
         return np.full((len(time_s), width), np.nan)
     own_s, values = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     return latest_at(time_s, own_s, values)
+
+
+class BlackBoxesOfSessions:
+    """Looks once at each finished session of a catalogue."""
+
+    def __init__(
+        self, catalogue: Catalogue, store: BlackBoxStore, is_simulated: bool, lost: threading.Event | None = None
+    ) -> None:
+        """Keep boxes in `store`: of the car's sessions, or of those of the simulated one; all again once `lost`."""
+        self._catalogue = catalogue
+        self._store = store
+        self._is_simulated = is_simulated
+        self._lost = lost or threading.Event()
+        self._seen: set[str] = set()
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._is_closing = False
+
+    def update(self) -> None:
+        """Begin to look at what is new, in the background; nothing where that is under way."""
+        with self._lock:
+            if not self._is_closing and (self._thread is None or not self._thread.is_alive()):
+                self._thread = threading.Thread(target=self.read_new, name="black boxes", daemon=True)
+                self._thread.start()
+
+    def read_new(self) -> None:
+        """Look at what is new; one thread at a time."""
+        if self._lost.is_set():
+            self._lost.clear()
+            self._seen.clear()
+        for info in self._catalogue.list():
+            if self._is_closing:
+                return
+            is_ours = (info.metadata.get("source") == "simulator") == self._is_simulated
+            if not (info.is_closed and info.events and is_ours) or info.id in self._seen:
+                continue
+            self._seen.add(info.id)
+            try:
+                with self._catalogue.open(info.id) as session:
+                    if not has_all_black_boxes(session, self._store):
+                        keep_black_boxes(session, self._store)
+            except AppError as error:
+                log.warning("no black boxes of session %s: %s", info.id, error)
+            except Exception:  # the sessions after it are looked at all the same
+                log.exception("no black boxes of session %s", info.id)
+
+    def close(self) -> None:
+        """Stop after the session under way."""
+        with self._lock:
+            self._is_closing = True
+        if self._thread is not None:
+            self._thread.join(_END_S)

@@ -19,7 +19,7 @@ from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.from_session import store_box, with_cause
 from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger, main_trigger
 from app.analysis.limits import known_limits, limits_of
-from app.analysis.root_cause.cause import Cause
+from app.analysis.root_cause.judge import Cause
 from app.battery.battery import Battery
 from app.errors import AppError
 from app.live.pipeline import Output

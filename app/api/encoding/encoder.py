@@ -3,8 +3,7 @@
 from app.clock import Clock
 from app.service.state import ServiceStateReader
 from app.telemetry import Snapshot
-from app.telemetry.aging import aged
-from app.telemetry.encoding import encode, plain
+from app.telemetry.encoding import aged, encode, plain
 from app.telemetry.service_state import ServiceState
 
 GOOD_FOR_NS = 50_000_000  # after that the ages are counted anew

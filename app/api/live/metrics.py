@@ -14,7 +14,7 @@ from app.clock import Clock
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import Accumulator, Ages, Cells, Snapshot
-from app.telemetry.aging import aged, is_stale
+from app.telemetry.encoding import aged, is_stale
 from app.telemetry.fields import Part, history_fields, units
 from app.telemetry.measurement import BLANK_S
 

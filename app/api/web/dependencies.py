@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from app.analysis.black_box.of_sessions import BlackBoxesOfSessions
+from app.analysis.black_box.from_session import BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.api.access.certificate import Certificate
 from app.api.encoding.encoder import SnapshotEncoder

@@ -13,8 +13,7 @@ from app.analysis.survey import Piece
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.health.capacity import CapacityTracker
-from app.estimation.health.rest_capacity import CapacityBetweenRests
+from app.estimation.health.capacity import CapacityBetweenRests, CapacityTracker
 
 _NEAR_COLUMNS = {  # column, limit, what of a piece, side
     "near_v_min_s": ("v_min", "v_cell_min", "voltage_v", -1.0),

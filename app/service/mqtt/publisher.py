@@ -21,8 +21,7 @@ from app.service.mqtt.broker import KEEPALIVE_S, Broker, new_client, parse_broke
 from app.service.mqtt.cars import MOST_BYTES
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot, Source
-from app.telemetry.aging import aged, is_stale
-from app.telemetry.encoding import encode, plain
+from app.telemetry.encoding import aged, encode, is_stale, plain
 from app.telemetry.fields import Part
 from app.telemetry.service_state import Recording
 from app.words import Message, Text, rendered

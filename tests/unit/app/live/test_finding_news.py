@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 from app.estimation.health.cell_finding import CellFinding
-from app.live.finding_news import FindingNews
+from app.live.alarms import FindingNews
 from app.live.pipeline_factory import PipelineFactory
 from app.telemetry.cell_findings import finding_of
 from app.words import render

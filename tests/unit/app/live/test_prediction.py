@@ -5,8 +5,7 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
-from app.estimation.health.capacity import CapacityTracker
-from app.estimation.health.rest_capacity import REST_S, CapacityBetweenRests
+from app.estimation.health.capacity import REST_S, CapacityBetweenRests, CapacityTracker
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.pipeline import Pipeline
 from app.live.prediction import Predictor

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.analysis.black_box.of_sessions import BlackBoxesOfSessions
+from app.analysis.black_box.from_session import BlackBoxesOfSessions
 from app.sessions.black_box_store import BlackBoxStore
 from app.sessions.catalogue import Catalogue
 

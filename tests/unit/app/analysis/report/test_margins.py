@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.analysis.limits import LimitsOverTime, MovingLimit
-from app.analysis.report.margins import MarginWatch
+from app.analysis.report.report import MarginWatch
 from app.analysis.survey import Piece
 
 LIMITS = {"t_cell_max": 45.0, "v_cell_min": 2.5, "v_cell_max": 4.2, "i_disc_max": 200.0, "i_disc_min": -100.0}

@@ -5,8 +5,16 @@ from dataclasses import asdict, replace
 import pytest
 
 from app.analysis.incidents import Trigger
-from app.analysis.root_cause.cause import cause_from_json, cause_of
-from app.analysis.root_cause.judge import EXPLAINS, FOLLOWS, SAME, confidences, judge, trip_kind
+from app.analysis.root_cause.judge import (
+    EXPLAINS,
+    FOLLOWS,
+    SAME,
+    cause_from_json,
+    cause_of,
+    confidences,
+    judge,
+    trip_kind,
+)
 from app.analysis.root_cause.recording import Suspicion
 from app.words import Message
 from app.words.conditions import CONDITIONS

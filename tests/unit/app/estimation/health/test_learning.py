@@ -6,8 +6,7 @@ import numpy as np
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
-from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
-from app.estimation.health.learning import LEARN_S, LearningRun
+from app.estimation.health.learned import LEARN_S, RESISTANCE_SIGMA_MAX, LearningRun
 from app.estimation.health.resistance_scale import PRIOR_SIGMA, trusted_factor
 from tests.open_loop import simulate
 from tests.oracle.both_engines import ENGINES, make_on

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.health.capacity import CapacityTracker
-from app.estimation.health.rest_capacity import REST_A, REST_S, CapacityBetweenRests
+from app.estimation.health.capacity import REST_A, REST_S, CapacityBetweenRests, CapacityTracker
 
 CELL = load_cell()
 N = 3

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.estimation.health.step_resistance import StepResistance
+from app.estimation.health.joint_watch import StepResistance
 from tests.campaign import examples
 
 N, DT_S = 12, 0.1

@@ -11,7 +11,7 @@ from app.service.mqtt.cars import MOST_BYTES
 from app.service.mqtt.publisher import NAME_CONFLICT_S, MqttPublisher, event_body, messages
 from app.sources.items import LinkChange
 from app.telemetry import Alarm, Event
-from app.telemetry.aging import aged
+from app.telemetry.encoding import aged
 from app.telemetry.service_state import Recording
 from app.words import Message
 from tests.fake_clock import FakeClock
