@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
+from operator import attrgetter, not_
 from typing import Any
 
 import numpy as np
@@ -43,9 +44,21 @@ class FaultKind:
     is_of_team: bool = False  # batteries that speak by a DBC have nothing that it breaks
 
 
-def _cell_array(name: str) -> Apply:
-    def apply(simulation: Vehicle, cell: int, value: float) -> None:
-        getattr(simulation.accumulator, name)[cell] = value
+def _set(path: str, of: Callable[[float], object] = float) -> Apply:
+    """Set one value of a part of the simulation."""
+
+    def apply(simulation: Vehicle, _: int, value: float) -> None:
+        *owner, name = path.rsplit(".", 1)
+        setattr(attrgetter(*owner)(simulation) if owner else simulation, name, of(value))
+
+    return apply
+
+
+def _each(path: str, of: Callable[[float], object] = float) -> Apply:
+    """Set the value of one cell or pack."""
+
+    def apply(simulation: Vehicle, target: int, value: float) -> None:
+        attrgetter(path)(simulation)[target] = of(value)
 
     return apply
 
@@ -73,18 +86,6 @@ def _noisy_voltage(simulation: Vehicle, cell: int, volts: float) -> None:
     simulation.board.cell_inputs.faults_changed()
 
 
-def _stuck_temperature(simulation: Vehicle, cell: int, degc: float) -> None:
-    simulation.board.cell_inputs.temperature_stuck_degc[cell] = degc
-
-
-def _temperature_unplugged(simulation: Vehicle, cell: int, is_off: float) -> None:
-    simulation.board.cell_inputs.temperature_unplugged[cell] = bool(is_off)
-
-
-def _fan(simulation: Vehicle, _: int, share: float) -> None:
-    simulation.accumulator.fan_blocked = share
-
-
 def _ambient(simulation: Vehicle, _: int, degc: float) -> None:
     simulation.set_ambient(None if np.isnan(degc) else degc)
 
@@ -101,40 +102,8 @@ def _reference(simulation: Vehicle, pack: int, percent: float) -> None:
     simulation.board.drift(pack, 1 + percent / 100)
 
 
-def _multiplexer(simulation: Simulation, pack: int, has_failed: float) -> None:
-    simulation.board.chain.converters.multiplexer_failed[pack] = bool(has_failed)
-
-
-def _isospi(simulation: Simulation, _: int, rate: float) -> None:
-    simulation.board.chain.bit_error_rate = rate
-
-
-def _current_unplugged(simulation: Vehicle, _: int, is_unplugged: float) -> None:
-    simulation.board.current_sensor.is_unplugged = bool(is_unplugged)
-
-
-def _current_offset(simulation: Vehicle, _: int, amperes: float) -> None:
-    simulation.board.current_sensor.extra_offset_a = amperes
-
-
 def _eeprom(simulation: Simulation, _: int, is_worn: float) -> None:
     simulation.board.eeprom.worn_pages = set(range(16)) if is_worn else set()
-
-
-def _shutdown(simulation: Vehicle, _: int, is_open: float) -> None:
-    simulation.is_shutdown_open = bool(is_open)
-
-
-def _precharge(simulation: Vehicle, _: int, is_open: float) -> None:
-    simulation.link.is_precharge_open = bool(is_open)
-
-
-def _link_leak(simulation: Vehicle, _: int, ohms: float) -> None:
-    simulation.link.leak_ohm = ohms
-
-
-def _discharge(simulation: Vehicle, _: int, is_open: float) -> None:
-    simulation.link.is_discharge_open = bool(is_open)
 
 
 def _watchdog(simulation: Vehicle, _: int, off_s: float) -> None:
@@ -145,54 +114,6 @@ def _brown_out(simulation: Vehicle, _: int, off_s: float) -> None:
     simulation.reset(BROWN_OUT, off_s)
 
 
-def _serial_noise(simulation: Simulation, _: int, rate: float) -> None:
-    simulation.line.noise_per_byte = rate
-
-
-def _serial_drop_outs(simulation: Simulation, _: int, is_dropping: float) -> None:
-    simulation.line.is_dropping = bool(is_dropping)
-
-
-def _serial_stuck(simulation: Simulation, _: int, is_stuck: float) -> None:
-    simulation.line.is_stuck = bool(is_stuck)
-
-
-def _bus_off(simulation: Vehicle, _: int, is_off: float) -> None:
-    simulation.master_on_bus.is_held_off = bool(is_off)
-
-
-def _bus_broken(simulation: Vehicle, _: int, is_broken: float) -> None:
-    simulation.bus.is_broken = bool(is_broken)
-
-
-def _bus_noise(simulation: Vehicle, _: int, rate: float) -> None:
-    simulation.bus.noise_per_bit = rate
-
-
-def _bus_babble(simulation: Vehicle, _: int, share: float) -> None:
-    simulation.babbler.share = share
-
-
-def _charger_heat(simulation: Vehicle, _: int, watts: float) -> None:
-    simulation.charger.unit.extra_heat_w = watts
-
-
-def _charger_mains(simulation: Vehicle, _: int, is_off: float) -> None:
-    simulation.charger.unit.has_mains = not is_off
-
-
-def _charger_reversed(simulation: Vehicle, _: int, is_reversed: float) -> None:
-    simulation.charger.unit.is_reversed = bool(is_reversed)
-
-
-def _charger_silent(simulation: Vehicle, _: int, is_silent: float) -> None:
-    simulation.charger.unit.is_silent = bool(is_silent)
-
-
-def _charger_broken(simulation: Vehicle, _: int, is_broken: float) -> None:
-    simulation.charger.unit.has_hardware_fault = bool(is_broken)
-
-
 _NAN, _INFINITE = float("nan"), float("inf")
 _ON = ("", 1, 1, 1, 0)  # unit, minimum, maximum, default, neutral of a fault that is there or not
 _CELL, _PACK, _NONE = Target.CELL, Target.PACK, Target.NONE
@@ -201,41 +122,35 @@ _AREAS = {
     "cells and sensors": (
         _Kind("sense-wire-open", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
         _Kind(
-            "cell-voltage-stuck",
-            "the cell's voltage input shows this voltage",
-            _CELL,
-            "V",
-            0,
-            6,
-            0,
-            _NAN,
+            *("cell-voltage-stuck", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN),
             _stuck_voltage,
         ),
         _Kind("cell-voltage-noisy", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
         _Kind(
-            "temperature-sensor-fault", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature
+            *("temperature-sensor-fault", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN),
+            _each("board.cell_inputs.temperature_stuck_degc"),
         ),
-        _Kind("temperature-sensor-open", "the temperature sensor is off", _CELL, *_ON, _temperature_unplugged),
+        _Kind(
+            *("temperature-sensor-open", "the temperature sensor is off", _CELL, *_ON),
+            _each("board.cell_inputs.temperature_unplugged", bool),
+        ),
         _Kind("joint-resistance-high", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
-        _Kind("capacity-low", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
+        _Kind("capacity-low", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _each("accumulator.capacity_factor")),
         _Kind(
-            "cell-resistance-high",
-            "inner resistance",
-            _CELL,
-            "times new",
-            1,
-            20,
-            2,
-            1,
-            _cell_array("resistance_factor"),
+            *("cell-resistance-high", "inner resistance", _CELL, "times new", 1, 20, 2, 1),
+            _each("accumulator.resistance_factor"),
         ),
         _Kind(
-            "self-discharge-high", "a short inside that draws this at 3.6 V", _CELL, "A", 0, 50, 5, 0, _internal_short
+            *("self-discharge-high", "a short inside that draws this at 3.6 V", _CELL, "A", 0, 50, 5, 0),
+            _internal_short,
         ),
-        _Kind("external-heating", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
+        _Kind("external-heating", "heat from outside", _CELL, "W", 0, 500, 50, 0, _each("accumulator.heat_w")),
     ),
     "air": (
-        _Kind("cooling-failed", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
+        _Kind(
+            *("cooling-failed", "share of the air that is missing", _NONE, "", 0, 1, 1, 0),
+            _set("accumulator.fan_blocked"),
+        ),
         _Kind("ambient-temperature", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
     ),
     "slaves": (
@@ -245,62 +160,94 @@ _AREAS = {
             is_whole=True,
         ),
         _Kind("slave-reference-drift", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
-        _Kind("slave-multiplexer-fault", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
-        _Kind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
+        _Kind(
+            *("slave-multiplexer-fault", "the slave's multiplexer fails its self-test", _PACK, *_ON),
+            _each("board.chain.converters.multiplexer_failed", bool),
+        ),
+        _Kind(
+            *("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0),
+            _set("board.chain.bit_error_rate"),
+        ),
     ),
     "current and relays": (
-        _Kind("current-sensor-open", "the current sensor is off", _NONE, *_ON, _current_unplugged),
         _Kind(
-            "current-sensor-offset", "the current sensor is off by this", _NONE, "A", -400, 400, 2, 0, _current_offset
+            *("current-sensor-open", "the current sensor is off", _NONE, *_ON),
+            _set("board.current_sensor.is_unplugged", bool),
         ),
-        _Kind("external-shutdown", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
-        _Kind("precharge-failed", "the pre-charge resistor is burnt", _NONE, *_ON, _precharge),
-        _Kind("dc-link-load", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE, _link_leak),
-        _Kind("dc-link-discharge-failed", "the link keeps its voltage when the relays open", _NONE, *_ON, _discharge),
+        _Kind(
+            *("current-sensor-offset", "the current sensor is off by this", _NONE, "A", -400, 400, 2, 0),
+            _set("board.current_sensor.extra_offset_a"),
+        ),
+        _Kind(
+            *("external-shutdown", "a button or the insulation monitor opens the relays", _NONE, *_ON),
+            _set("is_shutdown_open", bool),
+        ),
+        _Kind(
+            *("precharge-failed", "the pre-charge resistor is burnt", _NONE, *_ON),
+            _set("link.is_precharge_open", bool),
+        ),
+        _Kind(
+            *("dc-link-load", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE),
+            _set("link.leak_ohm"),
+        ),
+        _Kind(
+            *("dc-link-discharge-failed", "the link keeps its voltage when the relays open", _NONE, *_ON),
+            _set("link.is_discharge_open", bool),
+        ),
     ),
     "master": (
         _Kind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
         _Kind(
-            "master-watchdog-reset",
-            "the watchdog restarts the master",
-            _NONE,
-            "s off",
-            0,
-            60,
-            0.3,
-            0,
+            *("master-watchdog-reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0),
             _watchdog,
             is_instant=True,
         ),
         _Kind("master-supply-lost", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
     ),
     "RS232": (
-        _Kind("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0, _serial_noise),
-        _Kind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _serial_drop_outs),
-        _Kind("serial-silent", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
+        _Kind(
+            *("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0),
+            _set("line.noise_per_byte"),
+        ),
+        _Kind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _set("line.is_dropping", bool)),
+        _Kind("serial-silent", "nothing passes the RS232 line", _NONE, *_ON, _set("line.is_stuck", bool)),
     ),
     "CAN": (
-        _Kind("can-master-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
-        _Kind("can-short", "a short circuit on the CAN bus", _NONE, *_ON, _bus_broken),
-        _Kind("can-noise", "disturbed bits on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0, _bus_noise),
         _Kind(
-            "can-babbling-node",
-            "share of the bus that a node of most weight takes",
-            _NONE,
-            "",
-            0,
-            1,
-            0.9,
-            0,
-            _bus_babble,
+            *("can-master-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON),
+            _set("master_on_bus.is_held_off", bool),
+        ),
+        _Kind("can-short", "a short circuit on the CAN bus", _NONE, *_ON, _set("bus.is_broken", bool)),
+        _Kind(
+            *("can-noise", "disturbed bits on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0),
+            _set("bus.noise_per_bit"),
+        ),
+        _Kind(
+            *("can-babbling-node", "share of the bus that a node of most weight takes", _NONE, "", 0, 1, 0.9, 0),
+            _set("babbler.share"),
         ),
     ),
     "charger": (
-        _Kind("charger-over-temperature", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
-        _Kind("charger-input-voltage", "the charger's mains are off", _NONE, *_ON, _charger_mains),
-        _Kind("charger-no-battery", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),
-        _Kind("charger-silent", "the charger neither sends nor hears", _NONE, *_ON, _charger_silent),
-        _Kind("charger-hardware-fault", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
+        _Kind(
+            *("charger-over-temperature", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0),
+            _set("charger.unit.extra_heat_w"),
+        ),
+        _Kind(
+            *("charger-input-voltage", "the charger's mains are off", _NONE, *_ON),
+            _set("charger.unit.has_mains", not_),
+        ),
+        _Kind(
+            *("charger-no-battery", "the charger's plug is reversed", _NONE, *_ON),
+            _set("charger.unit.is_reversed", bool),
+        ),
+        _Kind(
+            *("charger-silent", "the charger neither sends nor hears", _NONE, *_ON),
+            _set("charger.unit.is_silent", bool),
+        ),
+        _Kind(
+            *("charger-hardware-fault", "the charger's hardware fails", _NONE, *_ON),
+            _set("charger.unit.has_hardware_fault", bool),
+        ),
     ),
 }
 _OF_TEAM = (
