@@ -27,7 +27,7 @@ describe('how a cell compares', () => {
   it('names the weakest, by how much, and its joint', () => {
     const weak = cells({ soc: at(all(0.5), 2, 0.48), resistance_ohm: at(all(0.002), 2, 0.0021) });
     expect(comparison(weak, 2, [1, 3])).toBe(
-      'Lowest SOC of 5, 2.0 points below the median; R0 0.10 mΩ more than its neighbours; its joint is sound.',
+      'Lowest SOC of 5, 2.0 points below the median; R0 0.10 mΩ more than its neighbours; its joint resistance is normal.',
     );
   });
 
@@ -46,13 +46,13 @@ describe('how a cell compares', () => {
   it('says what is not known instead of a number', () => {
     const fresh = cells({ soc: all(null), resistance_ohm: all(null), joint_excess_ohm: all(null) });
     expect(comparison(fresh, 0, [1])).toBe(
-      'SOC not known; R0 not known before it has been under load; its joint is not judged yet.',
+      'SOC not known; R0 not known before it has been under load; its joint is not assessed yet.',
     );
     expect(comparison(cells({ voltage_v: at(all(3.7), 0, null) }), 0, [1])).toBe('Not measured now.');
   });
 
   it('names a loose joint, and doubts a SOC that the model does not follow', () => {
     const bad = cells({ joint_loose: at(all(false), 3, true), model_valid: at(all(true), 3, false) });
-    expect(comparison(bad, 3, [2, 4])).toMatch(/its joint is loose\. The model does not follow this cell/);
+    expect(comparison(bad, 3, [2, 4])).toMatch(/its joint resistance is high\. The model does not follow this cell/);
   });
 });

@@ -46,10 +46,10 @@ function resistanceWords(cells: Cells, index: number, neighbours: readonly numbe
 }
 
 function jointWords(cells: Cells, index: number): string {
-  if (cells.joint_loose[index] === true) return t('its joint is loose');
+  if (cells.joint_loose[index] === true) return t('its joint resistance is high');
   return (cells.joint_excess_ohm[index] ?? null) === null
-    ? t('its joint is not judged yet')
-    : t('its joint is sound');
+    ? t('its joint is not assessed yet')
+    : t('its joint resistance is normal');
 }
 
 /** Return how cell `index` compares; `neighbours` are those beside it in the string. */
