@@ -20,7 +20,7 @@ from app.estimation.cell_model.ocv import OCV_METHODS, OcvCurve, from_two_curren
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
 from app.estimation.recording.cell_recording import Recording
-from app.estimation.scoring.scoring import score_soc
+from app.estimation.scoring import score_soc
 from app.sources.recordings.dataset import load_recording
 from benchmarks.sources_plots import draw_errors, draw_patterns, draw_thesis
 from benchmarks.sources_runs import THESIS_PASSES, pattern_run, thesis_run

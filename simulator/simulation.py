@@ -5,7 +5,10 @@ No wall clock and no ports here: whoever runs it says until when, gives bytes in
 
 import math
 
+import numpy as np
+
 from firmware_protocol.elcon import STATUS_ID
+from firmware_protocol.framing import LINE_BYTES_PER_S
 from simulator.accumulator import AccumulatorParameters
 from simulator.balancing.circuits import Balance, balancing_circuit
 from simulator.bms_state import RelayState
@@ -13,10 +16,49 @@ from simulator.board import Board
 from simulator.bus_nodes import MasterOnBus
 from simulator.can_bus import CanFrame
 from simulator.eeprom import Eeprom
-from simulator.line import UartLine
 from simulator.master import VirtualMaster
 from simulator.slave import THESIS_SENSOR_INPUTS
 from simulator.vehicle import COMMANDED, PASS_S, Vehicle
+
+
+class UartLine:
+    """One direction of the line, from the master to the host."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._in_flight: bytes = b""
+        self.is_busy = False  # a frame is on the wire
+        self.busy_until_s = 0.0
+        self.bytes_sent = 0
+        self.noise_per_byte = 0.0
+        self.is_stuck = False
+        self.is_dropping = False
+
+    def send(self, frame: bytes, now_s: float) -> None:
+        """Put the next frame on the wire; the caller waits until it is free."""
+        self._in_flight, self.is_busy = frame, bool(frame)
+        self.busy_until_s = max(now_s, self.busy_until_s) + len(frame) / LINE_BYTES_PER_S
+
+    def take(self) -> bytes:
+        """Return the received bytes of the frame whose last byte was just sent, and free the wire."""
+        frame, self._in_flight, self.is_busy = self._in_flight, b"", False
+        self.bytes_sent += len(frame)
+        return self.disturb(frame)
+
+    def disturb(self, data: bytes) -> bytes:
+        """Return the bytes after the disturbances of the line."""
+        if self.is_stuck:
+            return b""
+        if self.is_dropping:
+            return data[: int(self._rng.integers(len(data) + 1))]
+        if not self.noise_per_byte:
+            return data
+        hits = np.flatnonzero(self._rng.random(len(data)) < self.noise_per_byte)
+        out = bytearray(data)
+        for hit in hits:
+            out[hit] ^= 1 << int(self._rng.integers(8))
+        return bytes(out)
+
 
 SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
 _ROUNDING_S = 1e-6  # times are sums of steps

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from app.commands.filter_run import Run
     from app.estimation.cell_model.circuit import CellModel
     from app.estimation.recording.cell_recording import Recording
-    from app.estimation.scoring.scoring import SocScore
-    from app.estimation.scoring.whiteness import InnovationScore
+    from app.estimation.scoring import InnovationScore, SocScore
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,8 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from app.estimation.cell_model.cell_file import load_cell
     from app.estimation.filters.estimators import make_estimator
     from app.estimation.recording.cell_recording import believable
-    from app.estimation.scoring.scoring import score_soc
-    from app.estimation.scoring.whiteness import score_innovations
+    from app.estimation.scoring import score_innovations, score_soc
 
     if args.out is not None:
         cell_table.check_table_name(args.out)  # before hours of work
@@ -102,8 +100,7 @@ def summary(
     import numpy as np
 
     from app.commands.filter_run import gap_notes, outside_notes
-    from app.estimation.scoring.scoring import SocScore
-    from app.estimation.scoring.whiteness import InnovationScore
+    from app.estimation.scoring import InnovationScore, SocScore
 
     scores = dict.fromkeys(f.name for f in fields(SocScore)) if score is None else asdict(score)
     lasting = dict.fromkeys(f.name for f in fields(InnovationScore)) if white is None else asdict(white)

@@ -18,7 +18,7 @@ from app.sessions.recording.recorder import Recorder
 from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
-from app.telemetry.link_messages import link_lost
+from app.telemetry.events import link_lost
 from app.words import Message
 from firmware_protocol.framing import BAUD_RATE, Frame
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE

@@ -34,7 +34,7 @@ from app.words import render
 
 if TYPE_CHECKING:
     from app.battery.battery import Battery
-    from app.season.cells.history import SeasonSource
+    from app.season.history import SeasonSource
     from app.season.lake.build import Built
     from app.season.lake.place import Place
     from app.season.overview import SeasonOverview
@@ -199,7 +199,7 @@ def kept_season(args: argparse.Namespace) -> SeasonSource:
     Raises:
         AppError: the data folder, the lake, the battery or its cell file cannot be used.
     """
-    from app.season.cells.history import SeasonSource
+    from app.season.history import SeasonSource
     from app.season.lake.place import Place
     from app.sessions.swaps import SwapFile
 

@@ -8,7 +8,7 @@ import numpy as np
 from app.estimation.arrays import BoolArray
 from app.estimation.health.cell_finding import FindingCode
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
-from app.telemetry.link_messages import LATE, SILENT, link_lost
+from app.telemetry.events import LATE, SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
 from app.words import Cell, Message, Pack, Quantity, condition
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from app import __version__
-from app.season.cells.history import CellHistory, SeasonSource
+from app.season.history import CellHistory, SeasonSource
 from app.season.overview import SeasonOverview, overview_of
 from app.season.report import SeasonCell, cell_of, season_document, season_report
 from app.sessions.info import SessionInfo

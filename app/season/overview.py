@@ -10,13 +10,15 @@ import numpy as np
 
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
-from app.season.cells.history import DAY_S, CellHistory, newest_median, row_median
-from app.season.cells.trend import Line, line, lines
+from app.season.history import DAY_S, CellHistory, newest_median, row_median
 from app.season.trends import (
     MONTH_DAYS,
+    Line,
     SeasonGroup,
     SeasonTrend,
     groups_of,
+    line,
+    lines,
     tells_month,
     trend_of,
 )

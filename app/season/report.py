@@ -8,7 +8,7 @@ from typing import Final
 
 from app.analysis.totals import listed
 from app.battery.battery import Battery
-from app.season.cells.history import CellHistory
+from app.season.history import CellHistory
 from app.season.overview import SeasonCurve, SeasonOverview, curve_of, overview_of
 from app.season.tags import tags_of
 from app.sessions.info import SessionInfo

@@ -10,7 +10,7 @@ from app.sources.links.can import CanLink
 from app.sources.links.can_sender import CanSender
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
-from app.telemetry.link_messages import link_stuck
+from app.telemetry.events import link_stuck
 from app.words import Message
 
 STUCK_S = 120.0  # a thread that a driver has kept for so long does not come back; a name server alone may take 40 s

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from app.telemetry.fields import SentAs, Unit
-from app.words import Message, Text
+from app.words import Message, Quantity, Text
 
 LinkName = Literal["rs232", "can"]
 LinkState = Literal["off", "connecting", "silent", "late", "live", "lost"]
@@ -121,3 +121,30 @@ class Identity:
     map_hash: str
     is_compatible: bool
     boots: int
+
+
+LATE: dict[LinkName, Message] = {"rs232": Message("rs232-late"), "can": Message("can-late")}
+SILENT: dict[LinkName, Message] = {"rs232": Message("rs232-silent"), "can": Message("can-silent")}
+CONNECTING: dict[LinkName, Message] = {"rs232": Message("rs232-connecting"), "can": Message("can-connecting")}
+
+
+def link_lost(link: LinkName, error: Text | None) -> Message:
+    """What is told of a link that was lost."""
+    why = error or Message("link-closed")
+    return Message("rs232-lost", error=why) if link == "rs232" else Message("can-lost", error=why)
+
+
+def link_stuck(link: str, silent_s: float) -> Message:
+    """What is told of a link whose thread its driver has not given back for so long [s]."""
+    time = Quantity(silent_s, "s", 0)
+    return Message("rs232-stuck", time=time) if link == "rs232" else Message("can-stuck", time=time)
+
+
+def link_trouble(link: LinkName, status: LinkStatus) -> Message | None:
+    """What keeps a link from being live, None where nothing does or there is none."""
+    if status.state in ("off", "live"):
+        return None
+    if status.state == "lost":
+        return link_lost(link, status.error)
+    what = CONNECTING[link] if status.state == "connecting" else SILENT[link]
+    return what if status.error is None else Message("of-source", source=what, reason=status.error)

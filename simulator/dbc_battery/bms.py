@@ -3,27 +3,106 @@
 It reads its board's sensors, never the true state of a cell, and hands out readings; how they are spoken is not its.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from firmware_protocol.elcon import ChargerCommand
 from firmware_protocol.messages import CommandId, EventCode
-from simulator.bms_state import ChargingState, RelayState
+from simulator.bms_state import ChargingState, Latch, RelayState
 from simulator.cell_data import BoolArray, FloatArray
 from simulator.charger_unit import ChargerUnit
 from simulator.dbc_battery.battery import DbcBattery, Readings
-from simulator.dbc_battery.protection import (
-    FAST_PERSISTENCE_S,
-    SENSOR_PERSISTENCE_S,
-    SLOW_PERSISTENCE_S,
-    WIRE_PERSISTENCE_S,
-    Protection,
-    Violation,
-)
-from simulator.dbc_battery.relays import Relays
 from simulator.dbc_battery.sensor_board import SensorBoard
 from simulator.vehicle import SOC_SCALE
+
+FAST_PERSISTENCE_S = 0.3
+SLOW_PERSISTENCE_S = 0.4
+WIRE_PERSISTENCE_S = 0.5  # a lost measurement has no time in the rules
+SENSOR_PERSISTENCE_S = 1.0  # of a temperature
+
+
+class Violation(NamedTuple):
+    """A value beyond its limit, or a measurement that is missing."""
+
+    code: EventCode
+    persistence_s: float
+
+
+class Protection:
+    """The OK signal: switched off by a violation that persists, stays off until cleared."""
+
+    def __init__(self, latch: Latch) -> None:
+        self._latch = latch
+        self._since_s: dict[EventCode, float] = {}
+
+    @property
+    def is_ok(self) -> bool:
+        """The OK signal."""
+        return not self._latch.is_open
+
+    def judge(self, found: Iterable[Violation], now_s: float) -> None:
+        """Take this pass's violations."""
+        critical = tuple(found)
+        self._since_s = {each.code: self._since_s.get(each.code, now_s) for each in critical}
+        for code, persistence_s in critical:
+            # a microsecond of slack: times are sums of steps
+            if now_s - self._since_s[code] >= persistence_s - 1e-6:
+                self._latch.is_open = True
+
+    def clear(self) -> bool:
+        """Release the latch unless a limit is violated now; return whether it was released."""
+        if not self._since_s:
+            self._latch.is_open = False
+        return not self._since_s
+
+
+PRECHARGED = 0.95  # of the accumulator's voltage, before the second relay closes (FS rules EV 5.7.1)
+PRECHARGE_LIMIT_S = 3.0  # ten time constants: what is not charged by then never will be
+
+
+class Relays:
+    """Closed only while the OK signal is on; the vehicle is pre-charged first.
+
+    A pre-charge that does not reach its voltage in time opens again, and is tried again only when the driver asks anew
+    or faults are cleared: each try heats the resistor.
+    """
+
+    def __init__(self) -> None:
+        self.state = RelayState.OPEN
+        self.has_precharge_failed = False
+        self.since_s = 0.0  # in this state
+
+    def step(
+        self, now_s: float, *, is_ok: bool, drive_requested: bool, charging: bool, link_share: float
+    ) -> RelayState:
+        """Advance one pass and return the state; `link_share` is the link's voltage over the accumulator's."""
+        if not drive_requested:
+            self.has_precharge_failed = False
+        if is_ok and charging:
+            self._go(RelayState.CHARGER, now_s)
+        elif not is_ok or not drive_requested or self.has_precharge_failed:
+            self._go(RelayState.OPEN, now_s)
+        elif self.state in (RelayState.OPEN, RelayState.CHARGER):
+            self._go(RelayState.PRECHARGE, now_s)
+        elif self.state is RelayState.PRECHARGE:
+            if link_share >= PRECHARGED:
+                self._go(RelayState.VEHICLE, now_s)
+            elif now_s - self.since_s >= PRECHARGE_LIMIT_S:
+                self.has_precharge_failed = True
+                self._go(RelayState.OPEN, now_s)
+        return self.state
+
+    def retry(self) -> None:
+        """Allow another try after a failed pre-charge."""
+        self.has_precharge_failed = False
+
+    def _go(self, state: RelayState, now_s: float) -> None:
+        if state is not self.state:
+            self.state = state
+            self.since_s = now_s
+
 
 READY_S = 0.5
 RESET_DELAY_S = 0.1

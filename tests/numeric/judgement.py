@@ -13,8 +13,7 @@ from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.filters.estimators import Estimates, make_estimator
 from app.estimation.recording.cell_recording import Recording
-from app.estimation.scoring.scoring import SocScore, score_soc
-from app.estimation.scoring.whiteness import InnovationScore, score_innovations
+from app.estimation.scoring import InnovationScore, SocScore, score_innovations, score_soc
 
 SIGNS = tuple((gain, offset) for gain in (-1.0, 1.0) for offset in (-1.0, 1.0))
 GAIN_ERROR = 0.005

@@ -12,7 +12,7 @@ import pytest
 
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
-from app.estimation.scoring.scoring import score_soc
+from app.estimation.scoring import score_soc
 from app.sources.recordings.dataset import load_recording
 from tests.numeric.judgement import judge, part
 

@@ -23,8 +23,7 @@ from firmware_protocol.ltc6804 import (
     with_pec,
 )
 from firmware_protocol.memory_map import T_MISSING
-from simulator.conversion import ADOW
-from simulator.self_test import AXST, CVST, STATST, SelfTest
+from simulator.conversion import ADOW, AXST, CVST, STATST, SelfTest
 from simulator.slave import THESIS_SENSOR_INPUTS as INPUTS
 from tests.c_programs import slaves_library
 from tests.c_slaves import PACKETS, CReader, DamagedChain, load, started

@@ -14,7 +14,7 @@ from app.estimation.filters.estimators import FILTERS, make_estimator
 from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.learned import learned
 from app.estimation.prediction.driver_soc import DriverSoc
-from app.estimation.scoring.scoring import score_soc, settling_time
+from app.estimation.scoring import score_soc, settling_time
 from tests.campaign import examples
 
 CELL = load_cell()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from simulator.bms_state import RelayState
 from simulator.can_bus import CanBus, CanFrame
-from simulator.link_circuit import LinkCircuit
+from simulator.vehicle import LinkCircuit
 from tests.campaign import examples
 
 RATE = 500_000

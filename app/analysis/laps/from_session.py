@@ -12,7 +12,7 @@ import numpy as np
 from app.analysis.laps.detection import laps_by_marks, laps_by_pattern, rises_s, stints
 from app.analysis.laps.figures import DriverFigures, Lap, LapFigures, compare_drivers, figures_of, overlay, with_drivers
 from app.analysis.laps.place import Ways
-from app.analysis.session_arrays import read_totals
+from app.analysis.session_survey import read_totals
 from app.analysis.totals import Totals, number
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray

@@ -32,9 +32,8 @@ from app.analysis.report.findings import (
 from app.analysis.report.over_time import OverTime, over_time
 from app.analysis.root_cause.from_session import causes_of
 from app.analysis.root_cause.judge import Cause, agreeing
-from app.analysis.session_arrays import TotalsCollector
 from app.analysis.session_cell import cell_of, judged_by, unlike
-from app.analysis.session_survey import survey_session
+from app.analysis.session_survey import TotalsCollector, survey_session
 from app.analysis.survey import Histogram, Piece, Survey, keep_extreme
 from app.analysis.totals import listed
 from app.sessions.reading.reader import SessionFile

@@ -23,7 +23,7 @@ from app.configuration.slave_check import SlaveCheckLog
 from app.configuration.write_log import WriteLog
 from app.live.can_trace import CanTrace
 from app.live.pipeline_factory import PipelineFactory
-from app.season.cells.history import SeasonSource
+from app.season.history import SeasonSource
 from app.season.season_lake import SeasonLake
 from app.service.events import Events
 from app.service.health.checks import Health

@@ -17,9 +17,8 @@ from app.analysis.cell_findings import cell_findings
 from app.analysis.laps.figures import Lap, figures_of
 from app.analysis.laps.from_session import find_laps
 from app.analysis.limits import limits_of, limits_of_profile
-from app.analysis.session_arrays import read_totals
 from app.analysis.session_cell import cell_of
-from app.analysis.session_survey import read_pieces
+from app.analysis.session_survey import read_pieces, read_totals
 from app.analysis.survey import Piece, Rest, Survey, Surveyor
 from app.battery.battery import Battery
 from app.battery.library import file_name_of

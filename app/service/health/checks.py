@@ -12,7 +12,7 @@ from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sources.data_file import encodable
 from app.telemetry import Severity
-from app.telemetry.link_messages import link_trouble
+from app.telemetry.events import link_trouble
 from app.words import Message
 
 Note = Callable[[Severity, str, Message], None]

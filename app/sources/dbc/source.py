@@ -18,7 +18,7 @@ from app.sources.links.can_bus import bit_rate_of
 from app.sources.links.monitor import LinkMonitor
 from app.sources.source import NOTHING_RECEIVED, Received
 from app.telemetry import Ages, Charger, Event, Links, Master, ProtectionLimits, Source
-from app.telemetry.link_messages import link_lost
+from app.telemetry.events import link_lost
 from app.telemetry.measurement import STALE_S, Measurement, Reported
 from app.telemetry.snapshot import MasterState, Number
 from app.words import Message

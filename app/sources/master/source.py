@@ -17,7 +17,7 @@ from app.sources.master.shadow import ShadowImage
 from app.sources.master.uptime_clock import UptimeClock
 from app.sources.source import NOTHING_RECEIVED, Received
 from app.telemetry import BusState, Charger, Event, Identity, Links, Master, Severity, Source
-from app.telemetry.link_messages import link_lost
+from app.telemetry.events import link_lost
 from app.telemetry.measurement import Measurement
 from app.words import Message, Quantity
 from firmware_protocol.can_tables import TableReader, bit_rate, tx_messages

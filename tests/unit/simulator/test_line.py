@@ -1,7 +1,7 @@
 import numpy as np
 
 from firmware_protocol.framing import LINE_BYTES_PER_S
-from simulator.line import UartLine
+from simulator.simulation import UartLine
 
 
 def test_frames_one_after_the_other_take_the_line_rate():

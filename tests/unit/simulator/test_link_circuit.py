@@ -5,8 +5,8 @@ import pytest
 from firmware_protocol.messages import CommandId
 from simulator.bms_state import RelayState
 from simulator.faults import FaultBoard
-from simulator.link_circuit import LinkCircuit
 from simulator.loads import ConstantCurrent
+from simulator.vehicle import LinkCircuit
 
 SOURCE_V = 400.0
 PRECHARGE_LIMIT_S = 3.0  # of the firmware

@@ -1,6 +1,5 @@
 from firmware_protocol.ltc6804 import AdcMode, Command
-from simulator.conversion import ADOW
-from simulator.self_test import AXST, CVST, STATST, SelfTest, decode_self_test
+from simulator.conversion import ADOW, AXST, CVST, STATST, SelfTest, decode_self_test
 from tests.ltc6804_packets import adax, adcv, adstat
 
 

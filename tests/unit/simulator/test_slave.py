@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from firmware_protocol.ltc6804 import READ_CELLS, AdcMode, Command, decode_group
-from simulator.conversion import ADOW, REFERENCE_START_S, decode_conversion
-from simulator.self_test import AXST, CVST, STATST, SelfTest
+from simulator.conversion import ADOW, AXST, CVST, REFERENCE_START_S, STATST, SelfTest, decode_conversion
 from simulator.slave import CORE_WAKE_S, PORT_IDLE_S, WATCHDOG_S, SlaveChain
 from tests.ltc6804_packets import (
     Configuration,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.season.cells.history import CellHistory
+from app.season.history import CellHistory
 
 
 def history(values, sigmas, days=None, capacity=None, rest_soc=None, lost=None, car=""):

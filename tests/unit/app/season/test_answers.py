@@ -4,7 +4,7 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.season.answers import LIMITS, overviews_at
-from app.season.cells.history import SeasonSource
+from app.season.history import SeasonSource
 from app.sessions.worker import Limits, Workers
 from app.sessions.worker.workers import LEAST_BYTES
 from app.sources.loaded_battery import team_battery

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.estimation.scoring.scoring import score_soc, settling_time
+from app.estimation.scoring import score_soc, settling_time
 
 
 def test_error_that_leaves_the_bound_again_settles_only_after_its_return():

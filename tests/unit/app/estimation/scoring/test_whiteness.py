@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.estimation.scoring.whiteness import autocorrelation, score_innovations
+from app.estimation.scoring import autocorrelation, score_innovations
 
 DT_S = 0.1
 

@@ -5,7 +5,7 @@ import pytest
 
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
-from app.season.cells.history import DAY_S, SeasonSource, lost_in_pause
+from app.season.history import DAY_S, SeasonSource, lost_in_pause
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
 from app.season.report import cell_of

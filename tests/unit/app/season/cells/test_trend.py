@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.season.cells.trend import line, lines
+from app.season.trends import line, lines
 
 DAYS = np.sort(np.random.default_rng(7).uniform(0.0, 400.0, 50))
 SIGMA = 0.01

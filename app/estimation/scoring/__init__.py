@@ -1,1 +1,0 @@
-"""How good estimates are against a reference."""

@@ -1,1 +1,0 @@
-"""What a season says of each cell: its history and its trends."""
