@@ -11,7 +11,7 @@ import numpy as np
 from app.analysis.survey import Piece, Survey, Surveyor
 from app.analysis.totals import Totals
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
-from app.estimation.arrays import FloatArray, latest_at
+from app.estimation.arrays import FloatArray, latest_at, row_mean
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.series import FieldSamples
 from app.sessions.storage.battery_fields import IS_NEW
@@ -41,7 +41,7 @@ class TotalsCollector:
             samples = found.get(name)
             if samples is not None:
                 if name == _SOC:
-                    samples = FieldSamples(samples.time_s, _row_means(samples.values)[:, None])
+                    samples = FieldSamples(samples.time_s, row_mean(samples.values)[:, None])
                 self._pieces.setdefault(name, []).append(samples)
 
     def totals(self) -> Totals:
@@ -71,13 +71,6 @@ class TotalsCollector:
 
 def _degrees(values: FloatArray) -> FloatArray:
     return np.where(values > -128.0, values, np.nan)
-
-
-def _row_means(values: FloatArray) -> FloatArray:
-    known = np.isfinite(values)
-    count = known.sum(axis=1)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _joined(parts: Sequence[FieldSamples]) -> tuple[FloatArray, FloatArray]:

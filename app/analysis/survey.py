@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
-from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.arrays import BoolArray, FloatArray, row_mean
 from app.estimation.health.resistance_tracker import ResistanceTracker
 
 CURRENT_EDGES_A: Final = np.arange(-150.0, 301.0, 10.0)
@@ -219,7 +219,7 @@ class Surveyor:
         loaded = piece.current_a > SAG_A
         if loaded.any():
             rows = piece.told_v[loaded]
-            apart = _row_mean(rows)[:, None] - rows
+            apart = row_mean(rows)[:, None] - rows
             self._sag += np.array([np.nansum(apart, axis=0), np.isfinite(apart).sum(axis=0)])
 
     def _extremes(self, piece: Piece, dt_s: FloatArray) -> None:
@@ -288,7 +288,7 @@ class Surveyor:
             return
         time_s, volts = np.concatenate([part[0] for part in tail]), np.concatenate([part[1] for part in tail])
         lasted_s = float(time_s[-1]) - from_s
-        mean_v = _column_mean(volts[time_s >= time_s[-1] - REST_MEAN_S])
+        mean_v = row_mean(volts[time_s >= time_s[-1] - REST_MEAN_S].T)
         is_first = from_s - survey.start_s < 1.0
         if is_first and lasted_s >= FIRST_REST_S:
             survey.first_rest = Rest(float(time_s[-1]), mean_v)
@@ -319,15 +319,6 @@ def keep_extreme(
     beyond &= np.isfinite(found)
     best[beyond] = found[beyond]
     best_at_s[beyond] = time_s[at[beyond]]
-
-
-def _row_mean(values: FloatArray) -> FloatArray:
-    count = np.isfinite(values).sum(axis=1)
-    return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
-
-
-def _column_mean(values: FloatArray) -> FloatArray:
-    return _row_mean(values.T)
 
 
 def _first_rows(values: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
+MAD_TO_SIGMA = 1.4826  # of a normal distribution
 
 
 def median(values: FloatArray) -> float:
@@ -44,3 +45,8 @@ def row_mean(values: FloatArray) -> FloatArray:
     """Mean of each row's known elements, NaN where none is known."""
     count = np.isfinite(values).sum(axis=1)
     return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
+
+
+def robust_sigma(values: FloatArray) -> float:
+    """Standard deviation of the known elements by their median deviation; outliers do not count."""
+    return MAD_TO_SIGMA * median(np.abs(values - median(values)))

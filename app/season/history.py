@@ -16,7 +16,7 @@ import numpy as np
 
 from app.battery.battery import Battery
 from app.errors import ConfigError
-from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.arrays import BoolArray, FloatArray, row_median
 from app.estimation.cell_model.circuit import CellModel
 from app.season.store import SeasonStore
 from app.season.store.questions import ask
@@ -246,11 +246,6 @@ def _per_day(lost: FloatArray, days: FloatArray) -> FloatArray:
     known = np.isfinite(beyond)
     spent = np.where(known, days, 0.0).sum(axis=0)
     return np.where(spent > 0.0, np.where(known, beyond, 0.0).sum(axis=0) / np.maximum(spent, 1e-9), np.nan)
-
-
-def row_median(values: FloatArray) -> FloatArray:
-    """Return (n,) medians of the known values of each row of (n, cells)."""
-    return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])
 
 
 def newest_median(values: FloatArray, n_sessions: int) -> FloatArray:

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from app.analysis.totals import listed, number
-from app.estimation.arrays import FloatArray
-from app.season.history import DAY_S, CellHistory, newest_median, row_median
+from app.estimation.arrays import FloatArray, row_median
+from app.season.history import DAY_S, CellHistory, newest_median
 from app.season.trends import (
     MONTH_DAYS,
     Line,

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from app.errors import ExtraMissing
-from app.estimation.arrays import FloatArray
-from app.season.history import CellHistory, row_median
+from app.estimation.arrays import FloatArray, row_median
+from app.season.history import CellHistory
 from app.words import Message
 
 LEAST: Final = 5  # sessions for a line

@@ -10,10 +10,9 @@ import numpy as np
 
 from app.analysis.survey import Survey
 from app.analysis.totals import number
-from app.estimation.arrays import FloatArray, median
+from app.estimation.arrays import FloatArray, median, robust_sigma
 from app.words import Argument, Cell, Message, Quantity, RenderedMessage, render, rendered
 
-MAD_TO_SIGMA: Final = 1.4826
 ODD_SIGMAS: Final = 5.0  # beyond so many robust standard deviations a cell is unlike the others
 ODD_NAMED: Final = 3  # of the oddest cells, with what is odd; the others by name alone
 LEAST_SAG_V: Final = 0.005
@@ -255,7 +254,7 @@ def _outliers(values: FloatArray, least: float) -> list[tuple[int, float, float]
     usual = median(values)
     if not np.isfinite(usual):
         return []
-    sigma = MAD_TO_SIGMA * median(np.abs(values - usual))
+    sigma = robust_sigma(values)
     far = np.flatnonzero(np.nan_to_num(values - usual, nan=-1.0) > max(ODD_SIGMAS * sigma, least))
     ordered = sorted(far.tolist(), key=lambda cell: -values[cell])
     return [(cell, float(values[cell]), usual) for cell in ordered]

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from app.estimation.arrays import BoolArray, FloatArray, median
+from app.estimation.arrays import BoolArray, FloatArray, median, robust_sigma
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import check_step
 from app.estimation.health.cell_finding import BAND_SIGMAS, SURE, CellFinding, FindingCode, confidence_of
@@ -190,7 +190,7 @@ class CellWatch:
         usual = median(report.resistance_ohm)
         is_sure = watch.growth_sigma < GROWTH_SIGMA_MAX
         growth = self._growth.add(np.where(is_sure, report.cell_growth_frac, np.nan), watch.evidence_count)
-        scatter = 1.4826 * median(np.abs(growth - median(growth)))
+        scatter = robust_sigma(growth)
         excess_ohm = np.nan_to_num(report.ohmic_excess_ohm)
         limit = max(GROWTH_MIN, GROWTH_SIGMAS * scatter)
         is_cell = np.zeros(len(growth), dtype=np.bool_)

