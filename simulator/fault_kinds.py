@@ -41,7 +41,7 @@ class FaultKind:
     is_instant: bool = False  # over as soon as it has happened
     is_whole: bool = False  # only whole numbers are values
     area: str = ""  # of the car, for people who look for it
-    is_of_team: bool = False  # batteries that speak by a DBC have nothing that it breaks
+    is_of_team: bool = False  # batteries that send by a DBC have nothing that it breaks
 
 
 def _set(path: str, of: Callable[[float], object] = float) -> Apply:

@@ -34,7 +34,7 @@ class CellJudge:
         """Take the next piece."""
         balancing: BoolArray = np.asarray(piece.balancing) > 0.0
         knows_balancing: BoolArray = np.asarray(np.isfinite(piece.balancing).all(axis=1))
-        told_v = piece.told_v
+        fresh_voltage_v = piece.fresh_voltage_v
         for k, time_s in enumerate(piece.time_s.tolist()):
             dt_s = 0.0 if self._before_s is None else time_s - self._before_s
             if self._before_s is not None and 0.0 <= dt_s < SPACED_S:
@@ -46,7 +46,7 @@ class CellJudge:
                 time_s,
                 dt_s,
                 float(piece.current_a[k]),
-                told_v[k],
+                fresh_voltage_v[k],
                 piece.temperature_degc[k],
                 balancing[k] if knows_balancing[k] else None,
             )

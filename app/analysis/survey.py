@@ -39,7 +39,7 @@ class Piece:
     is_new: BoolArray | None = None  # where a voltage was told in this row; elsewhere it is held. None: all are
 
     @property
-    def told_v(self) -> FloatArray:
+    def fresh_voltage_v(self) -> FloatArray:
         """(n, n_cells) voltages that belong to their row's current; NaN where one is held from before."""
         return self.voltage_v if self.is_new is None else np.where(self.is_new, self.voltage_v, np.nan)
 
@@ -218,7 +218,7 @@ class Surveyor:
         survey.balancing_s += (np.nan_to_num(piece.balancing) * dt_s[:, None]).sum(axis=0)
         loaded = piece.current_a > SAG_A
         if loaded.any():
-            rows = piece.told_v[loaded]
+            rows = piece.fresh_voltage_v[loaded]
             apart = row_mean(rows)[:, None] - rows
             self._sag += np.array([np.nansum(apart, axis=0), np.isfinite(apart).sum(axis=0)])
 
@@ -267,7 +267,7 @@ class Surveyor:
         if len(chosen):
             dt_s = np.maximum(np.diff(time_s[chosen], prepend=before_s), 0.0)
             self._tracked_s = float(time_s[chosen[-1]])
-            self._tracker.take(dt_s, piece.current_a[chosen], piece.told_v[chosen])
+            self._tracker.take(dt_s, piece.current_a[chosen], piece.fresh_voltage_v[chosen])
 
     def _rests(self, piece: Piece) -> None:
         quiet = np.abs(piece.current_a) < REST_A

@@ -23,7 +23,7 @@ class _Pending:
     wall_ns: int
 
 
-class AlarmKeeper:
+class AlarmTracker:
     """Feeds on snapshots; returns the alarms to show and the events to log."""
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class AlarmKeeper:
         return False
 
     def explain(self, cause: TripCause) -> None:
-        """Tell what caused the trips that hold."""
+        """Set the cause of the trips that hold."""
         for key, alarm in self._alarms.items():
             if alarm.active and alarm.severity == "trip":
                 self._alarms[key] = replace(alarm, cause=cause)
@@ -121,7 +121,7 @@ def _event(source: Condition | Alarm, wall_ns: int, message: Message, severity: 
     )
 
 
-class FindingNews:
+class FindingChanges:
     """Compares every snapshot's findings with those of the one before."""
 
     def __init__(self) -> None:

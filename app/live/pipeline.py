@@ -18,7 +18,7 @@ from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.energy_target import RacePlan
 from app.estimation.recording.gaps import GapWatch
 from app.live.accumulator import accumulator_of
-from app.live.alarms import AlarmKeeper, FindingNews
+from app.live.alarms import AlarmTracker, FindingChanges
 from app.live.cells import cells_of, packs_of
 from app.live.estimator_start import start_estimator
 from app.live.plausibility import PlausibilityChecks
@@ -74,9 +74,9 @@ class Pipeline:
         self._spare: SocEstimator | None = None
         self._skipped = 0  # measurements without a current, without any voltage, or on which the estimator failed
         self.filter_name, self.cell_name = filter_name, cell_name
-        self._watch = AlarmKeeper()
+        self._watch = AlarmTracker()
         self._watch_lock = threading.Lock()
-        self._news = FindingNews()
+        self._news = FindingChanges()
         self._driver = DriverSoc(source.battery.n_cells)
         self._plausibility = PlausibilityChecks(source.battery)
         self._estimates: Estimates | None = None

@@ -28,7 +28,7 @@ from app.estimation.prediction.laps import LapWatch
 from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
 from app.live.prediction_conditions import at_load, laps_known, power_held, until_empty
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
-from app.telemetry.cell_findings import Finding, Sensors, told_findings
+from app.telemetry.cell_findings import Finding, Sensors, findings_in_words
 
 ASSESS_S = 1.0
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
@@ -324,7 +324,7 @@ class Predictor:
         self._laps.judge()
 
     def _found(self) -> tuple[Finding, ...]:
-        return told_findings(self._watch.findings, self._sensors)
+        return findings_in_words(self._watch.findings, self._sensors)
 
     def _learned(self) -> Learned:
         tracker = self._capacities.tracker

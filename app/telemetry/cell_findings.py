@@ -1,4 +1,4 @@
-"""A cell's finding as it is told: with its words, its band and unix times."""
+"""A cell's finding as it is shown: with its words, its band and unix times."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from app.words import Cell, Message, Quantity
 
 Number = float | None
 Sensors = tuple[tuple[int, ...], ...]
-HOURS_S = 5400.0  # from here on a time is told in hours
+HOURS_S = 5400.0  # from here on a time is shown in hours
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class Finding:
     confidence: Annotated[float, Unit("1", "probability that it is so", 3)]
 
 
-def told_findings(found: Iterable[CellFinding], sensors: Sensors | None = None) -> tuple[Finding, ...]:
-    """Return findings in their words; what is wrong with a temperature sensor is said of it once, with its cells.
+def findings_in_words(found: Iterable[CellFinding], sensors: Sensors | None = None) -> tuple[Finding, ...]:
+    """Return findings in their words; what is wrong with a temperature sensor is listed once, with its cells.
 
     Args:
         found: by a watch that was fed with unix times.
@@ -126,7 +126,7 @@ def what_of(found: CellFinding, name: Message | None = None) -> Message:
 
 
 def evidence_of(found: CellFinding) -> Message:
-    """Return what speaks for it: how long, at which current, against which neighbours, and how sure that is."""
+    """Return its evidence: how long, at which current, against which neighbours, and how sure that is."""
     lasted, sure = _time(found.evidence_s), Quantity(100 * found.confidence, "%", 0)
     others = _neighbour_range(found.neighbours)
     current = Quantity(found.current_a, "A", 0)

@@ -154,7 +154,7 @@ def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[RenderedMe
 
 
 def cause_findings(cause: Cause | None, segments: Sequence[int]) -> list[RenderedMessage]:
-    """Return the likeliest cause, what speaks for it, what it cannot be told apart from, and what else it could be."""
+    """Return the likeliest cause, its evidence, what cannot be distinguished from it, and what else it could be."""
     if cause is None:
         return []
     if cause.code == "unknown":

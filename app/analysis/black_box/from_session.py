@@ -23,7 +23,7 @@ from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
-from app.telemetry.cell_findings import sensors_of, told_findings
+from app.telemetry.cell_findings import findings_in_words, sensors_of
 from app.words import RenderedMessage
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import STATUS_FLAGS
@@ -61,7 +61,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         config_hash = None if image is None else image_hash(image)
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
         cause = cause_of_trip(session, main_trigger(group))
-        found = told_findings(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
+        found = findings_in_words(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
         limits = limits_then.at(session.unix_s(round(group[0].mono_s * 1e9)))
         box = build(
             group,
@@ -92,7 +92,7 @@ def _contradicts(found: RenderedMessage, cause: Cause | None) -> bool:
 
 
 def explained(session: SessionFile, box: BlackBox) -> BlackBox:
-    """Return a box with the cause that its session tells; as it is where the session does not hold its event."""
+    """Return a box with the cause by its session; as it is where the session does not hold its event."""
     for trigger in _triggers(session):
         if trigger.code == box.code and abs(trigger.at_s - box.at) < SAME_S:
             return with_cause(box, cause_of_trip(session, trigger))

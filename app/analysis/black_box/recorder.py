@@ -68,11 +68,11 @@ class BlackBoxRecorder:
         Args:
             path: of the store.
             session_id: what is being recorded.
-            on_made: told of every box, by the writing thread.
+            on_made: called with every box, by the writing thread.
             explain: finds the cause of a trip in the session that is being recorded; AppError where it cannot be read.
             is_simulated: the car is the simulator.
             battery: whose cells these are; None: the team's own.
-            on_set_aside: told where the store was damaged and set aside.
+            on_set_aside: called where the store was damaged and set aside.
 
         Raises:
             AppError: the file cannot be used.

@@ -37,7 +37,7 @@ from app.analysis.session_survey import TotalsCollector, survey_session
 from app.analysis.survey import Histogram, Piece, Survey, keep_extreme
 from app.analysis.totals import listed
 from app.sessions.reading.reader import SessionFile
-from app.telemetry.cell_findings import Finding, sensors_of, told_findings
+from app.telemetry.cell_findings import Finding, findings_in_words, sensors_of
 from app.words import Argument, Cell, Message, RenderedMessage, Text, message_or_text, render, sentence
 from firmware_protocol.config_image import image_hash
 
@@ -122,7 +122,7 @@ def _keep(span: Survey, piece: Piece, rows: slice) -> None:
     span.current_min_a = min(span.current_min_a, float(current.min()))
 
 
-_OF_OTHER_TRIPS = ("master-fault", "bms-fault")  # told beside what caused them
+_OF_OTHER_TRIPS = ("master-fault", "bms-fault")  # listed with what caused them
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class ReportedSession:
 
 @dataclass(frozen=True)
 class Findings:
-    """What a session shows; `why`: which cell failed, and why."""
+    """The findings of a session, as codes with arguments; `why`: which cell failed, and why."""
 
     headline: RenderedMessage
     why: list[RenderedMessage]
@@ -154,7 +154,7 @@ class Report:
     Attributes:
         session: whose report it is.
         segments: cells of each segment of its battery.
-        findings: what is said of it.
+        findings: the same as codes.
         causes: of each trip, then of what is wrong without one; the first is the main one.
         margins: how near each limit came, the nearest first.
         odd: the cells that are unlike the others.
@@ -221,7 +221,7 @@ def report_of(session: SessionFile) -> Report:
 
     survey = survey_session(session, watched, collector)
     sensors = sensors_of(session.battery.sensors, session.battery.n_cells)
-    found, ended = (told_findings(kind, sensors) for kind in (judge.result(), judge.ended()))
+    found, ended = (findings_in_words(kind, sensors) for kind in (judge.result(), judge.ended()))
     totals = collector.totals()
     source, found_laps = find_laps(session, totals, None, None)
     laps = [figures_of(lap, totals) for lap in found_laps]
@@ -269,7 +269,7 @@ def report_of(session: SessionFile) -> Report:
 
 
 def _cause_findings(causes: Sequence[Cause]) -> list[Message]:
-    """Each cause once, with the first thing that speaks for it."""
+    """Each cause once, with its first evidence."""
     by_place: dict[tuple[str, int | None, int | None], Message] = {}
     for cause in causes:
         if cause.code == "unknown":

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Recording, Suspicion
+from app.analysis.root_cause.recording import Hypothesis, Recording
 from app.estimation.arrays import FloatArray, median, row_mean
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
@@ -20,7 +20,7 @@ COLD_DEGC: Final = 0.0
 CELL_J_PER_K: Final = 450.0
 AIR_K: Final = 2.5
 AIR_WINDOW_S: Final = 90.0
-COOLING_FROM_K: Final = 1.5  # duty times kelvin above the air: less tells nothing of the fans
+COOLING_FROM_K: Final = 1.5  # duty times kelvin above the air: less shows nothing of the fans
 COOLING_LEAST_S: Final = 150.0
 COOLING_SOC: Final = 0.3  # below, the reaction itself takes up heat
 EMPTY_WEIGHT: Final = 36.0  # of an empty pack small differences of cells are large
@@ -28,7 +28,7 @@ HOT_K: Final = 10.0  # below the limit: cooler, nobody needs the fans
 COOLING_W_PER_K: Final = 0.6  # of a cell at full duty: what moving air takes away at least
 
 
-def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicion]:
+def pack_hypotheses(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
     """Yield what all cells do together."""
     if recording.time_s.size < 20:
         return
@@ -38,18 +38,18 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
         rows = recording.near(event.at_s - 1.5, event.at_s + 0.1)
         if rows.start == rows.stop:
             continue
-        volts = float(np.min(_or_inf(recording.middle_v[rows])))
-        degc, soc = median(recording.middle_degc[rows]), median(recording.soc[rows])
+        volts = float(np.min(_or_inf(recording.median_v[rows])))
+        degc, soc = median(recording.median_degc[rows]), median(recording.soc[rows])
         limit = recording.limits.get("v_cell_min", 2.5)
         condition = event.code.removeprefix("trip-")
         if condition == "cell-undervoltage":
             if degc < COLD_DEGC:
-                yield Suspicion("accumulator-cold", event.at_s - 5.0, 15.0, (_cold(degc),))
+                yield Hypothesis("accumulator-cold", event.at_s - 5.0, 15.0, (_cold(degc),))
             low = int((_or_inf(recording.voltage_v[rows]).min(axis=0) < limit + LOW_V).sum())
             if np.isfinite(soc) and (volts < limit + NEAR_V or (soc < EMPTY_SOC and low >= LOW_CELLS)):
                 level = Quantity(100 * float(soc), "%", 0)
                 middle = Quantity(float(volts), "V", 2)
-                yield Suspicion(
+                yield Hypothesis(
                     "accumulator-empty",
                     event.at_s - 5.0,
                     EMPTY_WEIGHT,
@@ -58,9 +58,9 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
         hot_limit = recording.limits.get("t_cell_max", 60.0)
         if condition == "cell-overtemperature" and degc > hot_limit - 4.0:
             evidence = (Message("seen-hot", temperature=Quantity(float(degc), "degC", 0)),)
-            yield Suspicion("accumulator-hot", event.at_s - 5.0, 8.0, evidence)
+            yield Hypothesis("accumulator-hot", event.at_s - 5.0, 8.0, evidence)
         if condition == "cell-undertemperature" and degc < recording.limits.get("t_cell_min", -15.0) + 4.0:
-            yield Suspicion("accumulator-cold", event.at_s - 5.0, 15.0, (_cold(degc),))
+            yield Hypothesis("accumulator-cold", event.at_s - 5.0, 15.0, (_cold(degc),))
     yield from _air(recording, model)
 
 
@@ -73,7 +73,7 @@ def _cold(degc: float) -> Message:
     return Message("seen-cold", temperature=Quantity(float(degc), "degC", 0))
 
 
-def _air(recording: Recording, model: CellModel) -> Iterator[Suspicion]:
+def _air(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
     """The boards are light and follow the air; the cells follow their own heat."""
     boards = recording.boards
     own = row_mean(boards.own_degc)
@@ -94,15 +94,15 @@ def _air(recording: Recording, model: CellModel) -> Iterator[Suspicion]:
             at_s = float(times[rows[found[0]]]) - 0.5 * AIR_WINDOW_S
             of_boards, of_cells = Quantity(float(moved[worst]), "K", 1), Quantity(float(warmed[worst]), "K", 1)
             evidence = (Message("seen-boards-moved", boards=of_boards, cells=of_cells),)
-            yield Suspicion(code, at_s, 10.0 + 2.0 * float(np.abs(moved[worst])), evidence)
+            yield Hypothesis(code, at_s, 10.0 + 2.0 * float(np.abs(moved[worst])), evidence)
             return
     yield from _cooling(recording, model, float(min(own[:10].mean(), cells[:10].mean())))
 
 
-def _cooling(recording: Recording, model: CellModel, air_degc: float) -> Iterator[Suspicion]:
+def _cooling(recording: Recording, model: CellModel, air_degc: float) -> Iterator[Hypothesis]:
     """C dT/dt = loss - b duty (T - air): b is what the fans take away; loss = i (OCV - v) of the median cell."""
     ocv = model.ocv.voltage(np.clip(recording.soc, -0.05, 1.05))
-    loss_w = recording.steady_a * (ocv - recording.middle_v)
+    loss_w = recording.steady_a * (ocv - recording.median_v)
     degc = recording.mean_degc
     is_known = np.isfinite(loss_w) & np.isfinite(degc) & np.isfinite(recording.fan_duty)
     known = np.flatnonzero(is_known & (recording.soc > COOLING_SOC))
@@ -128,4 +128,4 @@ def _cooling(recording: Recording, model: CellModel, air_degc: float) -> Iterato
     if watts < COOLING_W_PER_K:
         duty = Quantity(100 * float(np.nanmax(recording.fan_duty)), "%", 0)
         evidence = (Message("seen-cooling", cooling=Quantity(max(watts, 0.0), "W/K", 2), duty=duty),)
-        yield Suspicion("cooling-failed", start, 20.0 * (1.0 - watts / COOLING_W_PER_K) + 6.0, evidence)
+        yield Hypothesis("cooling-failed", start, 20.0 * (1.0 - watts / COOLING_W_PER_K) + 6.0, evidence)

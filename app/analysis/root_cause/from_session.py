@@ -11,11 +11,11 @@ import numpy as np
 
 from app.analysis.incidents import AFTER_S, Trigger, incidents, main_trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
-from app.analysis.root_cause.air import pack_suspicions
+from app.analysis.root_cause.air import pack_hypotheses
 from app.analysis.root_cause.judge import Cause, Judgement, cause_of, judge, trip_kind
-from app.analysis.root_cause.links import board_suspicions, charger_suspicions, link_suspicions
-from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording, Suspicion
-from app.analysis.root_cause.relays import current_suspicions, relay_suspicions
+from app.analysis.root_cause.links import board_hypotheses, charger_hypotheses, link_hypotheses
+from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, Hypothesis, IntArray, LineTraffic, Recording
+from app.analysis.root_cause.relays import current_hypotheses, relay_hypotheses
 from app.analysis.session_cell import cell_of
 from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray, latest_at, row_median
@@ -88,8 +88,8 @@ def _judged(
 ) -> list[Judgement]:
     recording = read_recording(session, from_s, to_s)
     if trip is None:
-        return judge([], _suspicions(recording, model, recording.end_s), recording.segments)
-    return judge([trip], _suspicions(recording, model, trip.at_s), recording.segments)
+        return judge([], _hypotheses(recording, model, recording.end_s), recording.segments)
+    return judge([trip], _hypotheses(recording, model, trip.at_s), recording.segments)
 
 
 def _trips(events: Sequence[Trigger]) -> list[Trigger]:
@@ -104,7 +104,7 @@ def _places(judgements: Sequence[Judgement]) -> set[tuple[str, int | None, int |
 
 
 def _is_known(judgement: Judgement, explained: set[tuple[str, int | None, int | None]]) -> bool:
-    """Its cell has a cause already, or this cause was told of another part of the session."""
+    """Its cell has a cause already, or this cause was found in another part of the session."""
     key = (judgement.ranked[0].code, *judgement.ranked[0].place)
     return key in explained or (key[1] is not None and key[1] in {cell for _, cell, _ in explained})
 
@@ -115,22 +115,22 @@ def _edges(start_s: float, end_s: float) -> list[float]:
     return [start_s + k * (end_s - start_s) / n for k in range(n)] + [end_s + 1.0]
 
 
-def _suspicions(recording: Recording, model: CellModel, at_s: float) -> list[Suspicion]:
+def _hypotheses(recording: Recording, model: CellModel, at_s: float) -> list[Hypothesis]:
     """Return everything that may be wrong; `at_s` is the instant that is asked about, unix time."""
     reported = [event.cell for event in recording.events if event.cell is not None]
     return [
-        *link_suspicions(recording),
-        *board_suspicions(recording),
-        *charger_suspicions(recording),
-        *relay_suspicions(recording),
-        *current_suspicions(recording, model),
-        *pack_suspicions(recording, model),
+        *link_hypotheses(recording),
+        *board_hypotheses(recording),
+        *charger_hypotheses(recording),
+        *relay_hypotheses(recording),
+        *current_hypotheses(recording, model),
+        *pack_hypotheses(recording, model),
         *(_of_cell(each) for each in judge_stretch(recording, model, at_s, reported)),
         *found_live(recording),
     ]
 
 
-def found_live(recording: Recording) -> Iterator[Suspicion]:
+def found_live(recording: Recording) -> Iterator[Hypothesis]:
     """What the judge had found of cells while the session was recorded, by its events, and evidence has not ended."""
     found: dict[int, Trigger] = {}
     for event in recording.events:
@@ -142,16 +142,16 @@ def found_live(recording: Recording) -> Iterator[Suspicion]:
             found[event.cell] = event
     for cell, event in found.items():
         evidence = () if isinstance(event.message, str) else (event.message,)
-        yield Suspicion(event.code.removeprefix(FINDING), event.at_s - FOUND_WITHIN_S, FOUND_LIVE, evidence, cell)
+        yield Hypothesis(event.code.removeprefix(FINDING), event.at_s - FOUND_WITHIN_S, FOUND_LIVE, evidence, cell)
 
 
-def _of_cell(found: CellFinding) -> Suspicion:
+def _of_cell(found: CellFinding) -> Hypothesis:
     """A verdict on a cell, to be weighed against everything else that may explain a trip."""
     evidence = () if found.code == "external-heating" else (_seen(found),)
     if np.isfinite(found.warmer_k):
         warmer, heat = Quantity(found.warmer_k, "K", 0), Quantity(found.heat_w, "W", 0)
         evidence = (*evidence, Message("seen-warmer", cell=Cell(found.cell), warmer=warmer, heat=heat))
-    return Suspicion(found.code, found.since_s, found.log_odds, evidence, found.cell)
+    return Hypothesis(found.code, found.since_s, found.log_odds, evidence, found.cell)
 
 
 def _seen(found: CellFinding) -> Message:
@@ -185,7 +185,7 @@ _BOARD_FIELDS = tuple(f"slave[{pack}].{name}" for pack in range(N_PACKS) for nam
 _FAST = ("i_fs", "i_fc", "v", "t", "estimate.soc", "status.flags")
 _CHARGER = ("charger.state", "charger.flags", "charger.fan_duty")
 _FIELDS = (*_FAST, *_CHARGER, *_BOARD_FIELDS)
-AT_ONCE = 0.5  # of the cells told in the same period: they are compared with each other
+AT_ONCE = 0.5  # of the cells measured in the same period: they are compared with each other
 _DIE_V_PER_K = 7.5e-3  # LTC6804 data sheet: internal die temperature
 _KELVIN = 273.0
 _CODE_V = 1e-4
@@ -233,7 +233,7 @@ def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recordin
 
 
 def _share_new(parts: Sequence[FieldSamples]) -> float:
-    """Of the cells' voltages in a row those that were told in it, on average; 0 where there are none."""
+    """Of the cells' voltages in a row those that were measured in it, on average; 0 where there are none."""
     return float(np.mean(np.concatenate([part.values for part in parts]))) if parts else 0.0
 
 
@@ -295,7 +295,7 @@ def _line(session: SessionFile, from_s: float, to_s: float) -> LineTraffic:
 
 
 def _bus(session: SessionFile, from_s: float, to_s: float, tables: bytes | None) -> BusTraffic:
-    """What was on the bus; `tables` is the configuration of a master that speaks by it."""
+    """What was on the bus; `tables` is the configuration of a master that sends by it."""
     times: dict[int, list[float]] = defaultdict(list)
     for frame in session.can_frames(from_s, to_s):
         times[frame.can_id].append(session.unix_s(frame.t_mono_ns))
@@ -307,9 +307,9 @@ def _bus(session: SessionFile, from_s: float, to_s: float, tables: bytes | None)
         for tx in tx_messages(tables)
         if tx.enabled and tx.period_ms
     }
-    heard = [rx.can_id | (CAN_ID_EXTENDED if rx.is_extended else 0) for rx in rx_messages(tables) if rx.enabled]
+    received = [rx.can_id | (CAN_ID_EXTENDED if rx.is_extended else 0) for rx in rx_messages(tables) if rx.enabled]
     charger = STATUS_ID | CAN_ID_EXTENDED
-    return BusTraffic(arrivals, sent, charger if charger in heard else None)
+    return BusTraffic(arrivals, sent, charger if charger in received else None)
 
 
 def read_events(session: SessionFile, from_s: float, to_s: float) -> list[Trigger]:

@@ -1,4 +1,4 @@
-"""From suspicions to causes: what explains each trip, and what is wrong without one."""
+"""From hypotheses to causes: what explains each trip, and what is wrong without one."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any, Final
 import numpy as np
 
 from app.analysis.incidents import Trigger
-from app.analysis.root_cause.recording import Suspicion, pack_of
+from app.analysis.root_cause.recording import Hypothesis, pack_of
 from app.telemetry import PossibleCause, TripCause
 from app.telemetry.cell_findings import Finding
 from app.words import Cell, Message, Pack, RenderedMessage, condition, condition_of, rendered_from_json, sentence
 
 LATE_S: Final = 1.5  # what is seen first after a trip may have been there before it
-ENOUGH: Final = 6.0  # log odds from which a suspicion without a trip is told
+ENOUGH: Final = 6.0  # log odds from which a hypothesis without a trip is reported
 SURE_WHEN_EMPTY: Final = 40.0
 CONFIDENT: Final = 0.99
-TEMPER: Final = 4.0  # the odds are products of models; this much of them is believed
+TEMPER: Final = 4.0  # the odds are products of models; they count by so much less
 MOST_OTHERS: Final = 4
 LEAST_OTHER: Final = 0.02
 
@@ -67,7 +67,7 @@ SAME: Final[dict[str, tuple[str, ...]]] = {
     "can-silent": ("can-short", "can-adapter-off"),
     "can-master-silent": ("can-short", "can-master-bus-off", "can-adapter-off"),
 }
-# What follows from another cause when both are seen: the first is told, the second is not
+# What follows from another cause when both are seen: the first is reported, the second is not
 _CAN: Final = ("can-silent", "can-master-bus-off", "can-master-silent")
 _RESTART: Final = (
     "external-shutdown",
@@ -108,7 +108,7 @@ class Judgement:
 
     at_s: float
     trip: Trigger | None
-    ranked: tuple[Suspicion, ...]
+    ranked: tuple[Hypothesis, ...]
     confidence: tuple[float, ...]
 
 
@@ -118,12 +118,12 @@ def trip_kind(code: str) -> str | None:
     return condition if condition in EXPLAINS else None
 
 
-def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion], segments: Sequence[int]) -> list[Judgement]:
+def judge(trips: Sequence[Trigger], hypotheses: Iterable[Hypothesis], segments: Sequence[int]) -> list[Judgement]:
     """Return what explains each trip, then what is wrong without having tripped anything; trips in order.
 
     `segments` are the cells of each pack.
     """
-    placed = (each if each.cell is None else replace(each, pack=pack_of(each.cell, segments)) for each in suspicions)
+    placed = (each if each.cell is None else replace(each, pack=pack_of(each.cell, segments)) for each in hypotheses)
     left = _without_consequences(_strongest_each(placed))
     found: list[Judgement] = []
     explained: set[int | None] = set()  # cells of which it is known what they have
@@ -150,20 +150,20 @@ def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion], segments: S
     return found
 
 
-def _key(each: Suspicion) -> tuple[str, int | None, int | None]:
+def _key(each: Hypothesis) -> tuple[str, int | None, int | None]:
     return each.code, *each.place
 
 
-def _strongest_each(suspicions: Iterable[Suspicion]) -> list[Suspicion]:
-    best: dict[tuple[str, int | None, int | None], Suspicion] = {}
-    for each in suspicions:
+def _strongest_each(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
+    best: dict[tuple[str, int | None, int | None], Hypothesis] = {}
+    for each in hypotheses:
         if _key(each) not in best or each.weight > best[_key(each)].weight:
             best[_key(each)] = each
     return list(best.values())
 
 
-def _without_consequences(found: list[Suspicion]) -> list[Suspicion]:
-    def follows(each: Suspicion) -> bool:
+def _without_consequences(found: list[Hypothesis]) -> list[Hypothesis]:
+    def follows(each: Hypothesis) -> bool:
         return any(
             each.code in FOLLOWS.get(other.code, ())
             and (other.place[1] is None or each.place[1] in (None, other.place[1]))
@@ -173,28 +173,28 @@ def _without_consequences(found: list[Suspicion]) -> list[Suspicion]:
     return [each for each in found if not follows(each)]
 
 
-def _fits_place(each: Suspicion, cell: int | None, pack: int | None) -> bool:
-    """The suspicion is about the cell that tripped, or about its pack, or about no place."""
+def _fits_place(each: Hypothesis, cell: int | None, pack: int | None) -> bool:
+    """The hypothesis is about the cell that tripped, or about its pack, or about no place."""
     if cell is None or each.pack is None:
         return True
     return each.cell == cell if each.cell is not None else each.pack == pack
 
 
-def _places(rest: list[Suspicion]) -> list[list[Suspicion]]:
-    """Suspicions of one place explain the same; the strongest place first."""
-    groups: dict[object, list[Suspicion]] = {}
+def _places(rest: list[Hypothesis]) -> list[list[Hypothesis]]:
+    """Hypotheses of one place explain the same; the strongest place first."""
+    groups: dict[object, list[Hypothesis]] = {}
     for each in rest:
         key: object = each.place if each.cell is not None else (each.code, each.place)
         groups.setdefault(key, []).append(each)
     return sorted(groups.values(), key=lambda group: -max(each.weight for each in group))
 
 
-def _ranked(found: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
+def _ranked(found: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
     return tuple(sorted(found, key=lambda each: -each.weight))
 
 
-def confidences(ranked: Sequence[Suspicion]) -> tuple[float, ...]:
-    """Return the probability of each suspicion beside the others and beside none of them."""
+def confidences(ranked: Sequence[Hypothesis]) -> tuple[float, ...]:
+    """Return the probability of each hypothesis against the others and against none of them."""
     if not ranked:
         return ()
     odds = np.array([each.weight for each in ranked] + [0.0]) / TEMPER
@@ -223,9 +223,9 @@ class Cause:
         code: of the cause, `unknown` where nothing that is known explains the trip.
         cell, pack: where, from 0; None where it has no place.
         since: since when it can be seen; unix time [s].
-        confidence: 0..1, beside the others and beside none of them.
-        same: what the recording cannot tell apart, where `code` stands for several.
-        evidence: what speaks for it.
+        confidence: 0..1, against the others and against none of them.
+        same: what the recording cannot distinguish, where `code` stands for several.
+        evidence: what was seen.
         others: what else it could be, the likelier first.
     """
 
@@ -304,7 +304,7 @@ def _named(body: dict[str, Any]) -> dict[str, Any]:
     return kept | {"code": condition_of(body["code"]), "message": message}
 
 
-def _message(each: Suspicion) -> Message:
+def _message(each: Hypothesis) -> Message:
     """Return a cause with its place."""
     name, (cell, pack) = condition(each.code), each.place
     if cell is not None:
@@ -312,6 +312,6 @@ def _message(each: Suspicion) -> Message:
     return name if pack is None else Message("cause-in-pack", cause=name, pack=Pack(pack))
 
 
-def _other(each: Suspicion, share: float, segments: Sequence[int]) -> OtherCause:
+def _other(each: Hypothesis, share: float, segments: Sequence[int]) -> OtherCause:
     cell, pack = each.place
     return OtherCause(each.code, sentence(_message(each), segments), cell, pack, round(share, 3))

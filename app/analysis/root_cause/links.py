@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Recording, Suspicion, pack_of
+from app.analysis.root_cause.recording import Hypothesis, Recording, pack_of
 from app.estimation.arrays import BoolArray, FloatArray
 from app.words import Message, Pack, Quantity
 from firmware_protocol.elcon import ChargerFlags
@@ -25,28 +25,28 @@ BOOTS: Final = {
 }
 
 
-def link_suspicions(recording: Recording) -> Iterator[Suspicion]:
-    """Yield what restarts, silences and damaged frames tell."""
+def link_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
+    """Yield what restarts, silences and damaged frames show."""
     yield from _restarts(recording)
     yield from _memory(recording)
     yield from _line(recording)
     yield from _bus(recording)
 
 
-def _restarts(recording: Recording) -> Iterator[Suspicion]:
+def _restarts(recording: Recording) -> Iterator[Hypothesis]:
     for event in recording.events:
         if event.code != "boot" or event.at_s - recording.start_s < SETTLED_S or isinstance(event.message, str):
             continue
         cause = event.message.args.get("cause")
         code = BOOTS.get(cause.code) if isinstance(cause, Message) else None
         if code is not None and isinstance(cause, Message):
-            yield Suspicion(code, event.at_s - 6.0, 80.0, (Message("seen-boot", cause=cause),))
+            yield Hypothesis(code, event.at_s - 6.0, 80.0, (Message("seen-boot", cause=cause),))
 
 
-def _memory(recording: Recording) -> Iterator[Suspicion]:
+def _memory(recording: Recording) -> Iterator[Hypothesis]:
     off = np.flatnonzero(recording.bit("i2c1") == 0.0)
     if off.size >= 5:
-        yield Suspicion("eeprom-worn", float(recording.time_s[off[0]]), 40.0, (Message("seen-eeprom-flag"),))
+        yield Hypothesis("eeprom-worn", float(recording.time_s[off[0]]), 40.0, (Message("seen-eeprom-flag"),))
 
 
 def _gaps(times_s: FloatArray, from_s: float, to_s: float, least_s: float) -> list[tuple[float, float]]:
@@ -56,7 +56,7 @@ def _gaps(times_s: FloatArray, from_s: float, to_s: float, least_s: float) -> li
     return [(float(edges[k]), float(edges[k + 1])) for k in wide]
 
 
-def _line(recording: Recording) -> Iterator[Suspicion]:
+def _line(recording: Recording) -> Iterator[Hypothesis]:
     line, bus = recording.line, recording.bus
     total = line.good_s.size + line.bad_s.size
     if line.bad_s.size >= 3 and line.bad_s.size / max(total, 1) > 1e-3:
@@ -64,27 +64,27 @@ def _line(recording: Recording) -> Iterator[Suspicion]:
         share = Quantity(100 * line.bad_s.size / total, "%", 1)
         n = int(line.bad_s.size)
         if is_cut:
-            yield Suspicion(
+            yield Hypothesis(
                 "serial-drop-outs", float(line.bad_s[0]), 40.0, (Message("seen-cut-frames", n=n, share=share),)
             )
         else:
             evidence = (Message("seen-damaged-frames", n=n, share=share),)
-            yield Suspicion("serial-noise", float(line.bad_s[0]), 40.0, evidence)
+            yield Hypothesis("serial-noise", float(line.bad_s[0]), 40.0, evidence)
     if not total:
         return
     of_master = [times for can_id, times in bus.times_s.items() if can_id in bus.master_period_s]
-    heard = np.sort(np.concatenate(of_master)) if of_master else np.empty(0)
-    end_s = max(recording.end_s, float(heard[-1]) if heard.size else 0.0)
+    received = np.sort(np.concatenate(of_master)) if of_master else np.empty(0)
+    end_s = max(recording.end_s, float(received[-1]) if received.size else 0.0)
     every = np.sort(np.concatenate((line.good_s, line.bad_s)))
     for from_s, to_s in _gaps(every, float(every[0]), end_s, SILENT_S):
-        others = ((heard > from_s) & (heard < to_s)).sum()
+        others = ((received > from_s) & (received < to_s)).sum()
         if others > 3:
             length = Quantity(to_s - from_s, "s", 0)
-            yield Suspicion("serial-silent", from_s, 50.0, (Message("seen-serial-silent", length=length),))
+            yield Hypothesis("serial-silent", from_s, 50.0, (Message("seen-serial-silent", length=length),))
             return
 
 
-def _bus(recording: Recording) -> Iterator[Suspicion]:
+def _bus(recording: Recording) -> Iterator[Hypothesis]:
     bus, line = recording.bus, recording.line
     if not bus.times_s:
         return
@@ -95,7 +95,7 @@ def _bus(recording: Recording) -> Iterator[Suspicion]:
         if (per_s > FLOOD_PER_S).any() and can_id & 0x1FFFFFFF < min(each & 0x1FFFFFFF for each in known):
             at_s = float(times[0] + np.flatnonzero(per_s > FLOOD_PER_S)[0])
             evidence = (Message("seen-can-flood", identifier=f"{can_id:X}", n=int(per_s.max())),)
-            yield Suspicion("can-babbling-node", at_s, 80.0, evidence)
+            yield Hypothesis("can-babbling-node", at_s, 80.0, evidence)
             return
     errors = [event for event in recording.events if event.code == "can-error-frames"]
     silence = _silence_of_master(recording)
@@ -114,11 +114,11 @@ def _bus(recording: Recording) -> Iterator[Suspicion]:
         if any(from_s - 2.0 <= event.at_s <= to_s for event in errors):
             code = "can-silent"
             reasons = (*reasons, Message("seen-can-errors"))
-        yield Suspicion(code, from_s, 60.0, reasons)
+        yield Hypothesis(code, from_s, 60.0, reasons)
         if to_s - from_s > 5.0:
             return
     if len(errors) >= 2 and line.good_s.size:
-        yield Suspicion("can-noise", errors[0].at_s, 30.0, (Message("seen-can-errors"),))
+        yield Hypothesis("can-noise", errors[0].at_s, 30.0, (Message("seen-can-errors"),))
 
 
 def _silence_of_master(recording: Recording) -> tuple[float, float] | None:
@@ -139,25 +139,25 @@ CONVERTER_BITS: Final = 1 | 2 | 4  # cells, auxiliary, status: what is converted
 MULTIPLEXER_BIT: Final = 8
 
 
-def board_suspicions(recording: Recording) -> Iterator[Suspicion]:
-    """Yield what the boards' own tests, their silence and their damaged packets tell."""
+def board_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
+    """Yield what the boards' own tests, their silence and their damaged packets show."""
     noisy = list(_isospi(recording))
     yield from noisy
     yield from _self_tests(recording)
     yield from _silent(recording, is_noisy=bool(noisy))
 
 
-def _isospi(recording: Recording) -> Iterator[Suspicion]:
+def _isospi(recording: Recording) -> Iterator[Hypothesis]:
     damaged = np.nan_to_num(recording.boards.damaged)
     rows = np.flatnonzero((damaged > 0).sum(axis=1) >= 2)
     if rows.size < 2 and not (rows.size and damaged[rows].sum() > 20):
         return
     packs = int((damaged[rows].max(axis=0) > 0).sum())
     evidence = (Message("seen-damaged-packets", n=round(float(damaged[rows].sum(axis=1).mean())), packs=packs),)
-    yield Suspicion("isospi-noise", float(recording.boards.time_s[rows[0]]) - 2.0, 30.0 + rows.size, evidence)
+    yield Hypothesis("isospi-noise", float(recording.boards.time_s[rows[0]]) - 2.0, 30.0 + rows.size, evidence)
 
 
-def _self_tests(recording: Recording) -> Iterator[Suspicion]:
+def _self_tests(recording: Recording) -> Iterator[Hypothesis]:
     boards = recording.boards
     failed = np.nan_to_num(boards.failed_tests).astype(np.int64)
     for pack in np.flatnonzero(failed.any(axis=0)):
@@ -169,10 +169,10 @@ def _self_tests(recording: Recording) -> Iterator[Suspicion]:
         elif bits & MULTIPLEXER_BIT:
             code, seen = "slave-multiplexer-fault", Message("seen-multiplexer-test", pack=Pack(int(pack)))
         at_s = float(boards.time_s[rows[0]]) - 3.0  # a round of the slow windows and of the tests before
-        yield Suspicion(code, at_s, 60.0, (seen,), pack=int(pack))
+        yield Hypothesis(code, at_s, 60.0, (seen,), pack=int(pack))
 
 
-def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
+def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Hypothesis]:
     if not recording.time_s.size:
         return
     lost = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
@@ -187,7 +187,7 @@ def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
         rows = np.flatnonzero(missing[:, pack])
         at_s = float(recording.time_s[rows[0]]) if rows.size else lost[0].at_s
         weight = 10.0 if is_noisy else 60.0
-        yield Suspicion("slave-lost", at_s, weight, (Message("seen-slave-silent", pack=Pack(pack)),), pack=pack)
+        yield Hypothesis("slave-lost", at_s, weight, (Message("seen-slave-silent", pack=Pack(pack)),), pack=pack)
 
 
 FAULT: Final = CHARGER_STATES.index("fault")
@@ -202,7 +202,7 @@ BY_FLAG: Final = (
 )
 
 
-def charger_suspicions(recording: Recording) -> Iterator[Suspicion]:
+def charger_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
     """Yield why charging ended by itself."""
     state = recording.charger_state
     ended = np.flatnonzero((state[1:] == FAULT) & np.isin(state[:-1], ACTIVE)) + 1
@@ -213,6 +213,6 @@ def charger_suspicions(recording: Recording) -> Iterator[Suspicion]:
         fault = next(((code, seen) for flag, code, seen in BY_FLAG if any(value & flag for value in flags)), None)
         if fault is not None:
             code, seen = fault
-            yield Suspicion(code, at_s - BEFORE_S, 60.0, (seen,))
+            yield Hypothesis(code, at_s - BEFORE_S, 60.0, (seen,))
         elif any(e.code == "can-rx-timeout" and abs(e.at_s - at_s) < 2.0 for e in recording.events):
-            yield Suspicion("charger-silent", at_s - 8.0, 40.0, (Message("seen-charger-silent"),))
+            yield Hypothesis("charger-silent", at_s - 8.0, 40.0, (Message("seen-charger-silent"),))

@@ -21,7 +21,7 @@ UNKNOWN = -1  # of a byte that was not received
 
 @dataclass(frozen=True)
 class Boards:
-    """What the slave boards said, (m,) times [s] and a row each; a board that said nothing has no row."""
+    """What the slave boards report, (m,) times [s] and a row each; a board that reported nothing has no row."""
 
     time_s: FloatArray
     status: FloatArray  # (m, packs)
@@ -84,8 +84,8 @@ class Recording(Stretch):
 
 
 @dataclass(frozen=True)
-class Suspicion:
-    """A hypothesis with what speaks for it.
+class Hypothesis:
+    """A hypothesis with its evidence.
 
     Attributes:
         code: of the hypothesis.

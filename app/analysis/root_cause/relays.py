@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Recording, Suspicion
+from app.analysis.root_cause.recording import Hypothesis, Recording
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
@@ -24,7 +24,7 @@ INRUSH_COULOMB: Final = 0.1  # less than half of what fills the capacitor of a c
 REOPENED_S: Final = 8.0  # within so long the link may still hold its charge
 
 
-def relay_suspicions(recording: Recording) -> Iterator[Suspicion]:
+def relay_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
     """Yield why the relays opened or did not close without a trip."""
     load, fit = recording.bit("load"), recording.bit("fit")
     if recording.time_s.size < 20 or not np.isfinite(load).any():
@@ -46,7 +46,7 @@ def _measured(amps: FloatArray) -> FloatArray:
     return amps[np.isfinite(amps)]
 
 
-def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator[Suspicion]:
+def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator[Hypothesis]:
     for row in np.flatnonzero((load[:-1] == 1.0) & (load[1:] == 0.0)) + 1:
         at_s = float(recording.time_s[row])
         before, after = recording.near(at_s - BEFORE_S, at_s - 0.01), recording.near(at_s, at_s + 1.5)
@@ -58,7 +58,7 @@ def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator
         was_reset = any(e.code == "boot" and abs(e.at_s - at_s) < 8.0 for e in recording.events)
         if most_a > LOADED_A and (fit[after] == 1.0).all() and not was_reset:
             evidence = (Message("seen-opened-under-load", current=Quantity(most_a, "A", 0)),)
-            yield Suspicion("external-shutdown", at_s - 1.0, 40.0, evidence)
+            yield Hypothesis("external-shutdown", at_s - 1.0, 40.0, evidence)
 
 
 def _tries(recording: Recording, load: np.ndarray, zero_a: float) -> list[float]:
@@ -76,7 +76,7 @@ def _tries(recording: Recording, load: np.ndarray, zero_a: float) -> list[float]
     return [] if not rows.size else [float(recording.time_s[rows[int(flows[rows].argmax())]])]
 
 
-def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_a: float) -> Iterator[Suspicion]:
+def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_a: float) -> Iterator[Hypothesis]:
     for at_s in _tries(recording, load, zero_a):
         after = recording.near(at_s, at_s + 4.0)
         if (load[after] == 1.0).any() or (fit[after] != 1.0).any():
@@ -84,7 +84,7 @@ def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_
         rows = recording.near(at_s - 0.4 * TRY_S, at_s + 0.4 * TRY_S)
         amps = Quantity(float(np.mean(recording.steady_a[rows])) - zero_a, "A", 2)
         evidence = (Message("seen-precharge-loaded", current=amps),)
-        yield Suspicion("dc-link-load", at_s - TRY_S, 40.0, evidence)
+        yield Hypothesis("dc-link-load", at_s - TRY_S, 40.0, evidence)
         return
     for event in recording.events:
         if event.code != "faults-cleared":
@@ -92,10 +92,10 @@ def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_
         rows = recording.near(event.at_s - 20.0, event.at_s)
         tripped = any(e.severity == "trip" and e.at_s < event.at_s for e in recording.events)
         if rows.stop - rows.start > 20 and (load[rows] == 0.0).all() and (fit[rows] == 1.0).all() and not tripped:
-            yield Suspicion("contactors-not-closed", event.at_s - 20.0, 20.0, (Message("seen-cleared-without-trip"),))
+            yield Hypothesis("contactors-not-closed", event.at_s - 20.0, 20.0, (Message("seen-cleared-without-trip"),))
 
 
-def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Suspicion]:
+def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Hypothesis]:
     closed = np.flatnonzero((load[:-1] == 0.0) & (load[1:] == 1.0)) + 1
     for row in closed:
         at_s = float(recording.time_s[row])
@@ -111,7 +111,7 @@ def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Suspicio
         inrush = float(((recording.steady_a[rows] - still.mean()) * dt_s).sum())
         if inrush < INRUSH_COULOMB:
             evidence = (Message("seen-no-inrush", charge=Quantity(1000 * max(inrush, 0.0), "mC", 0)),)
-            yield Suspicion("dc-link-discharge-failed", at_s - 5.0, 25.0, evidence)
+            yield Hypothesis("dc-link-discharge-failed", at_s - 5.0, 25.0, evidence)
 
 
 OFFSET_A: Final = 1.5  # beyond the sensor's own zero
@@ -120,7 +120,7 @@ SAGS: Final = 0.5  # of what the current would make the cells sag: more is a rea
 BACK_S: Final = 20.0
 
 
-def current_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicion]:
+def current_hypotheses(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
     """Yield what current, cells and relays say of each other."""
     load = recording.bit("load")
     amps = recording.steady_a
@@ -135,14 +135,14 @@ def current_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspi
 
 def _resistance(recording: Recording, usual_ohm: float) -> float:
     """Of the median cell, by what its voltage does when the current moves; the cell file's where it hardly moves."""
-    step_a, step_v = recording.steady_a[3:] - recording.steady_a[:-3], recording.middle_v[3:] - recording.middle_v[:-3]
+    step_a, step_v = recording.steady_a[3:] - recording.steady_a[:-3], recording.median_v[3:] - recording.median_v[:-3]
     known = np.isfinite(step_a) & np.isfinite(step_v) & (np.abs(step_a) > 5.0) & (np.abs(step_a) < 200.0)
     if known.sum() < 50:
         return usual_ohm
     return float(np.clip(np.median(-step_v[known] / step_a[known]), 2e-4, 2e-2))
 
 
-def _offset(recording: Recording, load: np.ndarray, amps: np.ndarray) -> Iterator[Suspicion]:
+def _offset(recording: Recording, load: np.ndarray, amps: np.ndarray) -> Iterator[Hypothesis]:
     open_now = (load == 0.0) & (recording.charger_state <= 0) & np.isfinite(amps)
     since = np.concatenate(([False], open_now[:-1])) & open_now
     off = np.abs(amps) > OFFSET_A
@@ -153,22 +153,22 @@ def _offset(recording: Recording, load: np.ndarray, amps: np.ndarray) -> Iterato
     spread = float(np.std(amps[rows][-50:]))
     evidence = (Message("seen-current-open", current=Quantity(level, "A", 1)),)
     if abs(level) > 200.0 and spread < STILL_A:
-        yield Suspicion("current-sensor-open", _jump(recording, amps, level), 60.0, evidence)
+        yield Hypothesis("current-sensor-open", _jump(recording, amps, level), 60.0, evidence)
         return
-    yield Suspicion("current-sensor-offset", _jump(recording, amps, level), 40.0, evidence)
+    yield Hypothesis("current-sensor-offset", _jump(recording, amps, level), 40.0, evidence)
 
 
 def _jump(recording: Recording, amps: np.ndarray, level: float) -> float:
     """When the current stepped by about this much while the cells did not follow; else the start of the stretch."""
     step_a = np.diff(amps)
-    step_v = np.diff(recording.middle_v)
+    step_v = np.diff(recording.median_v)
     with np.errstate(invalid="ignore"):
         like = (np.abs(step_a - level) < 0.5 * abs(level)) & (np.abs(step_v) < 0.4e-3 * abs(level) + 2e-3)
     rows = np.flatnonzero(like)
     return float(recording.time_s[rows[0]]) if rows.size else recording.start_s
 
 
-def _beyond(recording: Recording, at_s: float, ohm: float) -> Iterator[Suspicion]:
+def _beyond(recording: Recording, at_s: float, ohm: float) -> Iterator[Hypothesis]:
     """A trip by current: the cells sag with a real one."""
     rows = recording.near(at_s - 1.0, at_s + 0.2)
     earlier = recording.near(at_s - BACK_S, at_s - 1.0)
@@ -177,16 +177,16 @@ def _beyond(recording: Recording, at_s: float, ohm: float) -> Iterator[Suspicion
     at = rows.start + int(np.nanargmax(np.abs(recording.steady_a[rows])))
     amps = float(recording.steady_a[at])
     expected = ohm * (amps - float(np.nanmedian(recording.steady_a[earlier])))
-    seen = float(np.nanmedian(recording.middle_v[earlier]) - recording.middle_v[at])
+    seen = float(np.nanmedian(recording.median_v[earlier]) - recording.median_v[at])
     share = seen / expected if abs(expected) > 1e-3 else 1.0
     current = Quantity(amps, "A", 0)
     if share > SAGS:
         sag = Quantity(1000 * seen, "mV", 0)
-        yield Suspicion("overload", at_s - 2.0, 25.0, (Message("seen-overload", current=current, sag=sag),))
+        yield Hypothesis("overload", at_s - 2.0, 25.0, (Message("seen-overload", current=current, sag=sag),))
         return
     evidence = (Message("seen-no-sag", current=current),)
     still = recording.steady_a[recording.near(at_s, at_s + 3.0)]
     if abs(amps) > 200.0 and still.size > 10 and float(np.std(still)) < STILL_A and abs(float(still.mean())) > 200.0:
-        yield Suspicion("current-sensor-open", at_s - 2.0, 60.0, evidence)
+        yield Hypothesis("current-sensor-open", at_s - 2.0, 60.0, evidence)
     else:
-        yield Suspicion("current-sensor-offset", at_s - 2.0, 40.0, evidence)
+        yield Hypothesis("current-sensor-offset", at_s - 2.0, 40.0, evidence)

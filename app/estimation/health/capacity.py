@@ -24,7 +24,7 @@ from app.estimation.errors import ModelError, ShapeError
 
 FADE: Final = 0.98  # of an older session with every new one: about fifty sessions are remembered
 START_SIGMA_FRAC: Final = 0.05  # how far the nominal capacity may be off before any session
-SOC_MOVED_MIN: Final = 0.1  # less than this tells nothing that the errors would not drown
+SOC_MOVED_MIN: Final = 0.1  # less than this shows nothing that the errors would not drown
 SEARCH_FRAC: Final = (0.3, 1.5)  # of the nominal capacity
 SEARCH_POINTS: Final = 241
 NEWTON_STEPS: Final = 4
@@ -191,7 +191,7 @@ COUNT_OFFSET_A: Final = 0.5  # of the current sensor
 
 
 class CapacityBetweenRests:
-    """Counts charge from rest to rest and tells the tracker."""
+    """Counts charge from rest to rest and updates the tracker."""
 
     def __init__(self, cell: CellModel, tracker: CapacityTracker) -> None:
         self._cell = cell

@@ -68,14 +68,14 @@ class CellVoltage:
     soc: FloatArray
     branch_a: FloatArray  # (n_rc, m) through each RC pair
     voltage_v: FloatArray
-    middle_v: FloatArray
+    median_v: FloatArray
     noise_v: FloatArray
     around_s: float  # the instant that is asked about
 
     @property
-    def apart_v(self) -> FloatArray:
+    def deviation_v(self) -> FloatArray:
         """The cell against the median cell."""
-        return self.voltage_v - self.middle_v
+        return self.voltage_v - self.median_v
 
 
 def slow_current(time_s: FloatArray, current_a: FloatArray, tau_s: float) -> FloatArray:
@@ -128,14 +128,14 @@ class CellVoltages:
         start = float(stretch.soc[known][0] + used[known][0]) if known.any() else 0.5
         self._shared = tuple(each[self._rows] for each in (time_s, current, slow, used, start - used))
         self._branches = np.array(branches).reshape(-1, len(time_s))[:, self._rows]
-        apart = stretch.apart_v[self._rows]
+        apart = stretch.deviation_v[self._rows]
         usual = 1.4826 * row_median(np.abs(apart - row_median(apart.T)))
         self._noise = np.hypot(np.nan_to_num(usual), LEAST_NOISE_V)
 
     def of(self, cell: int) -> CellVoltage | None:
         """Return one cell, None where it was hardly measured."""
         voltage = self._stretch.voltage_v[self._rows, cell]
-        middle = self._stretch.middle_v[self._rows]
+        middle = self._stretch.median_v[self._rows]
         known = np.isfinite(voltage) & np.isfinite(middle)
         if known.sum() < 10:
             return None
@@ -145,9 +145,9 @@ class CellVoltages:
         return CellVoltage(time_s, current, slow, used, soc, branches, voltage, middle, noise, self._around_s)
 
 
-def _movement(time_s: FloatArray, apart_v: FloatArray) -> FloatArray:
+def _movement(time_s: FloatArray, deviation_v: FloatArray) -> FloatArray:
     """How far a deviation moves, to or from each of its samples where they follow each other at full rate [V]."""
-    steps = np.where(np.diff(time_s) < 0.5 * SPACING_S, np.abs(np.diff(apart_v)), 0.0)
+    steps = np.where(np.diff(time_s) < 0.5 * SPACING_S, np.abs(np.diff(deviation_v)), 0.0)
     moved: FloatArray = np.maximum(np.append(steps, 0.0), np.insert(steps, 0, 0.0))
     return moved
 
@@ -167,7 +167,7 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, fl
     """
     under_load = UnderLoad(cell, model)
     spread, _, _ = _lower(cell, under_load, SPREAD_SIZES)
-    healthy = max(_warm_likelihood(cell, cell.apart_v, HEALTHY_OHM), spread)
+    healthy = max(_warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM), spread)
     onsets = _onsets(cell)
     slow_share = float(model.r_ohm.sum(axis=0).mean() / model.r0_ohm.mean()) if model.n_rc else 0.0
     drops: tuple[tuple[Law, FloatArray], ...] = (
@@ -175,7 +175,7 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, fl
         ("resistance", cell.current_a + slow_share * cell.slow_a),
     )
     fits: list[CellFit | None] = [_best(law, _drops(cell, drop, onsets), healthy) for law, drop in drops]
-    fits.append(CellFit("warm", _warm_likelihood(cell, cell.apart_v) - healthy, 0.0, float(cell.time_s[0])))
+    fits.append(CellFit("warm", _warm_likelihood(cell, cell.deviation_v) - healthy, 0.0, float(cell.time_s[0])))
     charges: tuple[tuple[Law, _Candidate], ...] = (
         ("capacity", _capacity(cell, under_load)),
         ("lower", _lower(cell, under_load, LOWER_SIZES)),
@@ -201,10 +201,10 @@ def _onsets(cell: CellVoltage) -> FloatArray:
     return np.unique(np.concatenate(([cell.time_s[0]], cell.around_s - back)))
 
 
-def _residual(apart_v: FloatArray, cell: CellVoltage) -> FloatArray:
-    """What is left of a deviation beside a constant one, by weighted least squares."""
+def _residual(deviation_v: FloatArray, cell: CellVoltage) -> FloatArray:
+    """What is left of a deviation without a constant one, by weighted least squares."""
     weight = 1.0 / cell.noise_v**2
-    residual: FloatArray = apart_v - (weight * apart_v).sum() / weight.sum()
+    residual: FloatArray = deviation_v - (weight * deviation_v).sum() / weight.sum()
     return residual
 
 
@@ -215,11 +215,11 @@ def _log_likelihood(cell: CellVoltage, residual_v: FloatArray) -> float:
     return float(-0.5 * share * (25.0 * np.log1p(ratio / 25.0)).sum())
 
 
-def _warm_likelihood(cell: CellVoltage, apart_v: FloatArray, most_ohm: float = WARM_OHM) -> float:
+def _warm_likelihood(cell: CellVoltage, deviation_v: FloatArray, most_ohm: float = WARM_OHM) -> float:
     """As `_log_likelihood`, with the resistance that fits: a little more, or less up to what warmth takes away."""
     weight = 1.0 / cell.noise_v**2
     x = cell.current_a - (weight * cell.current_a).sum() / weight.sum()
-    y = _residual(apart_v, cell)
+    y = _residual(deviation_v, cell)
     square = (weight * x * x).sum()
     less = float(np.clip((weight * x * y).sum() / square, -HEALTHY_OHM, most_ohm)) if square > 0.0 else 0.0
     return _log_likelihood(cell, y - less * x)
@@ -233,7 +233,7 @@ def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterato
         square = (weight * x * x).sum()
         if square <= 0.0:
             continue
-        y = _residual(cell.apart_v, cell)
+        y = _residual(cell.deviation_v, cell)
         size = float((weight * x * y).sum() / square)
         if size > 0.0:
             yield _log_likelihood(cell, y - size * x), size, float(onset_s)
@@ -241,14 +241,14 @@ def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterato
 
 def _capacity(cell: CellVoltage, under_load: UnderLoad) -> _Candidate:
     def likelihood(size: float) -> float:
-        return _warm_likelihood(cell, cell.apart_v - under_load.moved_v(cell.soc - size * cell.used))
+        return _warm_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - size * cell.used))
 
     return *_largest(likelihood, CAPACITY_SIZES), float(cell.time_s[0])
 
 
 def _lower(cell: CellVoltage, under_load: UnderLoad, sizes: FloatArray) -> _Candidate:
     def likelihood(size: float) -> float:
-        return _log_likelihood(cell, cell.apart_v - under_load.moved_v(cell.soc - size))
+        return _log_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - size))
 
     return *_largest(likelihood, sizes), float(cell.time_s[0])
 
@@ -266,7 +266,7 @@ def _leak(
     def likelihood(size: float, onset_s: float) -> float:
         ago_s = np.maximum(cell.time_s - onset_s, 0.0)
         moved = under_load.moved_v(cell.soc - size * ago_s / capacity_coulomb)
-        return _warm_likelihood(cell, cell.apart_v - moved)
+        return _warm_likelihood(cell, cell.deviation_v - moved)
 
     def with_heat(size: float, onset_s: float) -> float:
         return likelihood(size, onset_s) + heat(size, onset_s)
@@ -294,10 +294,10 @@ def _stuck(cell: CellVoltage) -> CellFit | None:
     moving = np.flatnonzero(np.abs(cell.voltage_v - held) > STUCK_V)
     first = int(moving[-1]) + 1 if moving.size else 0
     after = slice(first, None)
-    if len(cell.voltage_v) - first < 8 or np.ptp(cell.middle_v[after]) < 4 * STUCK_V:
+    if len(cell.voltage_v) - first < 8 or np.ptp(cell.median_v[after]) < 4 * STUCK_V:
         return None
-    healthy = _warm_likelihood(cell, cell.apart_v, HEALTHY_OHM)
-    before = cell.apart_v[:first]
+    healthy = _warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM)
+    before = cell.deviation_v[:first]
     level = float(np.median(before)) if first else 0.0
     residual = np.concatenate((before - level, cell.voltage_v[after] - held))
     return CellFit("stuck", _log_likelihood(cell, residual) - healthy, held, float(cell.time_s[first]))

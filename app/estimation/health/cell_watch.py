@@ -35,7 +35,7 @@ LOST_MIN: Final = 0.06
 LOST_SIGMAS: Final = 4.0
 THERMAL_S: Final = 1.0  # between two looks at the thermistors
 CHANNEL_S: Final = 0.15  # and at the voltage channels
-AT_ONCE: Final = 0.4  # share of the cells that must be told in one sample to be compared with each other
+AT_ONCE: Final = 0.4  # share of the cells that must be measured in one sample to be compared with each other
 THERMISTOR_K: Final = 1.0  # resolution of a temperature
 CHANNEL_V: Final = 1e-3
 EMPTY_SOC: Final = 0.12
@@ -150,7 +150,7 @@ class CellWatch:
             self._charge_watch.forget(dead)
             voltages_v = np.where(dead, np.nan, voltages_v)
         if np.isfinite(voltages_v).mean() < AT_ONCE:
-            voltages_v = np.full_like(voltages_v, np.nan)  # the others were told at other currents: no peers
+            voltages_v = np.full_like(voltages_v, np.nan)  # the others were measured at other currents: no peers
         self._joint_watch.step(dt_s, current_a, voltages_v)
         growth = None if self.joints is None else self.joints.cell_growth_frac
         self._has_looked |= self._charge_watch.step(time_s, dt_s, current_a, voltages_v, balancing, growth)

@@ -55,7 +55,7 @@ LOST_SIGMA: Final = 0.02  # of the charge against the pack's after that
 CAPACITY_SHAPE: Final = 0.2  # of lost capacity that a wrong OCV may show as a leak
 SURPRISE_SIGMAS: Final = 4.0
 SUDDEN_SIGMAS: Final = 4.0  # apart: the lasting filter does not see a leak that the quick one does
-QUICK_SIGMAS: Final = 3.0  # above nothing: then the quick filter is heard
+QUICK_SIGMAS: Final = 3.0  # above nothing: then the quick filter counts
 CAPACITY_SIGMA: Final = 0.015  # what the looks' model leaves out of lost capacity
 LEAK_SIGMA_FRAC: Final = 0.15  # and of a leak: slope of the OCV, slow drop of the leak itself
 X, LEAK, CAPACITY, SLOW, SLOWER = range(5)
@@ -227,7 +227,7 @@ class ChargeWatch:
         return is_made
 
     def forget(self, cells: BoolArray, *, leak: bool = False) -> None:
-        """Begin anew with the charge, and the leak, of some cells, (n_cells,): what they showed was not theirs."""
+        """Reset the charge, and the leak, of some cells, (n_cells,): what they showed was not theirs."""
         self._begin_with(X, cells, START_SIGMA)
         if leak:
             self._begin_with(LEAK, cells, LEAK_PRIOR_A)
@@ -331,23 +331,23 @@ class ChargeWatch:
         row = np.zeros((STATES, len(apart)))
         row[X], row[LEAK], row[SLOW], row[SLOWER] = 1.0, -self._drop_ohm / slope, 1.0 / slope, 1.0 / slope
         missed = np.where(np.isfinite(apart), apart, np.nan) - np.einsum("in,ifn->fn", row, self._mean)
-        self._open_to_sudden(row, missed[QUICK], variance)
+        self._may_be_step(row, missed[QUICK], variance)
         column = np.einsum("ijfn,jn->ifn", self._cov, row)
         total = np.einsum("in,ifn->fn", row, column) + variance
         gain = np.where(np.isfinite(apart), column / total, 0.0)
         missed = np.nan_to_num(missed)
         self._mean = self._mean + gain * missed
         self._cov = self._cov - gain[:, None] * column[None]
-        self._believe_sudden()
+        self._confirm_step()
 
-    def _open_to_sudden(self, row: FloatArray, missed: FloatArray, variance: FloatArray) -> None:
-        """Let the quick filter doubt its leak where a look is far from what it expected: a leak may just have begun."""
+    def _may_be_step(self, row: FloatArray, missed: FloatArray, variance: FloatArray) -> None:
+        """Widen the quick filter's leak where a look is far from what it expected: a leak may just have begun."""
         total = np.einsum("in,ijn,jn->n", row, self._cov[:, :, QUICK], row) + variance
         is_surprise = np.nan_to_num(np.square(missed) / total) > SURPRISE_SIGMAS**2
         rate_a = missed * self._capacity_as / max(self._since_look_s, LOOK_S)
         self._cov[LEAK, LEAK, QUICK] += np.where(is_surprise, np.square(rate_a), 0.0)
 
-    def _believe_sudden(self) -> None:
+    def _confirm_step(self) -> None:
         """Let the lasting filter go on from the quick one where that is sure of a leak that the other does not see."""
         apart_a = np.abs(self._mean[LEAK, QUICK] - self._mean[LEAK, LASTING])
         is_sudden = apart_a > SUDDEN_SIGMAS * np.sqrt(self._cov[LEAK, LEAK].sum(axis=0))

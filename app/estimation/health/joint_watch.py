@@ -2,7 +2,7 @@
 
 Joints differ by more than an early fault does, so each cell's own excess over its peers, averaged over sound driving,
 is taken off before it is judged; a joint that is being judged loose teaches nothing. Until a cell's past is known, cell
-and joint are told apart by pattern alone. In 30 races a bolt of +0.3 mohm was named within 40 s, and none else.
+and joint are distinguished by pattern alone. In 30 races a bolt of +0.3 mohm was named within 40 s, and none else.
 What was found stays until driving shows otherwise: standing, a restart and a missing voltage are no evidence.
 """
 
@@ -89,7 +89,7 @@ JUDGE_S: Final = 2.5  # between two judgements
 FIRST_ALARM_OHM: Final = 1.75e-4  # while a cell's own past is not known
 ALARM_OHM: Final = 1.5e-4
 LEARN_OHM: Final = 7.5e-5  # beyond this the joint is changing, and so nothing is learnt of it
-PAST_JUDGEMENTS: Final = 8  # before the past of a joint is believed
+PAST_JUDGEMENTS: Final = 8  # before the past of a joint counts
 CONFIRMATIONS: Final = 3  # judgements in a row
 BASELINE_JUDGEMENTS: Final = 120  # in the moving average of a sound joint
 QUICK_MEMORY_S: Final = 6.0  # of a second regression, which shows that a joint has changed
@@ -225,7 +225,7 @@ class JointWatch:
         has_past = self._learnt >= PAST_JUDGEMENTS
         report = self._compare(has_past)
         has_parted = (self._sound_judgements > 0) & (report.ohmic_excess_ohm - self._baseline_ohm > PARTED_OHM)
-        if np.any(has_parted & ~has_past):  # a short past tells a large growth better than the pattern does
+        if np.any(has_parted & ~has_past):  # a short past shows a large growth better than the pattern does
             has_past |= has_parted
             report = self._compare(has_past)
         self._was_sound = has_parted | (self._sound_judgements >= PAST_JUDGEMENTS)

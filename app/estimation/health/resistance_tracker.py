@@ -19,7 +19,7 @@ from app.estimation.errors import ShapeError, check_step
 PAIR_S: Final = 10.0  # time constant of the RC pair in the regression; cells in parallel cans lie at 8 to 20 s
 DRIFT_S: Final = 40.0  # slower than this is SOC and heat and is taken away from all signals alike
 MEMORY_S: Final = 60.0  # of the regression: about one lap of a Formula Student track
-RESTART_S: Final = 2.0  # after a hole this long the signals start anew
+RESTART_S: Final = 2.0  # after a hole this long the signals restart
 SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then and has to be forgotten
 AVERAGE_S: Final = DRIFT_S  # after that the drift is the mean of all samples: one alone would leave its noise in all
 BLOCK: Final = 64  # samples taken at once; RESTART_S each, they last 13 PAIR_S: exp of that is a number

@@ -4,7 +4,7 @@
 
 z_f is the SOC of a filter that started from voltage alone, Q the measured charge over the capacity C, b the offset, g
 the error of gain and capacity. e is the filter's error; it lasts, so looks closer than `LASTING_S` repeat each other.
-A start, a gain and an offset are estimated together with priors, so that what the run cannot tell apart stays as
+A start, a gain and an offset are estimated together with priors, so that what the run cannot distinguish stays as
 uncertain as it was: after half an hour of driving an offset of 0.0067C has moved 0.3 points of SOC, less than any
 model's error. A rest of hours, or a day of driving with rests, shows it; a minute with the relays open shows it at
 once, because then no current can flow.
@@ -47,7 +47,7 @@ class SensorOffset(NamedTuple):
 
 
 class OffsetTracker:
-    """Estimates the offset along a run; cells that share the sensor are one witness, their mean."""
+    """Estimates the offset along a run; cells that share the sensor count once, by their mean."""
 
     def __init__(self, capacity_ah: float) -> None:
         self._prior_a = OFFSET_SIGMA_C * capacity_ah

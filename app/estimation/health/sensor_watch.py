@@ -1,4 +1,4 @@
-"""Which sensor tells nothing of its cell: a thermistor that came off, a voltage channel that stands still.
+"""Which sensor does not show its cell: a thermistor that came off, a voltage channel that stands still.
 
 Every rule asks for what no cell can do: warm by JUMP_K in seconds, be far colder than the air that it shares, keep its
 temperature or its voltage while those around it move.
@@ -18,7 +18,7 @@ JUMP_K: Final = 8.0  # against the pack within JUMP_S; 50 W warm a cell by 1 K i
 JUMP_S: Final = 10.0
 COLD_K: Final = 15.0  # below the pack's median
 FROZEN_K: Final = 6.0  # by which the pack moved while the sensor showed one value
-BACK_K: Final = 5.0  # from the pack: it tells of the cell again
+BACK_K: Final = 5.0  # from the pack: it shows the cell again
 STILL_V: Final = 1.5e-3  # a live channel's noise and the cell's own movement exceed it
 MOVED_V: Final = 30e-3  # of the median cell meanwhile
 HOP_V: Final = 0.15  # in one sample without current; a short of 75 A does less
@@ -36,7 +36,7 @@ class DeadSensors:
     """One kind of sensor, (n_cells,).
 
     Attributes:
-        is_dead: which tell nothing of their cell.
+        is_dead: which do not show their cell.
         size: what shows it, in the unit of the sensor: the distance from the pack, or the movement that it did not
             follow; NaN where it shows no value.
         value: what they show, NaN where nothing.
@@ -70,7 +70,7 @@ class _Verdicts:
         delay_s: BoolArray | FloatArray | float,
         shown: tuple[FloatArray, FloatArray, FloatArray],
     ) -> None:
-        """Take one sample: who is suspected, who is sound, how long suspicion lasts before it counts; what shows it."""
+        """Take one sample: which cells look faulty, which sound, how long that lasts before it counts, what shows it."""
         self._suspect_s = np.where(suspect, self._suspect_s + dt_s, 0.0)
         self._sound_s = np.where(suspect, 0.0, self._sound_s + dt_s * sound)
         counts = suspect & (self._suspect_s >= delay_s)
@@ -142,7 +142,7 @@ class ChannelWatch:
 
     @property
     def is_dead(self) -> BoolArray:
-        """(n_cells,) channels that tell nothing of their cell."""
+        """(n_cells,) channels that do not show their cell."""
         return self._verdicts.is_dead
 
     def step(
@@ -166,27 +166,27 @@ class ChannelWatch:
         known = v[np.isfinite(v)]
         if not known.size:
             return
-        middle_v = float(np.median(known))
-        before_v, before_middle_v, before_a = self._before
-        self._before = v, middle_v, current_a
+        median_v = float(np.median(known))
+        before_v, before_median_v, before_a = self._before
+        self._before = v, median_v, current_a
         has_moved = ~(np.abs(v - self._still_v) <= STILL_V) | (dt_s > GAP_S)
         self._still_v = np.where(has_moved, v, self._still_v)
         low, high = self._others_v
-        self._others_v = np.where(has_moved, middle_v, (np.fmin(low, middle_v), np.fmax(high, middle_v)))
+        self._others_v = np.where(has_moved, median_v, (np.fmin(low, median_v), np.fmax(high, median_v)))
         moved_v = self._others_v[1] - self._others_v[0]
         is_still = (moved_v >= MOVED_V) & np.isfinite(v)
         if abs(current_a) < REST_A and abs(before_a) < REST_A and 0.0 < dt_s <= GAP_S:
             hop_v = np.nan_to_num(v - before_v)
-            self._hopped ^= (np.abs(hop_v) > HOP_V) & (abs(middle_v - before_middle_v) < QUIET_V)
+            self._hopped ^= (np.abs(hop_v) > HOP_V) & (abs(median_v - before_median_v) < QUIET_V)
         elif abs(current_a) >= REST_A:
             self._hopped &= ~has_moved  # it follows the current
         suspect = is_still | self._hopped
         is_missing = np.isnan(v) if measured is None else ~measured
         if is_missing.any():
             suspect |= is_missing & self._segments.has_more_than(PACK_SHARE, ~is_missing)
-        size = np.where(is_missing, np.nan, np.where(is_still, moved_v, np.abs(v - middle_v)))
+        size = np.where(is_missing, np.nan, np.where(is_still, moved_v, np.abs(v - median_v)))
         delay_s = np.where(is_missing, MISSING_S, np.where(is_still, CONFIRM_S, 0.0))
-        usual = np.full(len(v), middle_v)
+        usual = np.full(len(v), median_v)
         is_back = ~is_missing & (has_moved | np.isnan(self._verdicts.size))
         self._verdicts.add(time_s, dt_s, suspect, is_back, delay_s, (size, v, usual))
 

@@ -50,17 +50,17 @@ class Stretch:
         return float(self.time_s[-1]) if self.time_s.size else self.start_s
 
     @cached_property
-    def middle_v(self) -> FloatArray:
+    def median_v(self) -> FloatArray:
         """(n,) the median cell's voltage."""
         return row_median(self.voltage_v)
 
     @cached_property
-    def apart_v(self) -> FloatArray:
+    def deviation_v(self) -> FloatArray:
         """(n, n_cells) each cell against the median cell."""
-        return self.voltage_v - self.middle_v[:, None]
+        return self.voltage_v - self.median_v[:, None]
 
     @cached_property
-    def middle_degc(self) -> FloatArray:
+    def median_degc(self) -> FloatArray:
         """(n,) the median cell's temperature."""
         return row_median(self.temperature_degc)
 

@@ -18,7 +18,7 @@ from app.estimation.health.cell_finding import SURE, CellFinding, FindingCode
 from app.estimation.health.cell_fits import CORRELATED, MOST_INDEPENDENT, CellFit, CellVoltages, Law, fit_cell
 from app.estimation.health.stretch import Stretch
 
-LOOKED_AT: Final = 4  # of the oddest cells in each respect, beside those that were reported
+LOOKED_AT: Final = 4  # of the oddest cells in each respect, with those that were reported
 JUMP_K: Final = 6.0  # between two readings: no cell with its mass does that
 JUMP_S: Final = 3.0
 CELL_J_PER_K: Final = 450.0  # ten 18650, by weight
@@ -119,9 +119,9 @@ def judge_stretch(stretch: Stretch, model: CellModel, at_s: float, reported: Seq
 def _suspects(stretch: Stretch, reported: Sequence[int]) -> list[int]:
     """The cells that were reported, and those furthest from the others in voltage, noise or temperature."""
     with np.errstate(invalid="ignore"):
-        apart = stretch.apart_v
+        apart = stretch.deviation_v
         swing = np.nanmax(apart, axis=0, initial=-9.0) - np.nanmin(apart, axis=0, initial=9.0)
-        warm = _ends(stretch.temperature_degc - stretch.middle_degc[:, None])
+        warm = _ends(stretch.temperature_degc - stretch.median_degc[:, None])
         odd = [np.argsort(-np.nan_to_num(np.abs(each)))[:LOOKED_AT] for each in (swing, _ends(apart), warm)]
     oddest = [int(cell) for cells in odd for cell in cells]
     return list(dict.fromkeys([*reported, *oddest]))
@@ -227,7 +227,7 @@ def _warmest_of_pack(stretch: Stretch, found: list[CellFinding]) -> Iterator[Cel
 
 def _warmth(stretch: Stretch, cell: int) -> Warmth | None:
     seconds = np.flatnonzero(np.diff(np.floor(stretch.time_s), prepend=-1.0) > 0)
-    warmer = stretch.temperature_degc[seconds, cell] - stretch.middle_degc[seconds]
+    warmer = stretch.temperature_degc[seconds, cell] - stretch.median_degc[seconds]
     known = np.isfinite(warmer)
     if known.sum() < 20:
         return None
@@ -237,7 +237,7 @@ def _warmth(stretch: Stretch, cell: int) -> Warmth | None:
 
 def _noise(stretch: Stretch, cell: int) -> CellFinding | None:
     """Deviations that neither stay nor follow the current."""
-    steps = np.diff(stretch.apart_v, axis=0)
+    steps = np.diff(stretch.deviation_v, axis=0)
     amps = np.abs(np.diff(stretch.steady_a))
     known = np.isfinite(steps[:, cell])
     # a grown resistance moves with the current; noise is there while the current stands still

@@ -135,7 +135,7 @@ class SessionEstimate:
 
     def _stretch(self, piece: Piece, rows: slice) -> None:
         time_s, current_a = piece.time_s[rows], piece.current_a[rows]
-        voltage_v, temperature_degc = piece.told_v[rows], piece.temperature_degc[rows]
+        voltage_v, temperature_degc = piece.fresh_voltage_v[rows], piece.temperature_degc[rows]
         if self._last_s is None:
             self._estimator.start(voltage_v[0], temperature_degc[0], float(np.nan_to_num(current_a[0])))
             self._last_s = float(time_s[0])
@@ -174,10 +174,10 @@ class SessionEstimate:
         self._apart += _sums((soc[seconds] - recorded[seconds]).ravel(), 2)
         self._recorded = np.where(np.isnan(recorded[-1]), self._recorded, recorded[-1])
 
-    def _regress(self, dt_s: FloatArray, ocv_v: FloatArray, model_v: FloatArray, told_v: FloatArray) -> None:
-        y, x = ocv_v - told_v, (ocv_v - model_v) / self._factor
+    def _regress(self, dt_s: FloatArray, ocv_v: FloatArray, model_v: FloatArray, fresh_voltage_v: FloatArray) -> None:
+        y, x = ocv_v - fresh_voltage_v, (ocv_v - model_v) / self._factor
         weight = np.broadcast_to(dt_s[:, None], y.shape)
-        known = np.isfinite(told_v)
+        known = np.isfinite(fresh_voltage_v)
         if not known.all():
             weight = weight * known
             y, x = np.where(known, y, 0.0), np.where(known, x, 0.0)

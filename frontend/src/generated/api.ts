@@ -870,7 +870,7 @@ export interface Finding {
   message: RenderedMessage;
 }
 
-/** What a session shows; `why`: which cell failed, and why. */
+/** The findings of a session, as codes with arguments; `why`: which cell failed, and why. */
 export interface Findings {
   headline: RenderedMessage;
   why: RenderedMessage[];

@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 from app.estimation.health.cell_finding import CellFinding
-from app.live.alarms import FindingNews
+from app.live.alarms import FindingChanges
 from app.live.pipeline_factory import PipelineFactory
 from app.telemetry.cell_findings import finding_of
 from app.words import render
@@ -22,7 +22,7 @@ def snapshot(*findings):
 
 
 def test_a_finding_is_an_event_once_and_another_when_it_ends():
-    news, joint = FindingNews(), found("joint-resistance-high", 63, 14e-3)
+    news, joint = FindingChanges(), found("joint-resistance-high", 63, 14e-3)
     (event,) = news.step(snapshot(joint))
     assert (event.code, event.cell, event.value, event.unit) == ("finding-joint-resistance-high", 63, 14e-3, "ohm")
     assert "pack 6, cell 4" in render(event.message, [12] * 8)
@@ -34,5 +34,5 @@ def test_a_finding_is_an_event_once_and_another_when_it_ends():
 
 def test_every_cell_is_an_event_of_its_own():
     cells = [3, 40, 63]
-    events = FindingNews().step(snapshot(*(found("self-discharge-high", cell, 0.02, "A") for cell in cells)))
+    events = FindingChanges().step(snapshot(*(found("self-discharge-high", cell, 0.02, "A") for cell in cells)))
     assert [event.cell for event in events] == cells

@@ -3,7 +3,7 @@ from typing import get_args
 import pytest
 
 from app.estimation.health.cell_finding import CellFinding, FindingCode
-from app.telemetry.cell_findings import finding_of, sensors_of, told_findings
+from app.telemetry.cell_findings import finding_of, findings_in_words, sensors_of
 from app.words import render
 from app.words.render import languages
 
@@ -54,17 +54,19 @@ def sensor_off(cell):
 )
 def test_a_sensor_that_stands_for_many_cells_is_named_once(language, name):
     sensors = tuple(tuple(range(start, start + 12)) for start in range(0, 96, 12))
-    found = told_findings([sensor_off(cell) for cell in range(12, 24)], sensors)
+    found = findings_in_words([sensor_off(cell) for cell in range(12, 24)], sensors)
     assert [finding.cell for finding in found] == [12]
     assert render(found[0].message, [12] * 8, language).startswith(name)
 
 
 def test_a_cell_without_a_sensor_has_no_finding_of_one_and_a_joint_stays_its_cells():
     joint = CellFinding("joint-resistance-high", 3, 0.01, 0.001, "ohm", 1e9, 1e9 + 60, 30.0, 50.0, 1.0, 0.002, (), 0.98)
-    assert [finding.code for finding in told_findings([joint, sensor_off(5)], ((0, 1),))] == ["joint-resistance-high"]
+    assert [finding.code for finding in findings_in_words([joint, sensor_off(5)], ((0, 1),))] == [
+        "joint-resistance-high"
+    ]
 
 
 def test_where_each_cell_has_its_own_sensor_the_cell_is_named():
     sensors = sensors_of(tuple((cell,) for cell in range(96)), 96)
-    (found,) = told_findings([sensor_off(13)], sensors)
+    (found,) = findings_in_words([sensor_off(13)], sensors)
     assert render(found.message, [12] * 8).startswith("pack 2, cell 2: ")

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.analysis.root_cause.links import board_suspicions
+from app.analysis.root_cause.links import board_hypotheses
 
 
 def recording(voltage_v, is_together):
@@ -22,7 +22,7 @@ def recording(voltage_v, is_together):
 
 
 def lost(voltage_v, is_together):
-    return [each.pack for each in board_suspicions(recording(voltage_v, is_together))]
+    return [each.pack for each in board_hypotheses(recording(voltage_v, is_together))]
 
 
 @pytest.mark.parametrize(("is_together", "expected"), [(False, []), (True, [1])])

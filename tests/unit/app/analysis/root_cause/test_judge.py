@@ -15,7 +15,7 @@ from app.analysis.root_cause.judge import (
     judge,
     trip_kind,
 )
-from app.analysis.root_cause.recording import Suspicion
+from app.analysis.root_cause.recording import Hypothesis
 from app.words import Message
 from app.words.conditions import CONDITIONS
 
@@ -27,9 +27,9 @@ def trip(code="trip-cell-undervoltage", cell=75, at_s=100.0):
 
 
 def test_the_strongest_suspicion_of_the_tripped_cell_is_its_cause():
-    joint = Suspicion("joint-resistance-high", 60.0, 30.0, (), cell=75)
-    capacity = Suspicion("capacity-low", 0.0, 12.0, (), cell=75)
-    elsewhere = Suspicion("joint-resistance-high", 60.0, 90.0, (), cell=3)
+    joint = Hypothesis("joint-resistance-high", 60.0, 30.0, (), cell=75)
+    capacity = Hypothesis("capacity-low", 0.0, 12.0, (), cell=75)
+    elsewhere = Hypothesis("joint-resistance-high", 60.0, 90.0, (), cell=3)
     (of_trip, other) = judge([trip()], [capacity, joint, elsewhere], SEGMENTS)
     assert [each.code for each in of_trip.ranked] == ["joint-resistance-high", "capacity-low"]
     assert (other.trip, other.ranked[0].cell) == (None, 3)
@@ -45,50 +45,50 @@ def test_the_strongest_suspicion_of_the_tripped_cell_is_its_cause():
 
 
 def test_a_cell_of_another_pack_is_no_cause_of_what_one_cell_did():
-    elsewhere = Suspicion("capacity-low", 0.0, 90.0, (), cell=3)
+    elsewhere = Hypothesis("capacity-low", 0.0, 90.0, (), cell=3)
     told = judge([trip()], [elsewhere], SEGMENTS)
     assert told[0].ranked == ()
     assert cause_of(told[0], SEGMENTS).code == "unknown"
-    neighbour = Suspicion("capacity-low", 0.0, 9.0, (), cell=74)
+    neighbour = Hypothesis("capacity-low", 0.0, 9.0, (), cell=74)
     assert judge([trip()], [elsewhere, neighbour], SEGMENTS)[0].ranked == (replace(neighbour, pack=6),)
 
 
 def test_what_began_after_a_trip_did_not_cause_it():
-    (told,) = judge([trip(at_s=50.0)], [Suspicion("joint-resistance-high", 60.0, 5.0, (), cell=75)], SEGMENTS)
+    (told,) = judge([trip(at_s=50.0)], [Hypothesis("joint-resistance-high", 60.0, 5.0, (), cell=75)], SEGMENTS)
     assert cause_of(told, SEGMENTS).code == "unknown"
 
 
 def test_a_sensor_does_not_explain_what_it_does_not_measure():
-    (told, _) = judge([trip()], [Suspicion("temperature-sensor-fault", 60.0, 50.0, (), cell=75)], SEGMENTS)
+    (told, _) = judge([trip()], [Hypothesis("temperature-sensor-fault", 60.0, 50.0, (), cell=75)], SEGMENTS)
     assert told.ranked == ()
 
 
 @pytest.mark.parametrize("code", ["cell-overvoltage", "cell-undervoltage", "cell-undertemperature", "trip-sensor-lost"])
 def test_a_broken_wire_explains_whichever_limit_its_loose_input_passes_first(code):
-    wire = Suspicion("sense-wire-open", 100.6, 60.0, (), cell=30)
+    wire = Hypothesis("sense-wire-open", 100.6, 60.0, (), cell=30)
     (told,) = judge([trip(code, cell=31)], [wire], SEGMENTS)
     assert told.ranked == (replace(wire, pack=2),)
 
 
 def test_a_consequence_is_not_told_beside_its_cause():
-    silent, flooded = Suspicion("charger-silent", 10.0, 40.0), Suspicion("can-babbling-node", 9.0, 80.0)
+    silent, flooded = Hypothesis("charger-silent", 10.0, 40.0), Hypothesis("can-babbling-node", 9.0, 80.0)
     assert [each.ranked[0].code for each in judge([], [silent, flooded], SEGMENTS)] == ["can-babbling-node"]
 
 
 def test_a_consequence_in_another_pack_is_told():
-    lost = Suspicion("slave-lost", 10.0, 60.0, (), pack=2)
-    here, there = (Suspicion("joint-resistance-high", 0.0, 30.0, (), cell=cell) for cell in (25, 75))
+    lost = Hypothesis("slave-lost", 10.0, 60.0, (), pack=2)
+    here, there = (Hypothesis("joint-resistance-high", 0.0, 30.0, (), cell=cell) for cell in (25, 75))
     assert {each.ranked[0].place for each in judge([], [lost, here, there], SEGMENTS)} == {(None, 2), (75, 6)}
 
 
 def test_weak_evidence_without_a_trip_is_no_cause():
-    assert judge([], [Suspicion("self-discharge-high", 0.0, 3.0, (), cell=1)], SEGMENTS) == []
+    assert judge([], [Hypothesis("self-discharge-high", 0.0, 3.0, (), cell=1)], SEGMENTS) == []
 
 
 def test_confidences_leave_room_for_none_of_them():
     ranked = (
-        Suspicion("joint-resistance-high", 0.0, 2.0, (), cell=1),
-        Suspicion("cell-resistance-high", 0.0, 2.0, (), cell=1),
+        Hypothesis("joint-resistance-high", 0.0, 2.0, (), cell=1),
+        Hypothesis("cell-resistance-high", 0.0, 2.0, (), cell=1),
     )
     first, second = confidences(ranked)
     assert first == pytest.approx(second)

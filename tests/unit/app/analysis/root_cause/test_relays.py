@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.analysis.root_cause.recording import UNKNOWN, Recording
-from app.analysis.root_cause.relays import relay_suspicions
+from app.analysis.root_cause.relays import relay_hypotheses
 
 BITS = {"load": 0, "fit": 1}
 OPENED_S, STEP_S = 40.0, 0.1
@@ -25,7 +25,7 @@ def recording(until_s=60.0, hides=lambda time_s: np.zeros(time_s.shape, bool), l
 
 
 def codes(of):
-    return [each.code for each in relay_suspicions(of)]
+    return [each.code for each in relay_hypotheses(of)]
 
 
 @pytest.mark.filterwarnings("error")

@@ -12,19 +12,19 @@ CURRENT_A = np.where((TIME_S // 12) % 3 == 2, -20.0, 80.0) * (TIME_S < 280)
 USED = np.cumsum(CURRENT_A) / 3600 / MODEL.capacity_ah
 
 
-def cell(apart_v):
+def cell(deviation_v):
     rng = np.random.default_rng(1)
     soc = 0.7 - USED
     middle = MODEL.ocv.voltage(soc) - 2.4e-3 * CURRENT_A
     slow = slow_current(TIME_S, CURRENT_A, float(MODEL.tau_s.max(axis=0).mean()))
     noise = np.full(TIME_S.size, 2e-3)
-    voltage = middle + apart_v + 5e-4 * rng.standard_normal(TIME_S.size)
+    voltage = middle + deviation_v + 5e-4 * rng.standard_normal(TIME_S.size)
     branches = np.array([slow_current(TIME_S, CURRENT_A, float(tau_s.mean())) for tau_s in MODEL.tau_s])
     return CellVoltage(TIME_S, CURRENT_A, slow, USED, soc, branches, voltage, middle, noise, float(TIME_S[-1]))
 
 
-def fits(apart_v):
-    return {fit.law: fit for fit in fit_cell(cell(apart_v), MODEL, lambda size, onset_s: 0.0)}
+def fits(deviation_v):
+    return {fit.law: fit for fit in fit_cell(cell(deviation_v), MODEL, lambda size, onset_s: 0.0)}
 
 
 def test_a_joint_that_grows_is_found_with_its_size_and_beginning():
@@ -78,8 +78,8 @@ def test_an_input_that_stands_still_is_found():
 
 
 def test_a_sound_cell_gains_nothing_from_any_law():
-    for apart_v in (0.0, -0.5 * HEALTHY_OHM * CURRENT_A, 0.5 * HEALTHY_OHM * CURRENT_A):
-        assert max(fit.log_likelihood for fit in fits(apart_v).values()) < 2.0
+    for deviation_v in (0.0, -0.5 * HEALTHY_OHM * CURRENT_A, 0.5 * HEALTHY_OHM * CURRENT_A):
+        assert max(fit.log_likelihood for fit in fits(deviation_v).values()) < 2.0
 
 
 def _parts(one):
