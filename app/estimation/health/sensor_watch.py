@@ -70,7 +70,7 @@ class _Verdicts:
         delay_s: BoolArray | FloatArray | float,
         shown: tuple[FloatArray, FloatArray, FloatArray],
     ) -> None:
-        """Take one sample: which cells look faulty, which sound, how long that lasts before it counts, what shows it."""
+        """Take one sample: which look faulty, which sound, how long either lasts before it counts, what shows it."""
         self._suspect_s = np.where(suspect, self._suspect_s + dt_s, 0.0)
         self._sound_s = np.where(suspect, 0.0, self._sound_s + dt_s * sound)
         counts = suspect & (self._suspect_s >= delay_s)
