@@ -100,15 +100,13 @@ def explained(session: SessionFile, box: BlackBox) -> BlackBox:
 
 
 def keep_black_boxes(session: SessionFile, store: BlackBoxStore) -> list[StoredBox]:
-    """Make the black boxes of a session that are not kept yet, and return all of it, newest first."""
+    """Make the black boxes of a session unless all are kept and complete, and return all of it, newest first."""
+    stored = store.stored(session.info.id)
+    if len(stored) >= len(incidents(_triggers(session))) and all(each.is_complete for each in stored):
+        return stored
     for box in black_boxes(session):
         store_box(store, box)
     return store.stored(session.info.id)
-
-
-def has_all_black_boxes(session: SessionFile, store: BlackBoxStore) -> bool:
-    """Whether there is a box of every incident of a session."""
-    return len(store.stored(session.info.id)) >= len(incidents(_triggers(session)))
 
 
 def store_box(store: BlackBoxStore, box: BlackBox) -> bool:
@@ -208,8 +206,7 @@ class BlackBoxesOfSessions:
             self._seen.add(info.id)
             try:
                 with self._catalogue.open(info.id) as session:
-                    if not has_all_black_boxes(session, self._store):
-                        keep_black_boxes(session, self._store)
+                    keep_black_boxes(session, self._store)
             except AppError as error:
                 log.warning("no black boxes of session %s: %s", info.id, error)
             except Exception:  # the sessions after it are looked at all the same
