@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.health.cell_finding import CellFinding
@@ -64,3 +65,21 @@ def test_a_file_of_an_older_version_knows_the_joints_alone(tmp_path):
         old = {name: new[name] for name in new if not name.startswith(("findings", "loose", "charge"))}
     np.savez(file, **old)
     assert Predictor(CELL, (12,) * 8, load_learned_state(file, 96).cells).findings == ()
+
+
+@pytest.mark.parametrize(
+    ("kept", "value", "code"),
+    [
+        ("joint-grown", 0.016, "joint-resistance-high"),
+        ("thermistor-off", 80.0, "temperature-sensor-fault"),
+        ("thermistor-off", NAN, "temperature-sensor-open"),
+        ("channel-stuck", NAN, "cell-voltage-missing"),
+    ],
+)
+def test_a_finding_that_an_older_version_kept_has_today_s_code(tmp_path, kept, value, code):
+    file = tmp_path / "past.npz"
+    found = CellFinding(kept, 22, 0.02, 0.003, "ohm", 1e9, 1.1e9, 1e5, NAN, value, 0.0, (21, 23), 0.99)
+    before = state(None)
+    watch = CellWatchMemory(np.zeros(N_CELLS), findings=(found,))
+    save_learned_state(file, replace(before, cells=replace(before.cells, watch=watch)))
+    assert [each.code for each in load_learned_state(file, 96).cells.watch.findings] == [code]

@@ -1,11 +1,14 @@
 """Sessions that came from elsewhere get their black boxes in the background."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
-from app.analysis.black_box.from_session import BlackBoxesOfSessions
-from app.sessions.black_box_store import BlackBoxStore
+from app.analysis.black_box.from_session import BlackBoxesOfSessions, black_boxes, keep_black_boxes, stored_box
+from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.catalogue import Catalogue
+from app.sessions.reading.reader import SessionFile
 
 TIME_S = np.arange(0.0, 50.0, 0.5)
 TRIP = {"at_s": 20.0, "severity": "trip", "code": "trip-cell-undervoltage", "text": "under-voltage", "cell": 3}
@@ -45,3 +48,15 @@ def test_the_simulated_car_has_boxes_of_its_own_sessions(make_session, store, tm
         TIME_S, np.zeros(100), events=[TRIP], start_s=1.79e9 + 1e5, metadata={"source": "simulator"}
     ).stem
     assert boxes_of(store, tmp_path, is_simulated=True) == {simulated}
+
+
+def test_a_box_that_an_earlier_version_kept_under_its_code_is_no_second_one(make_session, store, tmp_path):
+    path = make_session(TIME_S, np.zeros(100), events=[TRIP | {"code": "trip-v-min"}])
+    with SessionFile(path) as session:
+        (box,) = black_boxes(session)
+        assert box.code == "trip-cell-undervoltage"
+        old = box.id.replace(box.code, "trip-v-min")
+        body = asdict(box) | {"id": old, "code": "trip-v-min"}
+        store.add(StoredBox(old, box.at, path.stem, "trip-v-min", "trip", 3, box.message, box.is_complete), body)
+        assert [(each.id, each.code) for each in keep_black_boxes(session, store)] == [(old, box.code)]
+    assert stored_box(store, old).code == box.code
