@@ -53,6 +53,8 @@ describe('how a cell compares', () => {
 
   it('names a loose joint, and doubts a SOC that the model does not follow', () => {
     const bad = cells({ joint_loose: at(all(false), 3, true), model_valid: at(all(true), 3, false) });
-    expect(comparison(bad, 3, [2, 4])).toMatch(/its joint resistance is high\. The model does not follow this cell/);
+    expect(comparison(bad, 3, [2, 4])).toMatch(
+      /its joint resistance is high\. The model does not follow this cell/,
+    );
   });
 });

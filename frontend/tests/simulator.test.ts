@@ -5,8 +5,12 @@ const FAULT = { fault: 'joint-resistance-high', value: 2, since_s: 0, until_s: n
 
 describe('where a fault is cleared', () => {
   it('names the place that the fault has', () => {
-    expect(faultPath({ ...FAULT, pack: 3, cell: 7 })).toBe('simulator/faults/joint-resistance-high?pack=3&cell=7');
-    expect(faultPath({ ...FAULT, pack: 3, cell: null })).toBe('simulator/faults/joint-resistance-high?pack=3');
+    expect(faultPath({ ...FAULT, pack: 3, cell: 7 })).toBe(
+      'simulator/faults/joint-resistance-high?pack=3&cell=7',
+    );
+    expect(faultPath({ ...FAULT, pack: 3, cell: null })).toBe(
+      'simulator/faults/joint-resistance-high?pack=3',
+    );
   });
 
   it('names no place where there is none', () => {

@@ -19,7 +19,8 @@ const UNITS: Record<string, string> = { degC: '°C', mohm: 'mΩ', ohm: 'Ω', uoh
 /** `message` by the templates of `table`, cells named by a battery's `segments`; a code the table lacks is shown. */
 export function render(message: Message, table: Table, segments: readonly number[]): string {
   const found = table[message.code] ?? message.code;
-  const template = typeof found === 'string' ? found : found[(message.args['n'] ?? 1) === 1 ? 'one' : 'other'];
+  const template =
+    typeof found === 'string' ? found : found[(message.args['n'] ?? 1) === 1 ? 'one' : 'other'];
   return template.replace(/\{(\w+)\}/g, (whole, name: string) =>
     name in message.args ? text(message.args[name], table, segments) : whole,
   );
