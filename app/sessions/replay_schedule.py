@@ -3,20 +3,20 @@
 import math
 from collections.abc import Iterator
 from heapq import merge
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from app.errors import ConfigError
 from app.sessions.info import RecordedCanFrame, RecordedFrame
-from app.sources.items import TableItem
 
 if TYPE_CHECKING:
     from app.sessions.reading.reader import SessionFile
+    from app.sources.items import TableItem
 
 LEAD_S = 5.0  # after a jump, so much from before it comes first: every window of the stream has had its turn
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
 MIN_LOOP_S = 0.5
 MAX_ITEMS = 64  # at a time: orders are heard in between
-Received = RecordedFrame | RecordedCanFrame | TableItem
+Received: TypeAlias = "RecordedFrame | RecordedCanFrame | TableItem"
 
 
 class Pacer:
@@ -92,7 +92,7 @@ class Pacer:
             found.append(item)
             self._next = next(self._items, None)
             self._at_s = max(self._at_s, self._position_of(item))
-            if isinstance(item, RecordedFrame | TableItem):
+            if not isinstance(item, RecordedCanFrame):
                 break
         return found
 

@@ -18,6 +18,7 @@ from app.live.pipeline import Output, Pipeline
 from app.sources.items import CanItem, Item, LinkChange, SerialItem
 from app.sources.master.source import MasterSource
 from app.telemetry.service_state import ServiceState
+from app.words import render
 from firmware_protocol.framing import FrameDecoder, decode_chunk, encode_frame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, FIELDS, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import MessageType
@@ -128,7 +129,7 @@ def assert_honest(output: Output) -> None:
     assert said["accumulator"]["loaded_cells"] == len(known)
     assert (said["accumulator"]["voltage_min_v"] is None) <= (not known)
     for event in output.events:
-        assert event.text
+        assert render(event.message)
         assert event.cell is None or 0 <= event.cell < N_CELLS
 
 

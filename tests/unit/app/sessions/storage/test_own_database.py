@@ -13,7 +13,7 @@ from app.sessions.errors import RecordingFailed, SchemaTooNew
 from app.sessions.event_log import EventLog
 from app.sessions.storage.database import BLACKBOXES, EVENTS
 from app.telemetry import Event
-from app.words import Message
+from app.words import Message, rendered
 from tests.fake_clock import FakeClock
 
 
@@ -27,7 +27,7 @@ def use(store: EventLog | BlackBoxStore, number: int) -> int:
         store.append(Event(1, "info", "code", Message("verbatim", text=str(number))))
         store.flush()
         return len(store.query(limit=10_000))
-    box = StoredBox(str(number), 1.0, None, "", "info", None, Message("verbatim", text=""), True)
+    box = StoredBox(str(number), 1.0, None, "", "info", None, rendered(""), True)
     store.add(box, {"noise": os.urandom(500).hex()})
     return len(store.stored())
 
