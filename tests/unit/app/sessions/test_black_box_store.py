@@ -8,7 +8,7 @@ from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.words import Message, rendered
 from tests.service_process import WAIT_S, until
 
-BOX = StoredBox("1", 1.0, None, "trip", "trip", None, rendered(Message("cell-voltage-low")), True)
+BOX = StoredBox("1", 1.0, None, "trip", "trip", None, rendered(Message("cell-undervoltage")), True)
 
 
 def test_who_reads_does_not_wait_for_a_change_that_another_program_holds_up(tmp_path):
