@@ -1,14 +1,19 @@
-"""What the master tells by itself: how grave it is, of which cell, in which unit, and why the relays opened."""
+"""Events of the master: severity, cell, unit and why the relays opened; its state by its flags."""
+
+from itertools import product
 
 import pytest
 
-from app.sources.master.events import charger_state, describe
-from app.words import render
+from app.sources.master.events import charger_state, describe, state_of
+from app.telemetry import Flags
+from app.words import Message, render
 from app.words.conditions import CONDITIONS
-from firmware_protocol.memory_map import CHARGER_STATES
+from firmware_protocol.memory_map import CHARGER_STATES, STATUS_FLAGS
 from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
 
 T_NS = 1_780_000_000_000_000_000
+SEGMENTS = (12,) * 8
+TRIP = Message("cell-overtemperature")
 
 
 def described(code, value=0, limit=0, cell=NO_OFFSET):
@@ -35,7 +40,7 @@ def test_a_trip_tells_value_and_limit_in_the_unit_of_what_tripped(code, cell, co
     assert (event.value, event.limit) == pytest.approx(value)
     assert event.cell == (None if cell == NO_OFFSET else cell)
     assert reason is not None
-    said = render(reason, [12] * 8)
+    said = render(reason, SEGMENTS)
     assert text is None or said == text
     assert all(f"{number:g} {unit if unit != 'degC' else ''}".strip() in said for number in value)
 
@@ -45,8 +50,8 @@ def test_what_is_lost_has_a_place_and_no_value(code):
     event, reason = described(code, cell=24)
     assert (event.severity, event.cell) == ("trip", 24)
     assert "limit" not in render(reason)
-    assert "pack 3, cell 1" in render(reason, [12] * 8)
-    assert "pack" not in render(described(code)[1])
+    assert "pack 3, cell 1" in render(reason, SEGMENTS)
+    assert "pack" not in render(described(code)[1], SEGMENTS)
 
 
 @pytest.mark.parametrize("cell", [96, 200, NO_OFFSET])
@@ -99,3 +104,47 @@ def test_every_event_has_words_in_every_language(code, language):
     assert text
     assert "{" not in text
     assert text != code.name.lower().replace("_", "-")
+
+
+def flags(*on, **said):
+    return Flags(**({name: name in on for name in STATUS_FLAGS} | said))
+
+
+@pytest.mark.parametrize(
+    ("given", "state", "why"),
+    [
+        (flags("fit"), "idle", "relays open"),
+        (flags("fit", "charger"), "idle", "charger connected, not charging"),
+        (flags("fit", "load"), "drive", "relays closed"),
+        (flags("fit", "charger", "charging"), "charge", "charger: constant current"),
+        (flags("fit", "balancing"), "balance", "cells are bled to the lowest"),
+        (flags("fit", "charging", "balancing"), "charge", "charger: constant current"),
+        (flags("fit", "balancing", "load"), "balance", "cells are bled to the lowest"),
+        (flags("fit", load=None), "unknown", "nothing heard of the relays"),
+        (flags("fit", "charging", load=None), "charge", "charger: constant current"),
+        (flags("load"), "fault", "cell overtemperature"),
+        (None, "unknown", "no status from the master"),
+    ],
+)
+def test_flags_tell_what_the_car_does_and_why(given, state, why):
+    found, told = state_of(given, "constant_current", TRIP)
+    assert (found, render(told)) == (state, why)
+
+
+def test_a_car_that_is_not_fit_is_in_fault_whatever_else_it_says():
+    names = [name for name in STATUS_FLAGS if name != "fit"]
+    for chosen in product((False, True), repeat=len(names)):
+        on = [name for name, is_on in zip(names, chosen, strict=True) if is_on]
+        assert state_of(flags(*on), None, None)[0] == "fault"
+
+
+def test_usb_and_the_buses_change_nothing():
+    for chosen in product((False, True), repeat=4):
+        on = [name for name, is_on in zip(("usb", "i2c1", "usart1", "can1"), chosen, strict=True) if is_on]
+        assert state_of(flags("fit", "load", *on), None, None)[0] == "drive"
+
+
+@pytest.mark.parametrize("charging", [None, "later"])
+def test_a_charger_in_a_state_that_nobody_knows_says_so(charging):
+    state, why = state_of(flags("fit", "charging"), charging, None)
+    assert (state, render(why)) == ("charge", "charger: state unknown")

@@ -5,15 +5,6 @@ from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Window
 
 
-def test_age_is_of_the_oldest_byte_and_none_where_any_never_came():
-    shadow = ShadowImage()
-    shadow.write((Window(1896, b"\1\2"),), 1_000_000_000)
-    assert shadow.age_s(1896, 2, 3_000_000_000) == 2.0
-    assert shadow.age_s(1896, 4, 3_000_000_000) is None
-    shadow.write((Window(1898, b"\1\2"),), 2_000_000_000)
-    assert shadow.age_s(1896, 4, 3_000_000_000) == 2.0
-
-
 def test_half_a_number_is_not_mixed_with_its_old_half():
     shadow = ShadowImage()
     current = FIELDS["i_fs"]
@@ -36,12 +27,6 @@ def test_age_is_never_negative(now_ns):
     shadow = ShadowImage()
     shadow.write((Window(0, b"\1"),), 5)
     assert shadow.age_s(0, 1, now_ns) == 0.0
-
-
-def test_nothing_is_known_at_the_start():
-    shadow = ShadowImage()
-    assert shadow.age_s(0, 2984, 10**18) is None
-    assert not any(shadow.image)
 
 
 def test_a_window_touches_no_byte_beside_it():
@@ -67,14 +52,9 @@ def test_of_an_array_the_whole_elements_are_taken_and_the_others_not():
     assert shadow.age_s(1896, 2, 9) is None
 
 
-def test_padding_between_fields_is_never_taken_from_can():
+@pytest.mark.parametrize("offset", [2391, 421])
+def test_padding_and_the_ninth_flag_without_the_others_of_its_byte_are_never_taken_from_can(offset):
     shadow = ShadowImage()
-    shadow.write_whole_elements((Window(2391, b"\x77"),), 9)
-    assert shadow.image[2391] == 0
-    assert shadow.age_s(2391, 1, 9) is None
-
-
-def test_the_ninth_flag_is_not_taken_without_the_others_of_its_byte():
-    shadow = ShadowImage()
-    shadow.write_whole_elements((Window(421, b"\x01"),), 9)
-    assert shadow.image[421] == 0
+    shadow.write_whole_elements((Window(offset, b"\x01"),), 9)
+    assert shadow.image[offset] == 0
+    assert shadow.age_s(offset, 1, 9) is None

@@ -1,14 +1,20 @@
+"""A master behind two links: what each may change, whose word counts, and what is never mixed."""
+
 from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
 
-from app.sources.items import CanFault, CanItem, LinkChange
+from app.sources.items import CanFault, CanItem, LinkChange, SerialItem
 from app.sources.master.source import MasterSource
 from app.telemetry import Flags
+from app.words import render
+from firmware_protocol.framing import BadFrame, BadReason
 from firmware_protocol.memory_map import CONFIG, STATUS_FLAGS
 from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
 
+SECOND = 1_000_000_000
+SUMMARY = 0x100  # soc, v_tot and i_fs in the default tables
 LIMITS = {  # of the configuration: counts, and what they are in the measurement
     "v_cell_min": (25_100, "cell_voltage_min_v", 2.51),
     "v_cell_max": (41_900, "cell_voltage_max_v", 4.19),
@@ -29,6 +35,17 @@ def source():
     return made
 
 
+def summary(current_a, soc=0.5, total_v=360.0):
+    return b"".join(
+        round(value * scale).to_bytes(size, "little", signed=size == 4)
+        for value, scale, size in ((soc, 10_000, 2), (total_v, 100, 2), (current_a, 100, 4))
+    )
+
+
+def on_can(source, t_s, current_a, **said):
+    return source.feed(CanItem(round(t_s * SECOND), 1, SUMMARY, summary(current_a), **said))
+
+
 def test_a_frame_with_voltages_is_a_sample(source, master):
     measured = source.feed(master.frame()).measurement
     assert (measured.is_sample, measured.is_fresh) == (True, True)
@@ -39,22 +56,6 @@ def test_a_frame_with_voltages_is_a_sample(source, master):
 
 def test_a_frame_without_voltages_is_no_measurement_yet(source, master):
     assert source.feed(master.config()).measurement is None
-
-
-def test_time_steps_are_those_of_the_masters_clock(source, master):
-    assert source.feed(master.frame()).measurement.dt_s is None
-    master.t_ns += 5_000_000_000  # late on the line
-    assert source.feed(master.frame(250)).measurement.dt_s == pytest.approx(0.25)
-    master.uptime_ms = 5
-    assert source.feed(master.frame(0)).measurement.dt_s is None, "a reset"
-
-
-def test_can_alone_measures_without_a_sample(source):
-    data = bytes([0x10, 0x27, 0xC0, 0x8A]) + (-250).to_bytes(4, "little", signed=True)
-    measured = source.feed(CanItem(5_000_000_000, 5, 0x100, data)).measurement
-    assert (measured.is_sample, measured.is_fresh, measured.dt_s) == (False, True, None)
-    assert measured.current_a == pytest.approx(-2.5)
-    assert np.isnan(measured.voltage_v).all()
 
 
 def test_without_anything_new_only_the_ages_grow(source, master):
@@ -95,16 +96,24 @@ def test_the_masters_extremes_need_a_cell_that_there_is(source, master):
     assert reported.voltage_max_v == (None, None)
 
 
-def test_the_master_introduces_itself_and_says_why_it_tripped(source, master):
-    identity = Reply(MessageType.IDENT, 4, 0, data=Ident((1, 2, 3), boots=7).to_bytes())
-    source.feed(master.item(MessageType.REPLY, identity.to_body()))
-    assert (source.identity.firmware, source.identity.boots) == ("1.2.3", 7)
+def test_the_master_says_why_it_tripped_until_its_faults_are_cleared(source, master):
     trip = EventMessage(EventCode.TRIP_V_MAX, 0, 31, 42100, 42000)
     (event,) = source.feed(master.item(MessageType.EVENT, trip.to_body())).events
     assert (event.severity, event.cell) == ("trip", 31)
     master.set("status.flags", [0])
     said = source.feed(master.frame()).measurement.master
-    assert (said.state, said.firmware) == ("fault", "1.2.3")
+    assert (said.state, said.why.code) == ("fault", "trip-cell")
+    source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.FAULTS_CLEARED, 0, 255, 0, 0).to_body()))
+    assert source.feed(master.frame()).measurement.master.why.code == "shutdown-circuit-open"
+
+
+@pytest.mark.parametrize(("map_hash", "matches"), [(None, True), (bytes(8), False)])
+def test_the_master_introduces_itself_and_another_map_is_known_as_such(source, master, map_hash, matches):
+    ident = Ident((2, 0, 1), boots=7) if map_hash is None else Ident((2, 0, 1), boots=7, map_hash=map_hash)
+    source.feed(master.item(MessageType.REPLY, Reply(MessageType.IDENT, 4, 0, data=ident.to_bytes()).to_body()))
+    assert (source.identity.firmware, source.identity.boots) == ("2.0.1", 7)
+    said = source.feed(master.frame()).measurement.master
+    assert (said.firmware, said.protocol, said.map_matches) == ("2.0.1", 1, matches)
 
 
 def test_an_identity_that_nobody_asked_for_is_rejected_and_noted_once(source, master):
@@ -124,11 +133,18 @@ def test_an_identity_that_nobody_asked_for_is_rejected_and_noted_once(source, ma
     ("kind", "body"),
     [
         (MessageType.DATA, b"\xff\xff\x10\x00" + bytes(16)),
+        (MessageType.DATA, b"\x5c\x07\x04\x00\x00"),
         (MessageType.EVENT, b"\x01"),
         (MessageType.REPLY, b""),
         (MessageType.REPLY, Reply(MessageType.IDENT, 1, 0, data=b"\x01").to_body()),
     ],
-    ids=["windows outside", "a short event", "an empty reply", "an introduction of one byte"],
+    ids=[
+        "windows outside",
+        "half a window",
+        "a short event",
+        "an empty reply",
+        "an introduction of one byte",
+    ],
 )
 def test_a_right_checksum_with_an_impossible_body_is_no_good_frame(source, master, kind, body):
     before = source.measure(master.t_ns, 1).links.rs232
@@ -144,25 +160,123 @@ def test_the_flags_are_the_memory_maps_in_their_order():
     assert tuple(field.name for field in fields(Flags)) == STATUS_FLAGS
 
 
-def test_a_reason_ends_with_the_fault_that_it_was_of(source, master):
-    source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.TRIP_V_MAX, 0, 31, 42100, 42000).to_body()))
-    source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.FAULTS_CLEARED, 0, 255, 0, 0).to_body()))
-    master.set("status.flags", [0])
-    measured = source.feed(master.frame()).measurement
-    assert (measured.master.state, measured.master.why.code) == ("fault", "shutdown-circuit-open")
+def test_while_rs232_is_live_can_changes_nothing(source, master):
+    source.feed(master.frame())
+    assert on_can(source, master.t_ns / SECOND + 0.5, 99.0).measurement is None
+    assert source.measure(master.t_ns, 1).current_a == pytest.approx(10.0)
 
 
-def test_error_frames_on_can_are_told_every_few_seconds():
+def test_can_takes_over_a_second_after_rs232_fell_silent_and_measures_without_a_sample(source, master):
+    source.feed(master.frame())
+    measured = on_can(source, master.t_ns / SECOND + 1.0, -5.0).measurement
+    assert measured.current_a == pytest.approx(-5.0)
+    assert (measured.is_sample, measured.is_fresh, measured.dt_s) == (False, True, None)
+
+
+def test_can_measures_twenty_times_a_second_at_most(source):
+    measured = [on_can(source, 10 + i / 100, 1.0).measurement is not None for i in range(100)]
+    assert sum(measured) == 20
+
+
+def test_what_we_sent_ourselves_and_a_message_that_no_table_has_tell_nothing(source):
+    assert on_can(source, 10, 50.0, sent=True).measurement is None
+    assert source.feed(CanItem(10 * SECOND, 1, 0x555, bytes(8))).measurement is None
+    found = source.measure(10 * SECOND, 1)
+    assert found.current_a is None
+    assert np.isnan(found.voltage_v).all()
+    assert found.links.can.frames == 2, "but they were on the bus"
+
+
+def test_the_tables_of_the_configuration_in_force_are_used(source, master):
+    ids = list(CONFIG["can_tx_msg_id"].unpack(master.image))
+    ids[1] = 0x3AB
+    CONFIG["can_tx_msg_id"].pack_into(master.image, tuple(ids))
+    source.feed(master.config())
+    source.feed(master.frame())
+    late_s = master.t_ns / SECOND + 5
+    assert on_can(source, late_s, 7.0).measurement is None, "the default's id"
+    moved = source.feed(CanItem(round((late_s + 1) * SECOND), 1, 0x3AB, summary(7.0))).measurement
+    assert moved.current_a == pytest.approx(7.0)
+
+
+def test_the_pieces_of_two_configurations_are_never_one(source, master):
+    source.feed(master.config())
+    before = source.feed(master.frame()).measurement
+    assert before.config == bytes(master.image[:420])
+    assert before.config_hash is not None
+    master.t_ns += SECOND
+    source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.CONFIG_WRITTEN, 0, 0xFFFF, 0, 0).to_body()))
+    CONFIG["telemetry_period"].pack_into(master.image, (50,))
+    master.t_ns += SECOND
+    source.feed(master.windows((0, 200)))
+    half = source.feed(master.frame()).measurement
+    assert (half.config, half.config_hash) == (before.config, before.config_hash)
+    source.feed(master.windows((200, 220)))
+    whole = source.feed(master.frame()).measurement
+    assert whole.config == bytes(master.image[:420])
+    assert whole.config_hash != before.config_hash
+
+
+@pytest.mark.parametrize("reason", list(BadReason))
+def test_a_bad_frame_is_counted_and_changes_nothing(source, master, reason):
+    before = source.feed(master.frame()).measurement
+    received = source.feed(SerialItem(master.t_ns + 1, 1, BadFrame(reason, b"\x01\x02")))
+    assert (received.measurement, received.events) == (None, ())
+    after = source.measure(master.t_ns + 1, 1)
+    assert after.current_a == before.current_a
+    assert after.links.rs232.crc_errors + after.links.rs232.resyncs == 1
+
+
+def test_a_link_that_opens_or_is_lost_is_told_once():
+    source = MasterSource("serial", "/dev/x", None)
+    told = [
+        [event.severity for event in source.feed(LinkChange(i, 5, "rs232", state, error)).events]
+        for i, (state, error) in enumerate(
+            (("connecting", None), ("lost", "no such port"), ("lost", "no such port"), ("open", None), ("lost", "gone"))
+        )
+    ]
+    assert told == [[], ["watch"], [], ["info"], ["watch"]]
+
+
+def test_a_bus_that_goes_passive_is_told_with_its_errors(source):
+    def fault(state, errors):
+        return source.feed(CanFault(1, 7, state, errors)).events
+
+    assert fault("active", 0) == ()
+    [passive] = fault("passive", 12)
+    assert (passive.severity, passive.code, passive.time_ns) == ("warning", "can-passive", 7)
+    assert "12" in render(passive.message)
+    assert fault("passive", 13) == ()
+    [off] = fault("off", None)
+    assert (off.severity, off.code) == ("warning", "can-off")
+    [well] = fault("active", 13)
+    assert well.severity == "info"
+
+
+@pytest.mark.parametrize(
+    ("from_ms", "to_ms", "dt_s"),
+    [
+        (0, 0, 0.0),
+        (0, 250, 0.25),
+        (0, 3_600_000, 3600.0),
+        (0, 3_600_001, None),
+        ((1 << 32) - 40, 60, 0.1),  # its clock goes round
+        (1000, 5, None),  # a reset
+    ],
+)
+def test_time_steps_are_those_of_the_masters_clock_up_to_an_hour(source, master, from_ms, to_ms, dt_s):
+    master.uptime_ms = from_ms
+    assert source.feed(master.frame(0)).measurement.dt_s is None
+    master.t_ns += 5 * SECOND  # late on the line
+    master.uptime_ms = to_ms
+    assert source.feed(master.frame(0)).measurement.dt_s == (None if dt_s is None else pytest.approx(dt_s))
+
+
+@pytest.mark.parametrize(("n", "apart_s", "told"), [(120, 0.1, 2), (5, 6.0, 0)])
+def test_error_frames_on_can_are_told_every_few_seconds_and_single_ones_not(n, apart_s, told):
     source = MasterSource("serial", None, "virtual:x")
-    told = []
-    for k in range(120):  # one every 0.1 s
-        at_ns = 10**10 + k * 10**8
-        told += source.feed(CanFault(at_ns, at_ns, "active", k + 1)).events
-    assert [event.code for event in told if event.code == "can-error-frames"] == ["can-error-frames"] * 2
-    assert all(event.severity == "watch" for event in told)
-
-
-def test_a_single_error_frame_on_can_is_not_told():
-    source = MasterSource("serial", None, "virtual:x")
-    faults = [CanFault(10**10 + k * 6 * 10**9, 0, "active", k + 1) for k in range(5)]
-    assert [event for fault in faults for event in source.feed(fault).events] == []
+    faults = [CanFault(10**10 + round(k * apart_s * SECOND), 0, "active", k + 1) for k in range(n)]
+    events = [event for fault in faults for event in source.feed(fault).events]
+    assert [(event.code, event.severity) for event in events if event.code == "can-error-frames"] == [
+        ("can-error-frames", "watch")
+    ] * told

@@ -83,22 +83,24 @@ def test_whatever_uptimes_come_nothing_is_measured_after_it_arrived(frames):
         assert waited is None or now - measured <= waited
 
 
-@given(
-    st.lists(st.tuples(st.integers(0, UPTIME_WRAP_MS - 1) | st.integers(0, 3000), st.integers(-20 * MS, 40 * S))),
-    st.integers(0, 5),
+def of_a_running_master(steps):
+    """Frames so many milliseconds of its clock apart, over the end of the clock."""
+    uptimes = UPTIME_WRAP_MS - 1000 + np.cumsum([step for step, _ in steps], dtype=np.int64)
+    return [(uptime % UPTIME_WRAP_MS, passed) for uptime, (_, passed) in zip(uptimes.tolist(), steps, strict=True)]
+
+
+@pytest.mark.parametrize(
+    "any_frames",
+    [
+        st.lists(st.tuples(st.integers(0, UPTIME_WRAP_MS - 1) | st.integers(0, 3000), st.integers(-20 * MS, 40 * S))),
+        st.lists(st.tuples(st.integers(0, 200), st.integers(0, 300 * MS)), max_size=40).map(of_a_running_master),
+    ],
+    ids=["any", "of a running master"],
 )
-def test_frames_taken_together_are_measured_as_one_by_one(frames, cut):
+@given(data=st.data(), cut=st.integers(0, 5))
+def test_frames_taken_together_are_measured_as_one_by_one(any_frames, data, cut):
+    frames = data.draw(any_frames)
     uptimes = np.array([uptime for uptime, _ in frames], np.int64)
-    arrived = START_NS + np.cumsum(np.array([passed for _, passed in frames], np.int64))
-    one, together = UptimeClock(), UptimeClock()
-    singly = [one.measured_ns(*frame) for frame in zip(uptimes.tolist(), arrived.tolist(), strict=True)]
-    halves = [together.all_measured_ns(uptimes[part], arrived[part]) for part in (slice(cut), slice(cut, None))]
-    assert np.concatenate(halves).tolist() == singly
-
-
-@given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, 300 * MS)), max_size=40), st.integers(0, 5))
-def test_frames_of_a_running_master_taken_together_are_measured_as_one_by_one(frames, cut):
-    uptimes = (UPTIME_WRAP_MS - 1000 + np.cumsum(np.array([step for step, _ in frames], np.int64))) % UPTIME_WRAP_MS
     arrived = START_NS + np.cumsum(np.array([passed for _, passed in frames], np.int64))
     one, together = UptimeClock(), UptimeClock()
     singly = [one.measured_ns(*frame) for frame in zip(uptimes.tolist(), arrived.tolist(), strict=True)]
