@@ -29,39 +29,55 @@ BO_ 256 Cells: 4 BMS
  SG_ V1 : 0|16@1+ (0.001,0) [0|5] "V" BMS
  SG_ V2 : 16|16@1+ (0.001,0) [0|5] "V" BMS
 """
+FILES = {"two.dbc": DBC, "two.toml": PROFILE}
 
 
-def test_what_was_kept_is_what_is_read_again(tmp_path):
-    assert load_connections(tmp_path) is None
-    save_connections(tmp_path, ORION)
-    assert load_connections(tmp_path) == ORION
+@pytest.fixture
+def setup(tmp_path):
+    return Setup(tmp_path, Connections(), fixed=False)
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A profile on the disk that nobody uploaded."""
+    for name, content in FILES.items():
+        (tmp_path / name).write_bytes(content)
+    return tmp_path / "two.toml"
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["[]", "", '{"serial": 7}', '{"serial": ""}', '{"port": "COM6"}', "not json", "[" * 100_000, '{"can": "\\ud800"}'],
-)
-def test_a_file_that_is_no_choice_is_set_aside(tmp_path, text):
-    (tmp_path / FILE).write_text(text)
-    assert load_connections(tmp_path) is None
+    "content",
+    [
+        b"[]", b"", b'{"serial": 7}', b'{"serial": ""}', b'{"battery": null}', b'{"port": "COM6"}', b"not json",
+        b"[" * 100_000, b'{"can": "\\ud800"}', b"\xff\xfe{}",
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_choice_is_set_aside_and_one_can_be_made_again(tmp_path, setup, content):
+    (tmp_path / FILE).write_bytes(content)
+    assert setup.chosen is None
+    assert setup.is_needed
     (kept,) = tmp_path.iterdir()
     assert kept.name.startswith(f"{FILE}.damaged-2")
-    assert kept.read_text() == text
+    assert kept.read_bytes() == content
+    setup.choose(ORION)
+    assert setup.chosen == ORION
 
 
-def test_nothing_is_needed_once_something_was_chosen_or_the_command_line_says_it(tmp_path):
-    assert Setup(tmp_path, Connections(), fixed=False).is_needed
-    assert not Setup(tmp_path, Connections(), fixed=True).is_needed
-    save_connections(tmp_path, Connections())
-    assert not Setup(tmp_path, Connections(), fixed=False).is_needed
-
-
-def test_a_choice_is_kept_and_starts_the_service_again(tmp_path):
+def test_a_choice_is_kept_and_starts_the_service_again(tmp_path, setup):
     started = []
-    setup = Setup(tmp_path, Connections(), fixed=False)
     setup.on_choice = lambda: started.append(load_connections(tmp_path))
+    assert setup.is_needed
+    assert load_connections(tmp_path) is None
     setup.choose(ORION)
     assert started == [ORION]
+    assert not setup.is_needed
+
+
+def test_the_command_line_wins(tmp_path):
+    setup = Setup(tmp_path, Connections(), fixed=True)
+    assert not setup.is_needed
+    with pytest.raises(NotNow):
+        setup.choose(ORION)
 
 
 @pytest.mark.parametrize(
@@ -73,21 +89,14 @@ def test_a_choice_is_kept_and_starts_the_service_again(tmp_path):
         (Connections(serial="COM6", battery="orion-bms-2"), "serial"),
     ],
 )
-def test_what_cannot_work_is_refused_by_its_field_and_not_kept(tmp_path, choice, field):
-    setup = Setup(tmp_path, Connections(), fixed=False)
+def test_what_cannot_work_is_refused_by_its_field_and_not_kept(setup, tmp_path, choice, field):
     with pytest.raises(ConfigError, match=field):
         setup.choose(choice)
     assert load_connections(tmp_path) is None
 
 
-def test_the_command_line_wins(tmp_path):
-    with pytest.raises(NotNow):
-        Setup(tmp_path, Connections(), fixed=True).choose(ORION)
-
-
-def test_an_uploaded_profile_can_be_chosen(tmp_path):
-    setup = Setup(tmp_path, Connections(), fixed=False)
-    name = setup.upload({"two.dbc": DBC, "two.toml": PROFILE})
+def test_an_uploaded_profile_can_be_chosen(setup, tmp_path):
+    name = setup.upload(FILES)
     assert setup.batteries()[name].battery.n_cells == 2
     setup.choose(Connections(battery=name))
     assert json.loads((tmp_path / FILE).read_text())["battery"] == name
@@ -102,8 +111,7 @@ def test_an_uploaded_profile_can_be_chosen(tmp_path):
         {"two.toml": b"[battery]", "two.dbc": DBC},
     ],
 )
-def test_an_upload_that_is_no_battery_is_refused_and_not_kept(tmp_path, files):
-    setup = Setup(tmp_path, Connections(), fixed=False)
+def test_an_upload_that_is_no_battery_is_refused_and_not_kept(setup, tmp_path, files):
     with pytest.raises(ConfigError):
         setup.upload(files)
     assert not list(tmp_path.rglob("*.toml"))
@@ -123,54 +131,39 @@ def test_a_channel_may_hold_a_comma_and_of_several_buses_kept_before_the_battery
     assert load_connections(tmp_path) == own
 
 
-def test_a_kept_choice_may_leave_links_out_but_has_a_battery(tmp_path):
+def test_a_kept_choice_may_leave_links_out(tmp_path):
     (tmp_path / FILE).write_text('{"serial": null, "can": null}')
     assert load_connections(tmp_path) == Connections()
-    (tmp_path / FILE).write_text('{"battery": null}')
-    assert load_connections(tmp_path) is None
-
-
-def test_a_choice_that_cannot_be_read_counts_as_none_and_can_be_made_again(tmp_path):
-    (tmp_path / FILE).write_bytes(b"\xff\xfe{}")
-    setup = Setup(tmp_path, Connections(), fixed=False)
-    assert setup.chosen is None
-    assert setup.is_needed
-    setup.choose(ORION)
-    assert setup.chosen == ORION
 
 
 @pytest.mark.parametrize("name", ["", ".hidden", "..", "a/b.dbc", "two\0.dbc", "two\n.dbc", "x" * 201, "ø" * 101])
-def test_a_name_that_no_file_has_is_refused_before_anything_is_written(tmp_path, name):
-    setup = Setup(tmp_path, Connections(), fixed=False)
+def test_a_name_that_no_file_has_is_refused_before_anything_is_written(setup, tmp_path, name):
     with pytest.raises(ConfigError, match=r"(?s)files = .*a plain file name"):
         setup.upload({name: DBC, "two.toml": PROFILE})
     assert list(tmp_path.iterdir()) == []
 
 
-def test_two_profiles_in_one_upload_are_refused_by_their_names(tmp_path):
+def test_two_profiles_in_one_upload_are_refused_by_their_names(setup):
     with pytest.raises(ConfigError, match=r"a\.toml, b\.toml"):
-        Setup(tmp_path, Connections(), fixed=False).upload({"a.toml": PROFILE, "b.toml": PROFILE})
+        setup.upload({"a.toml": PROFILE, "b.toml": PROFILE})
 
 
-def test_an_upload_that_is_wrong_leaves_the_one_before_it(tmp_path):
-    setup = Setup(tmp_path, Connections(), fixed=False)
-    name = setup.upload({"two.dbc": DBC, "two.toml": PROFILE})
+def test_an_upload_that_is_wrong_leaves_the_one_before_it(setup, tmp_path):
+    name = setup.upload(FILES)
     with pytest.raises(ConfigError):
         setup.upload({"two.dbc": DBC, "two.toml": PROFILE.replace(b"[2]", b"[0]")})
     assert setup.batteries()[name].battery.n_cells == 2
     assert [path.name for path in (tmp_path / "batteries").iterdir()] == ["two"], "nothing half-made is left"
 
 
-def test_an_upload_takes_the_place_of_one_of_the_same_name_with_all_its_files(tmp_path):
-    setup = Setup(tmp_path, Connections(), fixed=False)
-    setup.upload({"two.dbc": DBC, "two.toml": PROFILE, "old.dbc": DBC})
-    name = setup.upload({"two.dbc": DBC, "two.toml": PROFILE})
+def test_an_upload_takes_the_place_of_one_of_the_same_name_with_all_its_files(setup):
+    setup.upload({**FILES, "old.dbc": DBC})
+    name = setup.upload(FILES)
     assert sorted(path.name for path in Path(name).parent.iterdir()) == ["two.dbc", "two.toml"]
 
 
-def test_a_battery_that_is_wrong_is_left_out_of_the_list_and_the_others_stay(tmp_path):
-    setup = Setup(tmp_path, Connections(), fixed=False)
-    good = setup.upload({"two.dbc": DBC, "two.toml": PROFILE})
+def test_a_battery_that_is_wrong_is_left_out_of_the_list_and_the_others_stay(setup, tmp_path):
+    good = setup.upload(FILES)
     broken = tmp_path / "batteries" / "broken" / "broken.toml"
     broken.parent.mkdir()
     broken.write_text("[battery")
@@ -190,8 +183,8 @@ class _Lesson:
         self.closed += 1
 
 
-def test_one_lesson_at_a_time_has_the_bus_and_a_choice_ends_it(tmp_path):
-    setup, first, second = Setup(tmp_path, Connections(), fixed=False), _Lesson(), _Lesson()
+def test_one_lesson_at_a_time_has_the_bus_and_a_choice_ends_it(setup):
+    first, second = _Lesson(), _Lesson()
     ids = [setup.begin_lesson(first), setup.begin_lesson(second)]
     assert ids[0] != ids[1]
     assert (first.closed, second.closed) == (1, 0)
@@ -202,20 +195,18 @@ def test_one_lesson_at_a_time_has_the_bus_and_a_choice_ends_it(tmp_path):
     assert second.closed == 1
 
 
-def test_a_choice_that_is_refused_leaves_the_lesson(tmp_path):
-    setup, lesson = Setup(tmp_path, Connections(), fixed=False), _Lesson()
+def test_a_choice_that_is_refused_leaves_the_lesson(setup):
+    lesson = _Lesson()
     setup.begin_lesson(lesson)
     with pytest.raises(ConfigError):
         setup.choose(Connections(can="can0"))
     assert lesson.closed == 0
 
 
+@pytest.mark.usefixtures("written")
 @pytest.mark.parametrize("battery", ["two.toml", "/dev/zero", "../{folder}/two.toml", "{folder}/two.toml"])
-def test_a_choice_names_no_file_that_was_not_uploaded(tmp_path, battery):
-    (tmp_path / "two.toml").write_bytes(PROFILE)
-    (tmp_path / "two.dbc").write_bytes(DBC)
+def test_a_choice_names_no_file_that_was_not_uploaded(setup, tmp_path, battery):
     chosen = Connections(battery=battery.format(folder=tmp_path))
-    setup = Setup(tmp_path, Connections(), fixed=False)
     with pytest.raises(ConfigError, match=r"battery = .*upload"):
         setup.choose(chosen)
     save_connections(tmp_path, chosen)
@@ -223,15 +214,14 @@ def test_a_choice_names_no_file_that_was_not_uploaded(tmp_path, battery):
         load_connections(tmp_path)
 
 
-def test_a_choice_names_uploaded_ones_shapes_and_the_one_in_force(tmp_path):
-    (tmp_path / "two.toml").write_bytes(PROFILE)
-    (tmp_path / "two.dbc").write_bytes(DBC)
-    in_force = str(tmp_path / "two.toml")
+def test_a_choice_names_uploaded_ones_shapes_and_the_one_in_force(tmp_path, written):
+    in_force = str(written)
     setup = Setup(tmp_path / "data", Connections(battery=in_force), fixed=False)
-    for battery in (in_force, "5x18", setup.upload({"two.dbc": DBC, "two.toml": PROFILE})):
+    for battery in (in_force, "5x18", setup.upload(FILES)):
         setup.choose(Connections(battery=battery))
 
 
+@pytest.mark.usefixtures("written")
 @pytest.mark.parametrize(
     "hostile",
     [
@@ -241,7 +231,6 @@ def test_a_choice_names_uploaded_ones_shapes_and_the_one_in_force(tmp_path):
         PROFILE.replace(b"[battery]", b'[battery]\ncell = "../two.toml"'),
     ],
 )
-def test_an_uploaded_profile_names_no_file_outside_of_its_folder(tmp_path, hostile):
-    (tmp_path / "two.dbc").write_bytes(DBC)
+def test_an_uploaded_profile_names_no_file_outside_of_its_folder(setup, hostile):
     with pytest.raises(ConfigError, match="own folder"):
-        Setup(tmp_path, Connections(), fixed=False).upload({"two.dbc": DBC, "two.toml": hostile})
+        setup.upload({"two.dbc": DBC, "two.toml": hostile})

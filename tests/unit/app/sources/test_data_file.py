@@ -1,7 +1,9 @@
-"""Damaged files of the data folder: bounded JSON, fields of their types, names with the time in them."""
+"""Files of the data folder: replaced whole, bounded JSON, fields of their types, damaged ones set aside by name."""
 
 import json
 import math
+import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +17,7 @@ from app.season.estimates.results import _SET as SET
 from app.season.estimates.results import SCHEMA, Results
 from app.sessions.recording.session_names import RecordingPlan, load_plan, save_plan
 from app.sessions.transfer.session_copy import SessionCopy
-from app.sources.data_file import MOST_DEPTH, checked, parse_json, parse_object, set_aside
+from app.sources.data_file import MOST_DEPTH, checked, parse_json, parse_object, replace_file, set_aside
 from firmware_protocol.config_image import default_image
 from tests.fake_clock import FakeClock
 
@@ -156,3 +158,43 @@ def test_damaged_heads_of_copies_and_results_count_as_none(tmp_path: Path):
         folder.mkdir(parents=True)
         (folder / SET).write_text(content)
     assert results.sets() == []
+
+
+def test_the_new_content_stands_where_the_old_one_did(tmp_path):
+    path = tmp_path / "settings.json"
+    for content in (b"old", b"new"):
+        replace_file(path, content)
+        assert path.read_bytes() == content
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_refused_file_leaves_the_old_one_and_nothing_beside_it(call, tmp_path, monkeypatch):
+    path = tmp_path / "settings.json"
+    replace_file(path, b"old")
+
+    def refuse(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(*((os, call) if call == "fsync" else (Path, call)), refuse)
+    with pytest.raises(OSError, match="No space"):
+        replace_file(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such mode")
+def test_a_private_file_is_its_owners(tmp_path):
+    replace_file(tmp_path / "key", b"secret", is_private=True)
+    assert (tmp_path / "key").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such mode")
+def test_a_private_file_takes_neither_a_draft_nor_an_old_file_that_all_may_read(tmp_path):
+    for name in ("key", ".key.new"):  # an earlier version's, and what a crash left
+        (tmp_path / name).write_bytes(b"readable by all")
+        (tmp_path / name).chmod(0o644)
+    replace_file(tmp_path / "key", b"secret", is_private=True)
+    assert (tmp_path / "key").read_bytes() == b"secret"
+    assert (tmp_path / "key").stat().st_mode & 0o077 == 0
+    assert [each.name for each in tmp_path.iterdir()] == ["key"]

@@ -1,4 +1,4 @@
-"""The CAN link on python-can's virtual bus: what is sent arrives and is told, error frames are counted."""
+"""The CAN link on python-can's virtual bus, and its controller: what an adapter does not say stays unknown."""
 
 import queue
 import threading
@@ -10,7 +10,7 @@ import pytest
 from app.clock import Clock
 from app.errors import LinkLost
 from app.sources.items import CanFault, CanItem, LinkChange
-from app.sources.links.can import CanLink
+from app.sources.links.can import CanLink, ControllerWatch, reported_state
 from app.sources.links.can_bus import bit_rate_of
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
@@ -50,11 +50,6 @@ def test_error_frames_are_counted_and_say_the_controllers_state(bus):
     assert [fault.errors for fault in faults] == [1, 2, 3, 4]
 
 
-def test_a_link_that_is_not_open_refuses():
-    with pytest.raises(LinkLost):
-        CanLink("virtual:nobody", lambda item: None, Clock()).send(1, b"")
-
-
 def test_a_frame_of_can_fd_comes_whole(bus):
     node, _, items = bus
     node.send(can.Message(arbitration_id=0x400, is_extended_id=False, is_fd=True, data=bytes(range(64))))
@@ -78,32 +73,6 @@ def test_an_adapter_is_opened_for_can_fd_where_one_flag_does_it_and_nobody_said_
     link.start()
     assert asked.get(timeout=5).get("fd") == opened
     link.stop()
-
-
-@pytest.mark.parametrize(
-    ("url", "expected"),
-    [(None, None), ("virtual:a", None), ("slcan:COM5?bitrate=125000", 125_000), ("virtual:a?bitrate=fast", None)],
-)
-def test_a_bit_rate_is_known_where_the_bus_is_named_with_it(url, expected):
-    assert bit_rate_of(url) == expected
-
-
-@pytest.mark.parametrize(
-    "url",
-    [
-        "socketcan:can0?fd=true&data_bitrate=2000000",
-        "virtual:bitrate=7",
-        "virtual:a?bitrate=0",
-        "virtual:a?bitrate=true",
-    ],
-)
-def test_a_bit_rate_of_something_else_is_not_that_of_the_bus(url):
-    assert bit_rate_of(url) is None
-
-
-@pytest.mark.parametrize("url", ["pcan:X?fd=true&bitrate=1000000", "pcan:X?bitrate=1000000&data_bitrate=4000000"])
-def test_a_bit_rate_may_stand_anywhere_among_the_options(url):
-    assert bit_rate_of(url) == 1_000_000
 
 
 def test_requests_for_frames_carry_nothing_and_are_not_delivered(bus):
@@ -156,5 +125,115 @@ def test_a_frame_that_the_bus_refuses_is_told_with_the_drivers_reason_and_not_as
     assert items.empty()
 
 
-def test_a_link_that_never_started_can_be_stopped():
-    CanLink("virtual:never", lambda item: None, Clock()).stop()
+def test_a_link_that_never_started_refuses_and_can_be_stopped():
+    link = CanLink("virtual:never", lambda item: None, Clock())
+    with pytest.raises(LinkLost):
+        link.send(1, b"")
+    link.stop()
+
+
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        (None, None),
+        ("virtual:a", None),
+        ("slcan:COM5?bitrate=125000", 125_000),
+        ("pcan:X?fd=true&bitrate=1000000", 1_000_000),
+        ("pcan:X?bitrate=1000000&data_bitrate=4000000", 1_000_000),
+        ("virtual:a?bitrate=fast", None),
+        ("virtual:a?bitrate=0", None),
+        ("virtual:a?bitrate=true", None),
+        ("virtual:bitrate=7", None),
+        ("socketcan:can0?fd=true&data_bitrate=2000000", None),
+    ],
+)
+def test_a_bit_rate_is_known_where_the_bus_is_named_with_it(url, expected):
+    assert bit_rate_of(url) == expected
+
+
+def error_frame(can_id, *data):
+    return can.Message(arbitration_id=can_id, is_error_frame=True, data=bytes(data))
+
+
+@pytest.mark.parametrize(
+    ("message", "state"),
+    [
+        (error_frame(0x40), "off"),
+        (error_frame(0x04, 0, 0x20), "passive"),
+        (error_frame(0x04, 0, 0x10), "passive"),
+        (error_frame(0x04, 0, 0x08), "warning"),
+        (error_frame(0x04, 0, 0x40), "active"),
+        (error_frame(0x100), "active"),
+        (error_frame(0x04), None),
+        (error_frame(0x88, 0, 0, 4), None),
+        (error_frame(0x20), None),
+    ],
+    ids=["bus-off", "passive tx", "passive rx", "warning", "active", "restarted", "no data", "stuff error", "no ack"],
+)
+def test_an_error_frame_tells_the_state_or_nothing_of_it(message, state):
+    assert reported_state(message) == state
+
+
+def test_an_error_that_says_nothing_of_the_state_leaves_it():
+    watch = ControllerWatch("socketcan")
+    assert (watch.errors, watch.state) == (0, None)
+    watch.on_error_frame(error_frame(0x04, 0, 0x20))
+    watch.on_error_frame(error_frame(0x88, 0, 0, 4))
+    assert (watch.errors, watch.state) == (2, "passive")
+    watch.on_error_frame(error_frame(0x100))
+    assert watch.state == "active"
+
+
+def test_the_controllers_counters_are_taken_where_the_frame_has_them():
+    watch = ControllerWatch("socketcan")
+    watch.on_error_frame(error_frame(0x04, 0, 0x08, 0, 0, 0, 0, 3, 97))
+    assert (watch.tx_errors, watch.rx_errors) == (None, None)
+    watch.on_error_frame(error_frame(0x204, 0, 0x08, 0, 0, 0, 0, 3, 97))
+    assert (watch.tx_errors, watch.rx_errors) == (3, 97)
+
+
+def test_an_adapter_that_passes_no_errors_on_has_an_unknown_number_of_them():
+    assert ControllerWatch("slcan").errors is None
+
+
+def test_error_frames_of_another_form_are_counted_and_not_read():
+    watch = ControllerWatch("pcan")
+    watch.on_error_frame(error_frame(0x04, 0, 0x30))  # to PCAN, 4 is a stuff error, and this its place in the frame
+    assert (watch.errors, watch.state) == (1, None)
+
+
+class Asked:
+    """What can be asked of an adapter."""
+
+    def __init__(self, answer):
+        self._answer = answer
+
+    def status(self):
+        return self.state
+
+    @property
+    def state(self):
+        if isinstance(self._answer, Exception):
+            raise self._answer
+        return self._answer
+
+
+@pytest.mark.parametrize(
+    ("interface", "answer", "state"),
+    [
+        ("pcan", 0, "active"),
+        ("pcan", 0x08, "warning"),
+        ("pcan", 0x40000, "passive"),
+        ("pcan", 0x40010, "off"),
+        ("pcan", OSError("gone"), None),
+        ("ixxat", can.BusState.ERROR, "off"),
+        ("ixxat", can.BusState.PASSIVE, "active"),
+        ("etas", can.BusState.PASSIVE, "passive"),
+        ("slcan", can.BusState.ACTIVE, None),
+    ],
+)
+def test_an_adapter_that_can_be_asked_is_asked(interface, answer, state):
+    watch = ControllerWatch(interface)
+    assert watch.ask(Asked(answer)) is (state is not None)
+    assert watch.state == state
+    assert watch.ask(Asked(answer)) is False

@@ -46,31 +46,20 @@ def speaking(data: bytes) -> Iterator[str]:
         thread.join(5)
 
 
-def test_a_port_that_is_not_there_says_what_to_do():
-    look = check_serial("/dev/ttyUSB77")
-    assert (look.bytes, look.frames) == (0, 0)
-    assert look.error is not None
-    assert look.advice.code == "advice-no-port"
-
-
-def test_a_silent_port_says_what_to_do():
-    with speaking(b"") as url:
+@pytest.mark.parametrize(
+    ("data", "advice"),
+    [
+        (b"", "advice-silent"),
+        (b"$GPGGA,hello\r\n", "advice-no-frame"),
+        (encode_frame(1, 0, 7, b"12345678"), None),
+    ],
+    ids=["silent", "another device", "a master"],
+)
+def test_a_port_is_looked_at_for_frames_and_says_what_to_do_without(data, advice):
+    with speaking(data) as url:
         look = check_serial(url)
-    assert (look.bytes, look.error, look.advice.code) == (0, None, "advice-silent")
-
-
-def test_a_port_of_another_device_says_so():
-    with speaking(b"$GPGGA,hello\r\n") as url:
-        look = check_serial(url)
-    assert look.bytes > 0
-    assert (look.frames, look.advice.code) == (0, "advice-no-frame")
-
-
-def test_a_master_is_counted_in_frames():
-    with speaking(encode_frame(1, 0, 7, b"12345678")) as url:
-        look = check_serial(url)
-    assert look.frames > 0
-    assert look.advice is None
+    assert (look.bytes > 0, look.frames > 0, look.error) == (bool(data), advice is None, None)
+    assert (look.advice and look.advice.code) == advice
 
 
 def test_what_is_no_url_is_an_error_that_names_it():
@@ -80,15 +69,13 @@ def test_what_is_no_url_is_an_error_that_names_it():
         check_can("can0")
 
 
-def test_a_bus_that_cannot_be_opened_says_what_to_do():
-    look = check_can("socketcan:no_such_bus")
-    assert look.error is not None
-    assert look.advice.code == "advice-can-open"
-
-
-def test_a_silent_bus_says_what_to_do():
-    look = check_can("virtual:nobody-speaks")
-    assert (look.frames, look.error, look.advice.code) == (0, None, "advice-can-silent")
+@pytest.mark.parametrize(
+    ("url", "advice"),
+    [("socketcan:no_such_bus", "advice-can-open"), ("virtual:nobody-speaks", "advice-can-silent")],
+)
+def test_a_bus_that_cannot_be_opened_or_is_silent_says_what_to_do(url, advice):
+    look = check_can(url)
+    assert (look.frames, look.error is None, look.advice.code) == (0, advice == "advice-can-silent", advice)
 
 
 @dataclass

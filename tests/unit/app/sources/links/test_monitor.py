@@ -28,25 +28,29 @@ def test_states_from_connecting_over_live_and_silent_to_lost():
     monitor.on_change(LinkChange(0, 0, "rs232", "lost", "unplugged"))
     status = monitor.status(2_000_000_000)
     assert (status.state, status.error) == ("lost", "unplugged")
+    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    assert monitor.status(2_000_000_000).error is None
     assert rs232_monitor(None).status(0).state == "off"
 
 
-def test_gaps_in_the_sequence_are_lost_frames_also_over_the_wrap():
+@pytest.mark.parametrize(
+    ("frames", "lost"),
+    [
+        ([(254, 1000), (255, 1000), (0, 1000), (3, 1000)], 2),  # also over the wrap
+        ([(100, 50_000), (0, 10)], 0),  # a reset
+        ([(7, 1000), (7, 1000)], 255),  # a whole turn
+    ],
+)
+def test_gaps_in_the_sequence_are_lost_frames(frames, lost):
     monitor = opened()
-    for sequence in (254, 255, 0, 3):
-        monitor.on_frame(0, frame(sequence))
-    assert monitor.lost == 2
-
-
-def test_a_master_that_was_reset_lost_nothing():
-    monitor = opened()
-    monitor.on_frame(0, frame(100, 50_000))
-    monitor.on_frame(0, frame(0, 10))
-    assert monitor.lost == 0
+    for sequence, uptime_ms in frames:
+        monitor.on_frame(0, frame(sequence, uptime_ms))
+    assert monitor.lost == lost
 
 
 def test_reopening_counts_and_starts_the_sequence_anew():
     monitor = opened()
+    assert monitor.status(0).reconnects == 0
     monitor.on_frame(0, frame(5))
     monitor.on_change(LinkChange(0, 0, "rs232", "open"))
     monitor.on_frame(0, frame(90))
@@ -92,12 +96,6 @@ def test_a_port_that_is_tried_in_vain_is_news_once():
     assert monitor.on_change(lost)
 
 
-def test_an_age_is_never_negative():
-    monitor = opened()
-    monitor.on_frame(100, frame(0))
-    assert monitor.status(50).age_s == 0.0
-
-
 def test_the_load_of_a_can_bus_is_its_frames_at_their_longest_against_the_bit_rate():
     monitor = LinkMonitor("slcan:x")
     assert monitor.status(0).line_load is None  # without a bit rate nothing can be said
@@ -123,30 +121,11 @@ def test_a_link_is_live_for_a_second_after_a_good_frame():
     monitor = opened()
     assert not monitor.is_live(0)
     monitor.on_frame(5, frame(0))
+    assert monitor.status(0).age_s == 0.0, "never negative"
     assert monitor.is_live(5 + 999_999_999)
     assert not monitor.is_live(5 + 1_000_000_000)
     monitor.on_frame(2_000_000_000, BadFrame(BadReason.CRC, b""))
     assert not monitor.is_live(2_000_000_000)
-
-
-def test_a_repeated_frame_counts_as_a_whole_turn_of_lost_ones():
-    monitor = opened()
-    monitor.on_frame(0, frame(7))
-    monitor.on_frame(0, frame(7))
-    assert monitor.lost == 255
-
-
-def test_a_link_that_was_never_open_reconnects_to_nothing():
-    monitor = rs232_monitor("/dev/x")
-    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
-    assert monitor.status(0).reconnects == 0
-
-
-def test_an_error_ends_when_the_port_opens():
-    monitor = rs232_monitor("/dev/x")
-    monitor.on_change(LinkChange(0, 0, "rs232", "lost", "unplugged"))
-    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
-    assert monitor.status(0).error is None
 
 
 def fault(state, errors=1):

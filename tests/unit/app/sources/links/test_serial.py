@@ -208,3 +208,33 @@ def test_a_port_is_read_by_one_alone(plug, seen, link):
     other_seen.wait(lambda items: changes(items, "lost"))
     other.stop()
     assert changes(other_seen.items, "lost")[0].error == Message("port-in-use")
+
+
+class Extreme(random.Random):
+    """A generator that always gives the same end of its range."""
+
+    def __init__(self, value):
+        super().__init__()
+        self._value = value
+
+    def random(self):
+        return self._value
+
+
+def waits(backoff, n):
+    return [backoff.next_s() for _ in range(n)]
+
+
+def test_each_failure_doubles_the_wait_up_to_the_cap_and_a_success_starts_again():
+    longest = Backoff(0.2, 2.0, Extreme(1.0))
+    assert waits(longest, 6) == pytest.approx([0.2, 0.4, 0.8, 1.6, 2.0, 2.0])
+    longest.reset()
+    assert longest.next_s() == pytest.approx(0.2)
+    assert waits(Backoff(0.2, 2.0, Extreme(0.0)), 6) == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.0, 1.0])
+
+
+def test_two_links_that_were_lost_together_do_not_come_back_together():
+    first, second = (waits(Backoff(rng=random.Random(seed)), 50) for seed in (1, 2))
+    assert all(a != b for a, b in zip(first, second, strict=True))
+    assert 0.1 <= first[0] <= 0.2
+    assert all(1.0 <= wait <= 2.0 for wait in first[5:])
