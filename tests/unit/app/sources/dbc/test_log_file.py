@@ -2,7 +2,6 @@ import can
 import numpy as np
 import pytest
 
-from app.errors import ImportFailed
 from app.sources.dbc import frames as columns
 from app.sources.dbc.frames import load_log
 
@@ -29,58 +28,10 @@ def test_logs_of_every_tool_are_the_same_frames(tmp_path, suffix, with_fd):
     np.testing.assert_allclose((found.t_ns - found.t_ns[0]) / 1e9, [t for t, *_ in frames], atol=2e-3)
 
 
-CANDUMP = """(1750000000.000000) can0 123#0001020304050607
-(1750000000.250000) can0 18FF50E5#0102
-(1750000000.500000) can0 7FF#
-(1750000000.750000) can0 123#R
-(1750000001.000000) can0 345##1{fd}
-"""
-
-
-def test_a_candump_as_linux_writes_it_has_classic_and_fd_frames_and_no_requests(tmp_path):
-    path = tmp_path / "bus.log"
-    path.write_text(CANDUMP.format(fd=bytes(range(64)).hex()))
-    found = load_log(path)
-    assert found.can_id.tolist() == [0x123, 0x80000000 | 0x18FF50E5, 0x7FF, 0x345]
-    assert found.length.tolist() == [8, 2, 0, 64]
-    assert found.t_ns.tolist()[1] - found.t_ns.tolist()[0] == pytest.approx(250_000_000, abs=1000)
-
-
 def test_frames_are_put_in_the_order_of_their_time_and_of_one_instant_stay_as_they_came(tmp_path):
     path = tmp_path / "bus.log"
     path.write_text("".join(f"(17500000{t:02d}.000000) can0 123#{k:02X}\n" for k, t in enumerate([3, 1, 2, 1])))
     assert load_log(path).data[:, 0].tolist() == [1, 3, 2, 0]
-
-
-def test_an_error_frame_of_the_bus_is_no_data(tmp_path):
-    path = tmp_path / "bus.blf"
-    with can.Logger(path) as writer:
-        writer(can.Message(START_S, is_error_frame=True))
-        writer(can.Message(START_S, 0x123, is_extended_id=False, is_remote_frame=True, dlc=4))
-        writer(can.Message(START_S + 1, 0x123, is_extended_id=False, data=b"\1"))
-    assert load_log(path).can_id.tolist() == [0x123]
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves the file open
-@pytest.mark.parametrize("suffix", [".log", ".asc", ".trc"])
-def test_an_empty_log_has_no_frames(tmp_path, suffix):
-    (tmp_path / f"empty{suffix}").write_bytes(b"")
-    assert len(load_log(tmp_path / f"empty{suffix}")) == 0
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves the file open
-@pytest.mark.parametrize("suffix", [".log", ".blf", ".mf4"])
-def test_a_broken_log_is_refused_by_name(tmp_path, suffix):
-    path = tmp_path / f"broken{suffix}"
-    path.write_bytes(b"\x00\xff\x80 this is no log\n" * 9)
-    with pytest.raises(ImportFailed, match=path.name):
-        load_log(path)
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    for suffix in (".log", ".blf"):
-        with pytest.raises(ImportFailed, match=f"gone{suffix}"):
-            load_log(tmp_path / f"gone{suffix}")
 
 
 def test_a_log_is_the_same_whatever_part_of_it_is_taken_at_once(tmp_path, monkeypatch):

@@ -1,7 +1,12 @@
+"""CAN logs: every format, signals held and cut, cells by an index, broken files."""
+
+import contextlib
+import gc
+import gzip
+import warnings
 from pathlib import Path
 
 import can
-import cantools
 import numpy as np
 import pytest
 
@@ -13,153 +18,205 @@ from app.sources.recordings.profile import ImportProfile
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
-START_S = 1_780_000_000.0
-DBC = """
+DBC = """\
 VERSION ""
 BU_: BMS
-BO_ 256 Pack: 8 BMS
- SG_ PackCurrent : 0|16@1- (0.1,0) [0|0] "A" BMS
- SG_ Level : 16|8@1+ (0.5,0) [0|0] "%" BMS
-BO_ 257 Cells: 8 BMS
- SG_ CellID : 0|8@1+ (1,0) [0|0] "" BMS
- SG_ CellVoltage : 8|16@1+ (0.0001,0) [0|0] "V" BMS
-BO_ 2566869221 Temps: 8 BMS
- SG_ Temp1 : 0|8@1+ (1,-40) [0|0] "C" BMS
- SG_ Level : 8|8@1+ (1,0) [0|0] "" BMS
+BO_ 256 Pack: 4 BMS
+ SG_ Current : 0|16@1- (0.1,0) [0|0] "A" X
+ SG_ Soc : 16|8@1+ (1,0) [0|0] "%" X
+BO_ 2147484160 Cells: 3 BMS
+ SG_ CellID : 0|8@1+ (1,0) [0|0] "" X
+ SG_ Voltage : 8|16@1+ (0.001,0) [0|0] "V" X
+BO_ 300 Other: 2 BMS
+ SG_ Soc : 0|8@1+ (1,0) [0|0] "%" X
+ SG_ Mode : 8|8@1+ (1,0) [0|0] "" X
+VAL_ 300 Mode 1 "charge" ;
 """
-PROFILE = ImportProfile(current="PackCurrent", voltages="CellVoltage[CellID]", temperatures="Temp{n}", hold_s=1.0)
+PACK, CELLS, OTHER = 256, 0x200 | CAN_ID_EXTENDED, 300
+T0 = 1_780_000_000.0
+PROFILE = ImportProfile(current="Current", voltages="Voltage[CellID]", soc="Pack.Soc", hold_s=1.0)
+
+
+def pack(at_s, current_a, soc=50):
+    return at_s, PACK, round(current_a * 10).to_bytes(2, "little", signed=True) + bytes([soc, 0])
+
+
+def cell(at_s, number, volts):
+    return at_s, CELLS, bytes([number]) + round(volts * 1000).to_bytes(2, "little")
+
+
+# Two seconds: the current every 0.5 s, each of two cells once.
+DRIVE = (pack(0, 12.3), cell(0.2, 0, 3.6), cell(0.4, 1, 3.7), *(pack(k / 2, -k) for k in range(1, 5)))
 
 
 @pytest.fixture
-def dbc(tmp_path: Path) -> Path:
+def dbc(tmp_path):
     path = tmp_path / "bus.dbc"
-    path.write_text(DBC)
+    path.write_text(DBC, encoding="utf-8")
     return path
 
 
 @pytest.fixture
-def log(tmp_path: Path, dbc: Path) -> Path:
-    """Two seconds: the current every 0.5 s, each of two cells once, the temperature at the start."""
-    database = cantools.database.load_file(dbc)
-    frames = [
-        (0.0, "Temps", {"Temp1": 31, "Level": 7}),
-        (0.0, "Pack", {"PackCurrent": 12.3, "Level": 55.0}),
-        (0.2, "Cells", {"CellID": 0, "CellVoltage": 3.6}),
-        (0.4, "Cells", {"CellID": 1, "CellVoltage": 3.7}),
-        *((0.5 * k, "Pack", {"PackCurrent": -1.0 * k, "Level": 55.0}) for k in range(1, 5)),
-    ]
-    path = tmp_path / "bus.log"
+def log(tmp_path):
+    def write(*frames, ending="log"):
+        path = tmp_path / f"drive.{ending}"
+        with can.Logger(path) as logger:
+            for at_s, can_id, data in frames:
+                logger.on_message_received(
+                    can.Message(timestamp=T0 + at_s, arbitration_id=can_id & 0x1FFFFFFF, data=data, channel="can0",
+                                is_extended_id=bool(can_id >> 31))
+                )  # fmt: skip
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("ending", ["log", "blf"])
+def test_remote_and_error_frames_carry_nothing(tmp_path, ending):
+    path = tmp_path / f"bus.{ending}"
     with can.Logger(path) as logger:
-        for at_s, name, values in frames:
-            message = database.get_message_by_name(name)
-            logger.on_message_received(
-                can.Message(
-                    timestamp=START_S + at_s, arbitration_id=message.frame_id, data=message.encode(values),
-                    is_extended_id=message.is_extended_frame, channel="can0",
-                )
-            )  # fmt: skip
-    return path
-
-
-def test_frames_come_with_time_and_id(log: Path) -> None:
-    frames = list(read_frames(log))
-    assert len(frames) == 8
-    assert frames[0][:2] == (START_S, 0x18FF50E5 | CAN_ID_EXTENDED)
-    assert frames[1][1] == 256
-
-
-def test_remote_and_error_frames_carry_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "bus.log"
-    with can.Logger(path) as logger:
-        logger.on_message_received(can.Message(timestamp=1.0, arbitration_id=1, is_remote_frame=True, channel="can0"))
-        logger.on_message_received(can.Message(timestamp=1.0, arbitration_id=2, data=b"x", channel="can0"))
+        for message in (
+            can.Message(timestamp=1.0, arbitration_id=1, is_remote_frame=True, channel="can0"),
+            can.Message(timestamp=1.0, is_error_frame=True, channel="can0"),
+            can.Message(timestamp=1.0, arbitration_id=2, data=b"x", channel="can0"),
+        ):
+            logger.on_message_received(message)
     assert [frame[1] for frame in read_frames(path)] == [2 | CAN_ID_EXTENDED]
 
 
-def test_a_row_is_a_frame_with_the_current_and_others_are_held(log: Path, dbc: Path) -> None:
-    table = read_signals(log, dbc).table(PROFILE)
-    assert table.columns["time"] == pytest.approx(START_S + np.arange(5) / 2)
-    assert table.columns["PackCurrent"] == pytest.approx([12.3, -1, -2, -3, -4])
-    first, second = table.columns["CellVoltage[0]"], table.columns["CellVoltage[1]"]
-    assert first == pytest.approx([np.nan, 3.6, 3.6, np.nan, np.nan], nan_ok=True)  # older than 1 s: missing
-    assert second == pytest.approx([np.nan, 3.7, 3.7, np.nan, np.nan], nan_ok=True)
-    assert table.columns["Temp1"] == pytest.approx([31, 31, 31, np.nan, np.nan], nan_ok=True)
+def test_a_row_is_a_frame_with_the_current_and_others_are_held(log, dbc):
+    table = read_signals(log(*DRIVE), dbc).table(PROFILE)
+    assert table.columns["time"] == pytest.approx(T0 + np.arange(5) / 2)
+    assert table.columns["Current"] == pytest.approx([12.3, -1, -2, -3, -4])
+    for number, volts in ((0, 3.6), (1, 3.7)):  # older than 1 s: missing
+        found = table.columns[f"Voltage[{number}]"]
+        assert found == pytest.approx([np.nan, volts, volts, np.nan, np.nan], nan_ok=True)
+    assert column_profile(PROFILE) == {"time": "time", "time_unit": "s", "voltages": "Voltage[{n}]"}
 
 
-def test_the_profile_of_such_a_table_has_a_time_and_patterns() -> None:
-    assert column_profile(PROFILE) == {"time": "time", "time_unit": "s", "voltages": "CellVoltage[{n}]"}
+@pytest.mark.parametrize(("gap_s", "is_held"), [(0.99, True), (1.01, False)])
+def test_a_signal_counts_as_long_as_it_is_held(log, dbc, gap_s, is_held):
+    table = read_signals(log(cell(0, 0, 3.6), pack(gap_s, 1.0)), dbc).table(PROFILE)
+    assert np.isfinite(table.columns["Voltage[0]"][0]) == is_held
 
 
-def test_a_name_of_two_messages_needs_its_message(log: Path, dbc: Path) -> None:
-    names = sorted(read_signals(log, dbc).found)
-    assert {"Pack.Level", "Temps.Level", "PackCurrent", "Pack.PackCurrent", "CellVoltage[1]"} <= set(names)
-    assert "Level" not in names
+def test_the_columns_of_a_log_are_those_of_its_frames_and_a_name_of_two_messages_needs_its_message(log, dbc):
+    assert set(read_signals(log(pack(0, 1.0), (0.1, 0x7FF, b"\0")), dbc).found) == {
+        "Current",
+        "Pack.Current",
+        "Pack.Soc",
+    }
+    names = set(read_signals(log(*DRIVE, (3, OTHER, b"\x00\x01")), dbc).found)
+    assert {"Pack.Soc", "Other.Soc", "Current", "Pack.Current", "Voltage[1]"} <= names
+    assert "Soc" not in names
 
 
-def test_one_signal_is_read_out_of_frames(log: Path, dbc: Path) -> None:
-    times_s, values = one_signal(read_frames(log), "bus.log", dbc, "Pack.PackCurrent")
-    assert times_s == pytest.approx(START_S + np.arange(5) / 2)
-    assert values == pytest.approx([12.3, -1, -2, -3, -4])
-    with pytest.raises(ImportFailed, match=r"none of its frames with a signal Speed is in bus\.dbc"):
-        one_signal(read_frames(log), "bus.log", dbc, "Speed")
+@pytest.mark.parametrize(
+    ("frames", "signal", "times_s", "expected"),
+    [
+        (DRIVE, "Pack.Current", np.arange(5) / 2, [12.3, -1, -2, -3, -4]),
+        ([(0, OTHER, b"\x00\x01")], "Mode", [0], [1]),  # a word by its number
+        ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Current", [0, 0.1], [1.0, 2.0]),  # of a frame that is cut
+        ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Pack.Soc", [0.1], [50.0]),
+    ],
+)
+def test_one_signal_is_read_out_of_frames(log, dbc, frames, signal, times_s, expected):
+    found_s, values = one_signal(read_frames(log(*frames)), "drive.log", dbc, signal)
+    assert found_s == pytest.approx(T0 + np.array(times_s))
+    assert values == pytest.approx(expected)
 
 
-def test_a_current_that_is_in_no_frame_is_named(log: Path, dbc: Path) -> None:
+def test_what_is_in_no_frame_is_named(log, dbc):
     with pytest.raises(ImportFailed, match="current = 'Amps'"):
-        read_signals(log, dbc).table(ImportProfile(current="Amps", voltages="CellVoltage[CellID]"))
+        read_signals(log(*DRIVE), dbc).table(ImportProfile(current="Amps", voltages="Voltage[CellID]"))
+    path = log((0, 0x7FF, b"\1"), (0.1, PACK | CAN_ID_EXTENDED, bytes(4)))
+    with pytest.raises(ImportFailed, match=r"drive\.log: none of its frames is in bus\.dbc"):
+        sorted(read_signals(path, dbc).found)
+    with pytest.raises(ImportFailed, match=r"none of its frames with a signal Current is in bus\.dbc"):
+        one_signal(read_frames(path), "drive.log", dbc, "Current")
 
 
-def test_what_is_no_dbc_or_no_log_is_named(tmp_path: Path, log: Path) -> None:
-    (tmp_path / "other.dbc").write_text("hello")
-    with pytest.raises(ImportFailed, match=r"other\.dbc: not a readable DBC"):
-        sorted(read_signals(log, tmp_path / "other.dbc").found)
-    (tmp_path / "bad.log").write_text("hello there you\n")
-    with pytest.raises(ImportFailed, match=r"bad\.log: 1 of 1 frames cannot be read"):
-        list(read_frames(tmp_path / "bad.log"))
+@pytest.mark.parametrize("text", ["hello", "BO_ 1 two words: x"])
+def test_what_is_no_dbc_is_named(log, tmp_path, text):
+    (tmp_path / "no.dbc").write_text(text, encoding="utf-8")
+    with pytest.raises(ImportFailed, match=r"no\.dbc: not a readable DBC"):
+        sorted(read_signals(log(pack(0, 1.0)), tmp_path / "no.dbc").found)
 
 
-def test_frames_that_a_log_tells_late_count_at_their_own_time(tmp_path: Path, dbc: Path) -> None:
+python_can_leaves_the_file_open = pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+
+
+@python_can_leaves_the_file_open
+@pytest.mark.parametrize(
+    ("name", "content", "why"),
+    [
+        ("no.blf", b"hello", "not a readable CAN log"),
+        ("none.log", None, "not a readable CAN log"),
+        ("none.blf", None, "not a readable CAN log"),
+        ("no.mf4", b"\x00\xff\x80 this is no log\n" * 9, "not a readable CAN log"),
+        ("no.log", b"hello there you\n", "1 of 1 frames cannot be read"),
+        ("no.log", b"\x00\xff\x80 this is no log\n" * 9, "not a readable CAN log"),
+        ("no.log", b"(1.0) can0 100#0A00\n" + b"(2.0) can0 zzz\n" * 3,
+         "3 of 4 frames cannot be read, more than half; line 2: not"),
+    ],
+)  # fmt: skip
+def test_what_is_no_log_or_mostly_none_is_refused_by_name(tmp_path, name, content, why):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(ImportFailed, match=rf"{name}: .*{why}"):
+        list(read_frames(tmp_path / name))
+
+
+@python_can_leaves_the_file_open
+def test_a_damaged_log_is_refused_or_read_as_far_as_it_can_be(log, tmp_path):
+    whole = log(*(pack(i / 10, 1.0) for i in range(200)), ending="blf").read_bytes()
+    for content in (bytes(200), whole[:100], whole[:-50], whole[:300] + bytes(40) + whole[340:]):
+        (tmp_path / "no.blf").write_bytes(content)
+        with contextlib.suppress(ImportFailed):
+            list(read_frames(tmp_path / "no.blf"))
+
+
+@python_can_leaves_the_file_open
+@pytest.mark.parametrize(("ending", "text"), [("log", ""), ("log", "\n"), ("asc", ""), ("trc", "")])
+def test_an_empty_log_has_no_frame(tmp_path, ending, text):
+    path = tmp_path / f"empty.{ending}"
+    path.write_text(text)
+    assert list(read_frames(path)) == []
+
+
+def test_frames_that_a_log_tells_late_count_at_their_own_time(tmp_path, dbc):
     frames = [
-        "(3.0) can1 101#0098A8",  # cell 0, the newer one first
+        "(3.0) can1 00000200#00CC10",  # cell 0, the newer one first
         "(1.0) can0 100#0A00",
-        "(2.0) can1 101#00A08C",
+        "(2.0) can1 00000200#00100E",
         "(3.5) can0 100#1E00",
         "(2.5) can0 100#1400",
     ]
     (tmp_path / "late.log").write_text("\n".join(frames) + "\n")
     table = read_signals(tmp_path / "late.log", dbc).table(PROFILE)
     np.testing.assert_array_equal(table.columns["time"], [1.0, 2.5, 3.5])
-    np.testing.assert_allclose(table.columns["PackCurrent"], [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(table.columns["CellVoltage[0]"], [np.nan, 3.6, 4.3160])
+    np.testing.assert_allclose(table.columns["Current"], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(table.columns["Voltage[0]"], [np.nan, 3.6, 4.3])
 
 
-def test_the_columns_of_a_log_are_those_of_its_frames_not_of_the_dbc(tmp_path: Path, dbc: Path) -> None:
-    (tmp_path / "part.log").write_text("(1.0) can0 100#0A00\n(1.1) can0 7FF#00\n")
-    assert sorted(read_signals(tmp_path / "part.log", dbc).found) == ["Pack.PackCurrent", "PackCurrent"]
-
-
-def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path: Path, dbc: Path) -> None:
-    lines = [f"({k}.0) can0 100#0A00" for k in range(40)]
+def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path, dbc):
+    lines = [f"({k}.0) can0 100#0A003200" for k in range(40)]
     lines[7] = "(7.0) can0 1x0#0A00"
     lines[9] = "(nan) can0 100#0A00"
     (tmp_path / "bad.log").write_text("\n".join(lines) + "\n(40.0) can0 10")  # and the end cut off
     bad = BadRows()
     assert len(list(read_frames(tmp_path / "bad.log", bad))) == 38
     assert [line for line, _ in bad.first] == [8, 10]
-    profile = ImportProfile(current="PackCurrent", voltages="Level")
-    table = read_signals(tmp_path / "bad.log", dbc).table(profile)
+    table = read_signals(tmp_path / "bad.log", dbc).table(ImportProfile(current="Current", voltages="Soc"))
     assert len(table.columns["time"]) == 38
     assert any("2 of 40 frames cannot be read" in note and "line 8" in note for note in map(render, table.notes))
 
 
 @pytest.mark.parametrize("ending", ["asc", "trc"])
-def test_a_bad_line_does_not_end_a_log_of_another_tool(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"drive.{ending}"
-    with can.Logger(path) as logger:
-        for number in range(20):
-            logger.on_message_received(
-                can.Message(timestamp=START_S + number, arbitration_id=5, data=bytes([number]), is_extended_id=False)
-            )
+def test_a_bad_line_does_not_end_a_log_of_another_tool(log, ending):
+    path = log(*((number, 5, bytes([number])) for number in range(20)), ending=ending)
     lines = path.read_text().splitlines()
     spoilt = next(k for k, line in enumerate(lines) if line.split()[-1:] == ["0A"])
     lines[spoilt] = lines[spoilt].replace("0A", "ZZ")
@@ -171,19 +228,63 @@ def test_a_bad_line_does_not_end_a_log_of_another_tool(tmp_path: Path, ending: s
     assert found[-1][0] - found[0][0] == pytest.approx(19.0, abs=0.01)
 
 
-def test_a_log_of_which_most_is_bad_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "bad.log").write_text("(1.0) can0 100#0A00\n" + "(2.0) can0 zzz\n" * 3)
-    with pytest.raises(ImportFailed, match=r"bad\.log: 3 of 4 frames cannot be read, more than half; line 2: not"):
-        list(read_frames(tmp_path / "bad.log"))
-
-
-def test_a_log_with_more_values_than_memory_is_to_hold_is_refused(
-    log: Path, dbc: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    n_values = 5 * 2 + 2 * 3 + 2  # the current and Level, the number and voltage of a cell, also by its name, Temps
+def test_a_log_with_more_values_than_memory_is_to_hold_is_refused(log, dbc, monkeypatch):
+    path = log(*DRIVE)
+    n_values = 5 * 2 + 2 * 3  # the current and the SOC, the number and voltage of a cell, also by its name
     monkeypatch.setattr(can_log, "MOST_VALUES", n_values)
-    signals = read_signals(log, dbc).found
-    assert signals["PackCurrent"] is signals["Pack.PackCurrent"]  # kept once
+    signals = read_signals(path, dbc).found
+    assert signals["Current"] is signals["Pack.Current"]  # kept once
     monkeypatch.setattr(can_log, "MOST_VALUES", n_values - 1)
     with pytest.raises(LimitExceeded, match=f"more than {n_values - 1} values.*--battery"):
-        read_signals(log, dbc)
+        read_signals(path, dbc)
+
+
+def test_relative_times_of_an_asc_log_are_added_up(tmp_path):
+    lines = [f"   {dt} 1  {can_id}             Rx   d 1 0{k}\n" for k, (dt, can_id) in enumerate(
+        [("0.010000", "123"), ("0.020000", "124"), ("0.030000", "123")]
+    )]  # fmt: skip
+    log = tmp_path / "x.asc"
+    log.write_text(
+        "date Tue May 3 10:00:00 2022\nbase hex  timestamps relative\nno internal events logged\n" + "".join(lines)
+    )
+    times = [t_s for t_s, _, _ in read_frames(log)]
+    np.testing.assert_allclose(np.diff(times), [0.02, 0.03], atol=1e-6)
+    log.write_text(log.read_text().replace("relative", "absolute"))
+    np.testing.assert_allclose(np.diff([t_s for t_s, _, _ in read_frames(log)]), [0.01, 0.01], atol=1e-6)
+
+
+def zipped(path: Path) -> Path:
+    """The same log, packed."""
+    packed = path.with_name(f"packed.{path.name}.gz")
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    return packed
+
+
+@pytest.mark.parametrize("ending", ["log", "blf", "asc", "trc"])
+def test_a_reader_tells_how_much_of_the_file_is_read(log, ending):
+    path = log(*(pack(number / 10, 1.0) for number in range(50)), ending=ending)
+    positions = []
+    assert len(list(read_frames(path, on_read=positions.append))) == 50
+    assert positions == sorted(positions)
+    assert positions[-1] == path.stat().st_size
+
+
+def test_of_a_packed_log_it_tells_how_much_of_the_packed_file_is_read(log):
+    path = log(*(pack(number / 10, 1.0) for number in range(50)))
+    packed, positions = zipped(path), []
+    assert list(read_frames(packed, on_read=positions.append)) == list(read_frames(path))
+    assert positions[-1] == packed.stat().st_size < path.stat().st_size
+
+
+@pytest.mark.parametrize(
+    ("ending", "is_packed"), [("log", False), ("log", True), ("asc", False), ("asc", True), ("blf", False)]
+)
+def test_a_log_of_which_only_the_beginning_is_read_is_closed(log, ending, is_packed):
+    """Else the end of the process, or of a test, warns of an open file."""
+    path = log(*(pack(number / 10, 1.0) for number in range(50)), ending=ending)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResourceWarning)
+        frames = read_frames(zipped(path) if is_packed else path)
+        assert next(frames)[1] == PACK
+        frames.close()
+        gc.collect()
