@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.profile import ImportProfile
@@ -35,38 +34,27 @@ def test_there_are_as_many_cells_as_columns():
 
 
 @pytest.mark.parametrize(
-    ("change", "current_a", "voltage_v"),
+    ("change", "columns", "field", "ours"),
     [
-        ({}, 10.0, 3.7),
-        ({"charge_positive": True}, -10.0, 3.7),
-        ({"current_unit": "mA"}, 0.01, 3.7),
-        ({"current_unit": "0.1A"}, 1.0, 3.7),
+        ({}, {}, "current_a", 10.0),
+        ({"charge_positive": True}, {}, "current_a", -10.0),
+        ({"current_unit": "mA"}, {}, "current_a", 0.01),
+        ({"current_unit": "0.1A"}, {}, "current_a", 1.0),
+        ({"voltage_unit": "V"}, {"V": 3.7}, "voltages_v", 3.7),
+        ({"voltage_unit": "mV"}, {"V": 3700.0}, "voltages_v", 3.7),
+        ({"voltage_unit": "0.1mV"}, {"V": 37000.0}, "voltages_v", 3.7),
+        ({"temperature_unit": "degC"}, {"T": 25.0}, "temperatures_degc", 25.0),
+        ({"temperature_unit": "K"}, {"T": 298.15}, "temperatures_degc", 25.0),
+        ({"temperature_unit": "degF"}, {"T": 77.0}, "temperatures_degc", 25.0),
+        ({"temperature_unit": "0.1degC"}, {"T": 250.0}, "temperatures_degc", 25.0),
+        ({"soc": "S1", "soc_unit": "percent"}, {"S": 55.0}, "soc", 0.55),
+        ({"soc": "S1", "soc_unit": "fraction"}, {"S": 0.55}, "soc", 0.55),
     ],
 )
-def test_units_and_sign_are_ours(change, current_a, voltage_v):
-    log = battery_log(table(), ImportProfile(time="t", current="I", voltages="V{n}", **change))
-    assert log.current_a == pytest.approx(current_a)
-    assert log.voltages_v[:, 0] == pytest.approx(voltage_v)
-
-
-@pytest.mark.parametrize(("unit", "volts"), [("V", 3.7), ("mV", 3700.0), ("0.1mV", 37000.0)])
-def test_voltages_in_every_unit(unit, volts):
-    log = battery_log(table(V1=np.full(4, volts), V2=np.full(4, volts)), ImportProfile(time="t", current="I",
-                      voltages="V{n}", voltage_unit=unit))  # fmt: skip
-    assert log.voltages_v[:, :2] == pytest.approx(3.7)
-
-
-@pytest.mark.parametrize(("unit", "value"), [("degC", 25.0), ("K", 298.15), ("degF", 77.0), ("0.1degC", 250.0)])
-def test_temperatures_in_every_unit(unit, value):
-    profile = ImportProfile(time="t", current="I", voltages="V{n}", temperatures="T{n}", temperature_unit=unit)
-    log = battery_log(table(T1=np.full(4, value), T2=np.full(4, value)), profile)
-    assert log.temperatures_degc[:, :2] == pytest.approx(25.0)
-
-
-@pytest.mark.parametrize(("unit", "value"), [("percent", 55.0), ("fraction", 0.55)])
-def test_soc_is_a_fraction(unit, value):
-    profile = ImportProfile(time="t", current="I", voltages="V{n}", soc="S", soc_unit=unit)
-    assert battery_log(table(S=np.full(4, value)), profile).soc == pytest.approx(0.55)
+def test_units_and_sign_are_ours(change, columns, field, ours):
+    given = {f"{name}{n}": np.full(4, value) for name, value in columns.items() for n in (1, 2)}
+    profile = replace(PROFILE, temperatures="T{n}" if "T" in columns else "", **change)
+    np.testing.assert_allclose(getattr(battery_log(table(**given), profile), field), ours)
 
 
 @pytest.mark.parametrize("volts", [0.0, 0.5, 6.0, 6.5535, -1.0, float("nan")])
@@ -75,9 +63,17 @@ def test_a_voltage_that_no_cell_has_is_missing(volts):
     assert np.flatnonzero(np.isnan(log.voltages_v[:, 1])).tolist() == [1]
 
 
-def test_a_wrong_unit_of_voltages_is_refused_by_name():
-    with pytest.raises(ImportFailed, match=r"pack\.csv: voltage_unit = V: no cell voltage is within"):
-        battery_log(table(V1=np.full(4, 3700.0), V2=np.full(4, 3800.0)), PROFILE)
+@pytest.mark.parametrize(
+    ("columns", "reason"),
+    [
+        ({"V1": np.full(4, 3700.0), "V2": np.full(4, 3800.0)}, r"voltage_unit = V: no cell voltage is within"),
+        ({"t": [np.nan] * 4}, "no row has a time"),
+        ({"t": np.arange(4) * 4 * 86_400.0}, "it is 12 days long, at most 7: is the unit of time right"),
+    ],
+)
+def test_a_wrong_unit_or_no_time_is_refused_by_name(columns, reason):
+    with pytest.raises(ImportFailed, match=rf"pack\.csv: .*{reason}"):
+        battery_log(table(**columns), PROFILE)
 
 
 @pytest.mark.parametrize(
@@ -126,28 +122,6 @@ def test_rows_without_a_time_of_their_own_are_left_out_and_counted():
     log = battery_log(table(t=[0, 1, 1, np.nan], I=[0, 1, 2, 3]), PROFILE)
     np.testing.assert_array_equal(log.current_a, [0, 1])
     assert said(log) == ["2 of 4 rows left out: no time, a time twice, or quicker than max_rate_hz"]
-
-
-def test_rows_that_come_quicker_than_asked_for_are_left_out():
-    profile = ImportProfile(time="t", current="I", voltages="V{n}", max_rate_hz=1.0)
-    log = battery_log(table(10, t=np.arange(10) / 4.0), profile)
-    np.testing.assert_array_equal(log.time_s, [0, 1, 2])
-
-
-def test_no_time_at_all_is_refused():
-    with pytest.raises(ImportFailed, match="no row has a time"):
-        battery_log(table(t=[np.nan] * 4), PROFILE)
-
-
-def test_a_wrong_unit_of_time_is_asked_for():
-    with pytest.raises(ImportFailed, match="it is 12 days long, at most 7: is the unit of time right"):
-        battery_log(table(t=np.arange(4) * 4 * 86_400.0), PROFILE)
-
-
-def test_a_battery_that_is_too_large_is_refused_with_its_size():
-    cells = {f"V{n}": np.full(4, 3.7) for n in range(1, MOST_CELLS + 2)}
-    with pytest.raises(ImportFailed, match=f"{MOST_CELLS + 1} cells, a battery has up to {MOST_CELLS}"):
-        battery_log(table(**cells), PROFILE)
 
 
 @pytest.mark.parametrize(

@@ -13,19 +13,16 @@ MACCOR = "Rec#\tTestTime\tAmps\tVolts\tState\n" + "".join(
 )
 
 
-@pytest.mark.parametrize("word", ["D", "DCH", "Dchg", "CC DChg", "CC_DChg", "恒流放电", "Discharge", "discharging"])
-def test_words_for_discharge(word: str) -> None:
-    assert state_of(word) == -1.0
-
-
-@pytest.mark.parametrize("word", ["C", "CHA", "CC Chg", "CCCV_Chg", "恒流恒压充电", "Charge", "charging"])
-def test_words_for_charge(word: str) -> None:
-    assert state_of(word) == 1.0
-
-
-@pytest.mark.parametrize("word", ["R", "PAU", "Rest", "Idle", "Pause", "S", "", "CV"])
-def test_other_words_are_neither(word: str) -> None:
-    assert state_of(word) == 0.0
+@pytest.mark.parametrize(
+    ("words", "sign"),
+    [
+        (["D", "DCH", "Dchg", "CC DChg", "CC_DChg", "恒流放电", "Discharge", "discharging"], -1.0),
+        (["C", "CHA", "CC Chg", "CCCV_Chg", "恒流恒压充电", "Charge", "charging"], 1.0),
+        (["R", "PAU", "Rest", "Idle", "Pause", "S", "", "CV"], 0.0),
+    ],
+)
+def test_words_for_charge_and_discharge(words: list[str], sign: float) -> None:
+    assert {word: state_of(word) for word in words} == dict.fromkeys(words, sign)
 
 
 def test_a_current_without_a_sign_gets_that_of_its_state(tmp_path) -> None:

@@ -85,12 +85,6 @@ def test_an_archive_of_tables_is_refused_with_what_is_in_it(tmp_path: Path) -> N
         read_table(tmp_path / "runs.zip")
 
 
-def test_a_pdf_is_said_to_be_no_text(tmp_path: Path) -> None:
-    (tmp_path / "test.pdf").write_bytes(b"%PDF-1.4\n1 0 obj\n2 0 obj\n")
-    with pytest.raises(ImportFailed, match=r"^test\.pdf: a binary file, no text"):
-        read_table(tmp_path / "test.pdf")
-
-
 def test_a_table_without_a_current_names_the_file_its_columns_and_the_command_that_shows_them(tmp_path: Path) -> None:
     (tmp_path / "speeds.csv").write_text("Time (s),Speed\n0,1\n1,2\n")
     table = read_table(tmp_path / "speeds.csv")

@@ -14,37 +14,39 @@ FOREIGN = Path(__file__).parent / "foreign"
 
 
 @pytest.mark.parametrize(
-    ("name", "length_s", "cells", "charged_a"),  # the last row's current, positive on discharge
+    ("name", "length_s", "cells", "current_a", "heat_degc"),  # of the last row; the current is positive on discharge
     [
-        ("arbin.csv", 271.2135, 1, -2.650138),
-        ("archive.csv", 20.0, 1, -0.55),
-        ("basytec.txt", 61.2359273, 1, -0.449601734),
-        ("bdf.csv", 70960.0, 1, -0.006055158),
-        ("biologic.mpt", 0.7, 1, None),
-        ("date_stamp.csv", 1.5, 1, 1.3),
-        ("digatron.csv", 68520.0, 1, -0.5),
-        ("diybms.csv", 40.0, 3, None),
-        ("leafspy.csv", 20.0, 96, 14.5),
-        ("maccor.csv", 14.06, 1, -28.798),
-        ("maccor.txt", 90.88, 1, 0.49996),
-        ("neware_flat.csv", 121.0, 1, -0.1),
-        ("neware_layers.csv", 600.0, 1, 0.5),
-        ("novonix.csv", 78.83, 1, -0.49999133),
-        ("orion.csv", 0.4, 12, 16.3),
-        ("pec.csv", 19.998, 1, None),
-        ("vesc.csv", 0.2, 1, 12.1),
+        ("arbin.csv", 271.2135, 1, -2.650138, 24.68785),
+        ("archive.csv", 20.0, 1, -0.55, 23.4),
+        ("basytec.txt", 61.2359273, 1, -0.449601734, 25.47953),
+        ("bdf.csv", 70960.0, 1, -0.006055158, None),
+        ("biologic.mpt", 0.7, 1, None, 22.185871),
+        ("date_stamp.csv", 1.5, 1, 1.3, None),
+        ("digatron.csv", 68520.0, 1, -0.5, 36.49001),
+        ("diybms.csv", 40.0, 3, None, 21.0),
+        ("leafspy.csv", 20.0, 96, 14.5, None),
+        ("maccor.csv", 14.06, 1, -28.798, 22.2591),
+        ("maccor.txt", 90.88, 1, 0.49996, None),
+        ("neware_flat.csv", 121.0, 1, -0.1, None),
+        ("neware_layers.csv", 600.0, 1, 0.5, 25.3),
+        ("novonix.csv", 78.83, 1, -0.49999133, 24.651),
+        ("orion.csv", 0.4, 12, 16.3, 24.0),
+        ("pec.csv", 19.998, 1, None, 19.26),
+        ("vesc.csv", 0.2, 1, 12.1, None),
     ],
 )
 def test_a_file_of_another_system_imports_as_it_is(
-    name: str, length_s: float, cells: int, charged_a: float | None
+    name: str, length_s: float, cells: int, current_a: float | None, heat_degc: float | None
 ) -> None:
     table = load_table(FOREIGN / name)
     log = battery_log(table, guess(table))
     assert log.time_s[-1] == pytest.approx(length_s, abs=0.01)
     assert log.voltages_v.shape[1] == cells
     assert 2.5 < np.nanmin(log.voltages_v) <= np.nanmax(log.voltages_v) < 4.3
-    if charged_a is not None:
-        assert log.current_a[-1] == pytest.approx(charged_a)
+    if current_a is not None:
+        assert log.current_a[-1] == pytest.approx(current_a)
+    if heat_degc is not None:
+        assert log.temperatures_degc[-1, 0] == pytest.approx(heat_degc)
 
 
 @pytest.mark.parametrize("name", ["arbin.csv", "biologic.mpt", "digatron.csv", "maccor.txt", "pec.csv"])

@@ -12,7 +12,6 @@ from app.errors import ImportFailed, LimitExceeded
 from app.estimation.errors import DatasetError
 from app.sources.recordings import table as table_module
 from app.sources.recordings.table import Table, load_table, matching
-from app.words import render
 
 TABLE = Table("x.csv", {"time": np.zeros(2), "V10": np.full(2, 10.0), "V2": np.full(2, 2.0), "7": np.full(2, 7.0)})
 
@@ -75,8 +74,11 @@ def test_a_csv_has_its_names_and_numbers(tmp_path):
 
 def test_a_packed_file_is_the_same_whatever_its_name(tmp_path):
     text = "time_s,current_a,voltage_v\n0,1.5,3.7\n1,2,3.6\n"
-    plain, packed = written(tmp_path, text), written(tmp_path, gzip.compress(text.encode()), "x.dat")
-    assert {name: list(v) for name, v in plain.columns.items()} == {name: list(v) for name, v in packed.columns.items()}
+    tables = [written(tmp_path, text), written(tmp_path, gzip.compress(text.encode()), "x.dat")]
+    tables.append(parquet(tmp_path, {name: list(values) for name, values in tables[0].columns.items()}))
+    tables.append(written(tmp_path, gzip.compress((tmp_path / "x.parquet").read_bytes())))
+    first, *others = ({name: list(values) for name, values in table.columns.items()} for table in tables)
+    assert others == [first] * 3
 
 
 def test_without_names_columns_are_numbered_from_one(tmp_path):
@@ -89,34 +91,6 @@ def test_a_name_that_comes_twice_gets_its_place(tmp_path):
     table = written(tmp_path, "t,V,V\n0,3.7,3.8\n1,3.6,3.9\n")
     assert list(table.columns) == ["t", "V", "V #3"]
     np.testing.assert_array_equal(table.columns["V #3"], [3.8, 3.9])
-
-
-@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-def test_delimiters_are_found(tmp_path, delimiter):
-    text = "\n".join(delimiter.join(row) for row in (["t", "I", "V"], ["0", "1", "3.7"], ["1", "2", "3.6"]))
-    assert list(written(tmp_path, text).columns) == ["t", "I", "V"]
-
-
-def test_a_decimal_comma_is_understood_where_the_delimiter_is_another(tmp_path):
-    table = written(tmp_path, "t;I;V\n0;1,5;3,7\n1;2,5;3,6\n")
-    np.testing.assert_array_equal(table.columns["I"], [1.5, 2.5])
-
-
-@pytest.mark.parametrize(
-    "stamp", ["2026-05-01T12:00:{:02d}", "01.05.2026 12:00:{:02d}", "12:00:{:02d}", "0:00:{:02d}.5"]
-)
-def test_stamps_become_seconds(tmp_path, stamp):
-    rows = "".join(f"{stamp.format(second)},1,3.7\n" for second in range(10, 16))
-    table = written(tmp_path, "time,I,V\n" + rows)
-    np.testing.assert_allclose(np.diff(table.columns["time"]), 1.0)
-
-
-def test_rows_that_are_cut_are_counted(tmp_path):
-    rows = "".join(f"{i},1,3.7\n" for i in range(20))
-    table = written(tmp_path, "t,I,V\n" + rows + "20,1\n21,1,3.7\n")
-    assert len(table.columns["t"]) == 21
-    (note,) = table.notes
-    assert render(note) == "1 rows are not 3 columns of numbers: read as missing or left out; line 22: 2 columns, not 3"
 
 
 @pytest.mark.parametrize(
@@ -171,6 +145,8 @@ def test_stamps_of_any_resolution_and_zone_are_seconds_since_1970(tmp_path):
     }
     columns = parquet(tmp_path, kinds).columns
     assert [column[0] for column in columns.values()] == [pytest.approx(at.timestamp(), abs=1e-6)] * 3
+    lengths = parquet(tmp_path, {"t": pa.array([1_500_000_001, 2_000_000_002]).cast(pa.duration("ns"))}).columns["t"]
+    assert lengths == pytest.approx([1.5, 2.0], abs=2e-6)
 
 
 def test_words_and_lists_in_a_parquet_file_are_columns_without_numbers(tmp_path):
