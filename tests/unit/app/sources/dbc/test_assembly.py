@@ -26,14 +26,6 @@ def assembler(max_age_s=None, n_cells=2, period_s=0.1):
     )
 
 
-def test_a_measurement_takes_the_newest_value_up_to_its_time_and_no_later_one():
-    found = assembler().feed({"voltage": values((0.05, 0, 3.0), (0.08, 0, 3.1), (0.25, 0, 3.2), (0.30, 1, 3.9))})
-    assert [m.t_ns for m in found] == [S // 10, 2 * S // 10, 3 * S // 10]
-    assert [m.voltage_v[0] for m in found] == [3.1, 3.1, 3.2]
-    assert [int(m.voltage_t_ns[0]) for m in found] == [round(0.08 * S)] * 2 + [round(0.25 * S)]
-    assert np.isnan(found[1].voltage_v[1])
-
-
 def test_a_sample_is_a_new_current_while_voltages_are_known():
     found = assembler().feed(
         {
@@ -44,45 +36,11 @@ def test_a_sample_is_a_new_current_while_voltages_are_known():
     assert [m.is_sample for m in found] == [True, False, True, True]
 
 
-def test_a_value_is_missing_after_the_longest_age_that_the_profile_names():
-    hear = assembler(max_age_s=1.0)
-    hear.feed({"voltage": values((0.05, 0, 3.0))})
-    ages = [(m.t_ns - 0.05 * S) / S for m in hear.feed({}, 3 * S) if np.isfinite(m.voltage_v[0])]
-    assert max(ages) == pytest.approx(1.0, abs=0.1)
-    assert max(ages) <= 1.0
-
-
-@pytest.mark.parametrize("period_s", [0.02, 0.5, 5.0])
-def test_where_the_profile_names_none_a_value_lives_for_three_of_its_own_periods(period_s):
-    hear = assembler()
-    times = [k * period_s + 0.01 for k in range(8)]
-    hear.feed({"voltage": values(*((t, 0, 3.0) for t in times))})
-    later = hear.feed({}, round((times[-1] + 5 * period_s + 2.0) * S))
-    lived = [m.t_ns / S - times[-1] for m in later if np.isfinite(m.voltage_v[0])]
-    most = max(LEAST_AGE_S, PERIODS_BRIDGED * period_s)
-    assert max(lived) == pytest.approx(most, abs=0.11)
-
-
 def test_a_channel_that_was_heard_once_is_kept_for_a_minute():
     hear = assembler(period_s=1.0)
     hear.feed({"voltage": values((0.5, 0, 3.0))})
     later = hear.feed({}, 100 * S)
     assert sum(np.isfinite(m.voltage_v[0]) for m in later) == pytest.approx(UNKNOWN_AGE_S, abs=1)
-
-
-def test_values_in_parts_make_the_measurements_of_values_in_one():
-    rows = [(0.013 * k, k % 2, 3.0 + 0.01 * k) for k in range(60)]
-    whole = assembler().feed({"voltage": values(*rows)})
-    parts = assembler()
-    pieces = [m for k in range(0, 60, 7) for m in parts.feed({"voltage": values(*rows[k : k + 7])})]
-    assert len(pieces) == len(whole)
-    for one, other in zip(pieces, whole, strict=True):
-        np.testing.assert_array_equal(one.voltage_v, other.voltage_v)
-        assert (one.t_ns, one.is_sample) == (other.t_ns, other.is_sample)
-
-
-def test_nothing_heard_makes_no_measurement():
-    assert assembler().feed({}) == []
 
 
 @given(
@@ -142,31 +100,31 @@ def test_states_are_told_or_unknown():
     assert (found.states["closed"], found.states["fault"], found.states["charging"]) == (True, False, None)
 
 
-def test_a_kind_that_the_profile_does_not_have_is_left_out():
-    assert assembler().feed({"humidity": values((0.01, 0, 1.0))}) == []
+@pytest.mark.parametrize("slow_s", [0.4, 0.5, 2.0, 5.0])
+def test_each_cell_lives_for_three_of_its_own_periods_where_the_profile_names_no_age(slow_s):
+    hear = assembler()
+    fast = [(0.02 * k + 0.01, 0, 3.0) for k in range(2000)]
+    slow = [(slow_s * k + 0.015, 1, 3.1) for k in range(int(40 / slow_s))]
+    hear.feed({"voltage": values(*sorted(fast + slow))})
+    later = hear.feed({}, 70 * S)
+    for cell, period_s, last_s in ((0, 0.02, fast[-1][0]), (1, slow_s, slow[-1][0])):
+        lived = [m.t_ns / S - last_s for m in later if np.isfinite(m.voltage_v[cell])]
+        assert max(lived) == pytest.approx(max(LEAST_AGE_S, PERIODS_BRIDGED * period_s), abs=0.11)
 
 
-def test_the_longest_age_of_several_ways_counts():
-    entries = (CellSignals("A{cell}", max_age_s=1.0), CellSignals("B{cell}", max_age_s=4.0))
+@pytest.mark.parametrize("given", [{}, {"humidity": values((0.01, 0, 1.0))}])
+def test_nothing_heard_of_the_battery_makes_no_measurement(given):
+    assert assembler().feed(given) == []
+
+
+@pytest.mark.parametrize("ages_s", [(1.0,), (1.0, 4.0)])
+def test_a_value_is_missing_after_the_longest_age_that_the_profile_names(ages_s):
+    entries = tuple(CellSignals(f"V{k}_{{cell}}", max_age_s=age_s) for k, age_s in enumerate(ages_s))
     hear = Assembler(Battery("x", (2,)), SpeaksDbc(("x.dbc",), {"voltage": entries}))
     hear.feed({"voltage": values((0.05, 0, 3.0))})
-    lived = [m.t_ns / S for m in hear.feed({}, 8 * S) if np.isfinite(m.voltage_v[0])]
-    assert max(lived) == pytest.approx(4.05, abs=0.1)
-
-
-@pytest.mark.parametrize("slow_s", [0.4, 2.0])
-def test_each_cell_lives_by_its_own_period(slow_s):
-    hear = assembler()
-    fast = [(0.02 * k + 0.01, 0, 3.0) for k in range(500)]
-    slow = [(slow_s * k + 0.015, 1, 3.1) for k in range(int(10 / slow_s))]
-    rows = sorted(fast + slow)
-    hear.feed({"voltage": values(*rows)})
-    later = hear.feed({}, 30 * S)
-    for cell, times in ((0, fast), (1, slow)):
-        end_s = times[-1][0]
-        lived = [m.t_ns / S - end_s for m in later if np.isfinite(m.voltage_v[cell])]
-        most = max(LEAST_AGE_S, PERIODS_BRIDGED * (0.02 if cell == 0 else slow_s))
-        assert max(lived, default=0.0) <= most + 0.01
+    lived = [m.t_ns / S - 0.05 for m in hear.feed({}, 8 * S) if np.isfinite(m.voltage_v[0])]
+    assert max(lived) == pytest.approx(ages_s[-1], abs=0.1)
+    assert max(lived) <= ages_s[-1]
 
 
 def test_time_alone_makes_measurements_in_which_all_is_missing():

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.battery.profile import read_document, understand
+from app.sources.dbc import battery_decoder
 from app.sources.dbc.assembly import Assembler
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import parse_definitions
@@ -113,23 +114,9 @@ def test_a_measurement_holds_the_newest_of_each_with_its_own_time():
     assert [m.is_sample for m in whole] == [m.is_sample for m in found]
 
 
-def test_what_is_not_heard_any_more_becomes_missing_and_never_stays_live():
-    peer = one_signal_a_cell(8, 0, "V{}", "T{}", 0.0001, "V")
-    peer.profile = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\n'
-    decoder = decoder_of(peer, CURRENT)
-    assembler = Assembler(decoder.battery, decoder.source)
-    frames = frames_of(peer.frames(3))
-    found = assembler.feed(decoder.decode(frames))
-    assert np.isfinite(found[-1].voltage_v).all()
-    later = assembler.feed({}, int(frames.t_ns[-1]) + 5_000_000_000)
-    assert np.isnan(later[-1].voltage_v).all()
-    assert np.isnan(later[-1].current_a)
-    assert not later[-1].is_sample
-
-
 def test_after_a_pause_of_the_bus_old_values_are_not_live_for_long():
     peer = one_signal_a_cell(8, 0, "V{}", "T{}", 0.0001, "V")
-    peer.profile = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\n'
+    peer.profile = VOLTAGES
     decoder = decoder_of(peer, CURRENT)
     assembler = Assembler(decoder.battery, decoder.source)
     first = peer.frames(3)
@@ -198,17 +185,6 @@ def test_states_are_the_raw_numbers_that_the_profile_names():
     assert found["state.fault"].value.tolist() == [0, 0, 1, 1]
 
 
-def test_a_frame_that_is_too_short_tells_what_it_carries_and_nothing_else():
-    _, found = decoded(VOLTAGES, frame(), (1, b"\x74\x0e"), (1, b"\x74"), (1, b""))
-    values = found["voltage"]
-    assert list(zip(values.t_ns.tolist(), values.index.tolist(), strict=True)) == [(0, 0), (0, 1), (1, 0)]
-
-
-def test_frames_of_other_messages_and_of_a_29_bit_id_of_the_same_number_tell_nothing():
-    _, found = decoded(VOLTAGES, (2, bytes(8)), (0x80000001, bytes(8)))
-    assert found == {}
-
-
 PAGES = """BO_ 1 M: 8 BMS
  SG_ Page M : 0|8@1+ (1,0) [0|3] "" X
  SG_ V0 m0 : 8|16@1+ (0.001,0) [0|5] "V" X
@@ -273,3 +249,73 @@ def test_the_same_cell_of_two_ways_comes_from_both_in_the_order_of_time():
     _, found = decoded(text, frame(), (2, b"\x74\x0e"), frame(), dbc=twin)
     assert found["voltage"].t_ns.tolist() == [0, 0, 1, 2, 2]
     assert found["voltage"].index.tolist() == [0, 1, 0, 0, 1]
+
+
+# one pass over many messages gives what lane by lane gives
+
+
+def equal(one, other):
+    assert one.keys() == other.keys()
+    for kind in one:
+        np.testing.assert_array_equal(one[kind].t_ns, other[kind].t_ns)
+        np.testing.assert_array_equal(one[kind].index, other[kind].index)
+        np.testing.assert_array_equal(one[kind].value, other[kind].value)
+
+
+def both_ways(decoder, frames, monkeypatch):
+    quick = decoder.decode(frames)
+    with monkeypatch.context() as patch:
+        patch.setattr(battery_decoder, "MANY_FRAMES", 0)
+        equal(quick, decoder.decode(frames))
+    return quick
+
+
+@pytest.mark.parametrize("make", PEERS, ids=[make().name for make in PEERS])
+def test_every_way_to_address_cells_decodes_alike_in_small_batches(make, monkeypatch):
+    peer = make()
+    frames = frames_of(peer.frames(1))
+    assert "voltage" in both_ways(decoder_of(peer), frames.part(slice(0, 300)), monkeypatch)
+
+
+RANGED = """[[source.voltage]]
+signal = "V{cell}"
+base = 1
+invalid = [0, 7]
+valid_range = [-50, 50]
+"""
+
+
+@st.composite
+def layouts(draw):
+    """A number of any length at any place of a frame of 8 or 64 bytes, in either byte order."""
+    size = draw(st.sampled_from([8, 64]))
+    length = draw(st.integers(1, 56))
+    begin = draw(st.integers(0, 8 * size - length))
+    is_little = draw(st.booleans())
+    start = begin if is_little else begin // 8 * 8 + 7 - begin % 8
+    sign = draw(st.sampled_from("+-"))
+    scale, offset = draw(st.sampled_from([(1, 0), (0.001, 0), (0.5, -40), (-2, 3)]))
+    return size, f"{start}|{length}@{int(is_little)}{sign} ({scale},{offset})"
+
+
+@given(st.lists(layouts(), min_size=1, max_size=6), st.data())
+def test_any_layout_of_any_frame_decodes_alike(found, data):
+    text = HEAD + "".join(
+        f'BO_ {100 + k} M{k}: {size} BMS\n SG_ V{k + 1} : {layout} [0|0] "V" X\n\n'
+        for k, (size, layout) in enumerate(found)
+    )
+    battery, source = battery_and_source(RANGED, len(found), 0, (len(found),))
+    decoder = BatteryDecoder(battery, source, parse_definitions(text.encode(), "x.dbc"))
+    frames = []
+    for t in range(data.draw(st.integers(1, 12))):
+        k = data.draw(st.integers(0, len(found)))  # one id more than there are messages
+        size = found[k][0] if k < len(found) else 8
+        frames.append((t, 100 + k, data.draw(st.binary(max_size=size))))
+    with pytest.MonkeyPatch.context() as patch:
+        both_ways(decoder, frames_of(frames), patch)
+
+
+def test_a_current_beside_the_cells_is_in_the_same_pass(monkeypatch):
+    peer = PEERS[0]()
+    found = both_ways(decoder_of(peer, CURRENT), frames_of(peer.frames(1)), monkeypatch)
+    assert {"voltage", "temperature", "current", "pack_voltage", "soc"} <= found.keys()
