@@ -36,24 +36,6 @@ def decoder_of(peer, more=""):
 
 
 @pytest.mark.parametrize("make", PEERS, ids=[make().name for make in PEERS])
-def test_every_way_to_address_cells_gives_every_cell_its_own_voltage(make):
-    peer = make()
-    decoder = decoder_of(peer)
-    assert decoder.lanes.troubles == ()
-    found = decoder.decode(frames_of(peer.frames(8)))
-    voltages = found["voltage"]
-    assert set(voltages.index.tolist()) == set(range(peer.n_cells))
-    expected = [peer.voltage(c, t / 1e9) for c, t in zip(voltages.index.tolist(), voltages.t_ns.tolist(), strict=True)]
-    np.testing.assert_allclose(voltages.value, expected, atol=0.51 * peer.resolution_v + 1e-9)
-    assert list(voltages.t_ns) == sorted(voltages.t_ns)
-    if peer.n_sensors:
-        heat = found["temperature"]
-        assert set(heat.index.tolist()) == set(range(peer.n_sensors))
-        expected = [peer.temperature(s, t / 1e9) for s, t in zip(heat.index.tolist(), heat.t_ns.tolist(), strict=True)]
-        np.testing.assert_allclose(heat.value, expected, atol=0.51)
-
-
-@pytest.mark.parametrize("make", PEERS, ids=[make().name for make in PEERS])
 def test_batches_of_any_size_give_what_one_gives(make):
     peer = make()
     frames = frames_of(peer.frames(2))

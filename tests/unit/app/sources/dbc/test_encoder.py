@@ -29,11 +29,6 @@ def numbers(data):
     return np.frombuffer(data, "<u2").tolist()
 
 
-def test_cells_are_told_in_their_unit():
-    ((can_id, data),) = first(speech(ONE, CELLS), voltage=[3.7004, 4.1])
-    assert (can_id, numbers(data)) == (1, [3700, 4100, 0, 0])
-
-
 def test_a_message_comes_at_its_cycle_time_and_else_every_tenth_of_a_second():
     for more, expected_s in (("", 0.1), (CYCLE + 'BA_ "GenMsgCycleTime" BO_ 1 250;\n', 0.25)):
         of = speech(ONE, CELLS, more=more)
@@ -52,9 +47,9 @@ def test_usual_rates_leave_half_a_bus_free():
     )
     of = speech(messages, CELLS, segments=(960,))
     n, values = 0, {"voltage": np.full(960, 3.7)}
-    while of.due_s < 5.0:
+    while of.due_s < 2.0:
         n += len(of.frames(of.due_s, values))
-    assert n / 5.0 * 131 < 255_000
+    assert n / 2.0 * 131 < 255_000
     assert n >= 240
 
 
@@ -88,13 +83,6 @@ def test_a_frame_of_which_all_cells_are_missing_is_not_sent():
     assert first(speech(ONE, CELLS), voltage=[math.nan, math.nan]) == []
 
 
-def test_a_current_that_counts_on_charge_is_turned_round():
-    messages = ONE + 'BO_ 2 P: 8 B\n SG_ I : 0|16@1- (0.1,0) [0|0] "A" B\n'
-    of = speech(messages, CELLS + '[source.current]\nsignal = "I"\npositive = "charge"\n')
-    frames = dict(of.frames(1.0, {"voltage": np.full(2, 3.7), "current": np.array([12.0])}))
-    assert int.from_bytes(frames[2][:2], "little", signed=True) == -120
-
-
 STATES = (
     '[source.state.closed]\nsignal = "State"\nequals = [3, 4]\n'
     '[source.state.charging]\nsignal = "State"\nequals = [4]\n'
@@ -112,12 +100,6 @@ def test_states_that_share_a_signal_are_told_by_the_number_that_says_them(held, 
     names = ("closed", "charging", "fault", "balancing")
     frames = dict(of.frames(1.0, {f"state.{name}": np.array([float(name in held)]) for name in names}))
     assert (frames[2][0] & 0xF, frames[2][1]) == (state, bits)
-
-
-def test_the_orions_checksum_is_in_its_last_byte():
-    messages = 'BO_ 54 M: 8 B\n SG_ U0 : 0|16@1+ (0.001,0) [0|0] "V" B\n SG_ C : 56|8@1+ (1,0) [0|0] "" B\n'
-    ((_, data),) = first(speech(messages, CELLS + 'checksum = "orion"\n', segments=(1,)), voltage=[3.7])
-    assert data[7] == (54 + 8 + sum(data[:7])) & 0xFF
 
 
 def test_what_has_no_place_in_the_dbc_is_told():

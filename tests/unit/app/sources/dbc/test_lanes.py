@@ -65,16 +65,6 @@ def test_a_sensor_is_of_the_segment_of_its_first_cell():
     assert segments_of(battery, "voltage") == (2, 3)
 
 
-def test_each_cell_has_its_lane_and_the_profiles_unit_its_scale():
-    entry = CellSignals("V{cell}", "M", base={"cell": 1}, unit="0.1mV")
-    source = SpeaksDbc(("x.dbc",), {"voltage": (entry,)})
-    found = lanes_of(Battery("x", (2,)), source, definitions(message(1, "M", "V1", "V2")))
-    assert found.troubles == ()
-    assert [(lane.index, lane.signal) for lane in found.by_id[1]] == [(0, "V1"), (1, "V2")]
-    assert found.by_id[1][0].layout.scale == 1e-4
-    assert found.sizes == {"voltage": 2}
-
-
 def test_what_of_a_profile_fits_nothing_is_told_by_line_and_field():
     assert troubles_of(CellSignals("W{cell}", line=7)) == [(7, "source.voltage[0].signal", "no-signal-fits")]
     assert troubles_of(CellSignals("V{cel}", line=7)) == [(7, "source.voltage[0].signal", "no-such-placeholder")]
@@ -100,27 +90,6 @@ def test_a_signal_that_is_missing_or_of_several_messages_is_told_and_the_first_c
     assert several == []
 
 
-def test_a_current_that_counts_charge_as_positive_is_turned_and_its_zero_taken_off():
-    reading = Reading(SignalName("N", "I"), unit="mA", positive="charge", zero=2.0)
-    found = lanes_of(
-        Battery("x", (1,)),
-        SpeaksDbc(("x.dbc",), {}, current=reading),
-        definitions(message(2, "N", "V1", "I")),
-    )
-    layout = found.by_id[2][0].layout
-    assert 5000 * layout.scale + layout.offset == -(5.0 - 2.0)
-
-
-def test_signals_that_differ_only_in_the_multiplexer_share_one_lane():
-    lines = [f' SG_ V{k} m{k} : 8|16@1+ (0.001,0) [0|0] "V" X' for k in range(4)]
-    text = "\n".join(["BO_ 1 M: 8 BMS", ' SG_ Mux M : 0|8@1+ (1,0) [0|0] "" X', *lines])
-    source = SpeaksDbc(("x.dbc",), {"voltage": (CellSignals("V{cell}"),)})
-    (lane,) = lanes_of(Battery("x", (4,)), source, definitions(text)).by_id[1]
-    assert lane.multiplexer == "Mux"
-    assert lane.table.tolist()[:4] == [0, 1, 2, 3]
-    assert lane.signal_names == ("V0", "V1", "V2", "V3")
-
-
 @pytest.mark.parametrize(
     ("dbc_unit", "unit", "scale", "offset"),
     [("V", "", 1.0, 0.0), ("mV", "", 1e-3, 0.0), ("V", "mV", 1e-3, 0.0), ("", "0.1mV", 1e-4, 0.0), ("", "", 1.0, 0.0)],
@@ -130,16 +99,6 @@ def test_the_unit_of_the_profile_counts_and_else_that_of_the_dbc(dbc_unit, unit,
     source = SpeaksDbc(("x.dbc",), {"voltage": (CellSignals("V{cell}", base={"cell": 1}, unit=unit),)})
     (lane,) = lanes_of(Battery("x", (1,)), source, definitions(text)).by_id[1]
     assert (lane.layout.scale, lane.layout.offset) == pytest.approx((scale, offset))
-
-
-@pytest.mark.parametrize(
-    ("unit", "raw", "degc"), [("0.1K", 2981.5, 25.0), ("K", 298.15, 25.0), ("degF", 77.0, 25.0), ("0.1degC", 250, 25.0)]
-)
-def test_temperatures_of_any_unit_are_degc(unit, raw, degc):
-    text = 'BO_ 1 M: 8 BMS\n SG_ T1 : 0|16@1+ (1,0) [0|0] "" X\n'
-    source = SpeaksDbc(("x.dbc",), {"temperature": (CellSignals("T{cell}", base={"cell": 1}, unit=unit),)})
-    (lane,) = lanes_of(Battery("x", (1,), sensors=((0,),)), source, definitions(text)).by_id[1]
-    assert raw * lane.layout.scale + lane.layout.offset == pytest.approx(degc)
 
 
 def test_many_signals_of_cells_that_are_not_there_are_one_trouble():

@@ -13,10 +13,13 @@ from app.sources.dbc import listening
 from app.sources.dbc.listening import BusListener, bus_frames
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
+MOST = 3  # frames that are kept
+
 
 @pytest.fixture
-def bus() -> Iterator[tuple[can.BusABC, BusListener]]:
+def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[can.BusABC, BusListener]]:
     """Another node, and who listens to it."""
+    monkeypatch.setattr(listening, "_MOST_FRAMES", MOST)
     channel = uuid4().hex
     with can.Bus(channel, interface="virtual") as node:
         listener = BusListener(f"virtual:{channel}")
@@ -55,26 +58,21 @@ def test_errors_of_the_bus_and_requests_are_no_frames(bus) -> None:
     assert listener.frames().can_id.tolist() == [0x11]
 
 
-def test_of_more_frames_than_are_kept_the_newest_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(listening, "_MOST_FRAMES", 3)
-    channel = uuid4().hex
-    with can.Bus(channel, interface="virtual") as node:
-        listener = BusListener(f"virtual:{channel}")
-        for can_id in range(1, 6):
-            node.send(frame(can_id))
-        until(lambda: 5 in listener.frames().can_id)
-        assert listener.frames().can_id.tolist() == [3, 4, 5]
-        listener.close()
+def test_of_more_frames_than_are_kept_the_newest_stay(bus) -> None:
+    node, listener = bus
+    for can_id in range(1, 6):
+        node.send(frame(can_id))
+    until(lambda: 5 in listener.frames().can_id)
+    assert listener.frames().can_id.tolist() == [3, 4, 5]
 
 
-def test_what_is_no_bus_is_refused_before_anything_is_opened() -> None:
-    with pytest.raises(ConfigError, match="INTERFACE:CHANNEL"):
-        BusListener("can0")
-
-
-def test_a_bus_that_cannot_be_opened_is_named_with_its_reason() -> None:
-    with pytest.raises(LinkLost, match="socketcan:no_such_bus"):
-        BusListener("socketcan:no_such_bus")
+@pytest.mark.parametrize(
+    ("url", "error", "why"),
+    [("can0", ConfigError, "INTERFACE:CHANNEL"), ("socketcan:no_such_bus", LinkLost, "socketcan:no_such_bus")],
+)
+def test_what_is_no_bus_or_cannot_be_opened_is_refused_with_its_reason(url: str, error: type, why: str) -> None:
+    with pytest.raises(error, match=why):
+        BusListener(url)
 
 
 class _Pulled:

@@ -21,22 +21,6 @@ def test_a_letter_counts_from_the_base():
     assert numbers_in("Seg{segment:a}_{cell}", "Seg3_07", {}) is None
 
 
-def test_a_star_stands_for_anything_and_the_rest_for_itself():
-    assert numbers_in("*_V{cell}", "BMS1_front_V12", {}) == {"cell": 12}
-    assert numbers_in("V.{cell}", "Vx12", {}) is None
-    assert numbers_in("V{cell}", "V12_min", {}) is None
-
-
-def test_a_part_that_stands_twice_has_to_be_the_same_twice():
-    assert numbers_in("C{cell}_V{cell}", "C3_V3", {}) == {"cell": 3}
-    assert numbers_in("C{cell}_V{cell}", "C3_V4", {}) is None
-
-
-def test_a_placeholder_that_is_no_part_of_a_cells_number_is_named():
-    with pytest.raises(PatternError, match="cel"):
-        numbers_in("V{cel}", "V1", {})
-
-
 def test_the_name_of_a_flag_is_made_from_the_texts_of_its_value():
     texts = texts_in("CellVoltage_{cell}", "CellVoltage_007")
     assert filled("CellVoltage_{cell}_invalidFlag", texts) == "CellVoltage_007_invalidFlag"

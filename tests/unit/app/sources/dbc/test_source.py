@@ -73,14 +73,6 @@ def test_what_the_service_sent_itself_is_no_measurement():
         assert source.feed(CanItem(t, t, can_id, data, sent=True)).measurement is None
 
 
-def test_a_lost_bus_is_told_once():
-    source = source_of(one_signal_a_cell(8, 0, "V{}", "T{}", 0.0001, "V"), "")
-    source.feed(LinkChange(0, 0, "can", "open"))
-    lost = LinkChange(1, 1, "can", "lost", "unplugged")
-    assert [event.code for event in source.feed(lost).events] == ["can-lost"]
-    assert source.feed(lost).events == ()
-
-
 S = 1_000_000_000
 STATE_DBC = (
     HEAD
@@ -268,16 +260,6 @@ def test_ages_are_those_of_the_frames_the_oldest_of_the_cells_counts():
     assert found.age_s.current == pytest.approx(0.3, abs=1e-6)
 
 
-def test_asked_twice_nothing_is_new_the_second_time():
-    source = state_source()
-    fed(source, told())
-    assert source.measure(S // 10 + 5, S).is_fresh
-    again = source.measure(S // 10 + 9, S)
-    assert not again.is_fresh
-    assert not again.is_sample
-    np.testing.assert_allclose(again.voltage_v, [3.7, 3.71, 3.72, 3.73])
-
-
 def test_frames_of_others_on_the_bus_change_nothing_but_the_load():
     alone, among = state_source(), state_source()
     fed(alone, told())
@@ -288,19 +270,18 @@ def test_frames_of_others_on_the_bus_change_nothing_but_the_load():
     assert other.links.can.frames == one.links.can.frames + 3
 
 
-def test_the_link_of_another_bus_and_a_try_to_connect_are_no_events():
+def test_changes_of_its_link_are_events_once_and_those_of_another_none():
     source = state_source()
-    assert source.feed(LinkChange(0, 0, "rs232", "open")).events == ()
-    assert source.feed(LinkChange(0, 0, "can", "connecting")).events == ()
-    assert [event.code for event in source.feed(LinkChange(1, 1, "can", "open")).events] == ["can-open"]
 
+    def told(link, state, error=None):
+        return [event.code for event in source.feed(LinkChange(0, 0, link, state, error)).events]
 
-def test_faults_of_the_controller_are_shown_with_the_link():
-    source = state_source()
-    source.feed(LinkChange(0, 0, "can", "open"))
+    assert told("rs232", "open") == told("can", "connecting") == []
+    assert told("can", "open") == ["can-open"]
     source.feed(CanFault(1, 1, "passive", 12, 130, 4))
-    fed(source, told())
     assert source.measure(S // 5, S).links.can.bus_state == "passive"
+    assert told("can", "lost", "unplugged") == ["can-lost"]
+    assert told("can", "lost", "unplugged") == []
 
 
 def test_only_voltages_that_came_since_the_sample_before_are_new_and_each_has_its_age():
@@ -326,11 +307,15 @@ def test_a_battery_that_speaks_once_a_second_is_sampled_each_time_when_its_perio
     assert not source.measure(3 * S, 1).is_sample
 
 
-def test_a_look_before_the_period_ends_takes_nothing_from_it():
+def test_a_look_before_the_period_ends_takes_nothing_from_it_and_after_it_nothing_is_new_a_second_time():
     source = state_source()
     fed(source, told(at_s=0.03))
     assert not source.measure(S // 20, 1).is_fresh
-    assert source.measure(S // 10, 1).is_sample
+    found = source.measure(S // 10 + 5, 1)
+    assert (found.is_fresh, found.is_sample) == (True, True)
+    again = source.measure(S // 10 + 9, 1)
+    assert (again.is_fresh, again.is_sample) == (False, False)
+    np.testing.assert_allclose(again.voltage_v, [3.7, 3.71, 3.72, 3.73])
 
 
 def test_a_part_is_live_as_long_as_it_usually_takes_to_come_again():

@@ -98,18 +98,6 @@ def entry_of(text, kind="voltage"):
     return entry
 
 
-def test_the_pattern_names_what_counts():
-    entry = entry_of(message(1, "M", signals([f"Cell_{k}_V" for k in range(1, 5)])))
-    assert (entry.signal, entry.message, entry.base) == ("Cell_{cell}_V", "*", {"cell": 1})
-
-
-def test_letters_of_segments_become_a_letter_in_the_pattern():
-    text = "".join(message(1 + s, f"M{s}", signals([f"Seg{'AB'[s]}_Cell{k}" for k in range(4)])) for s in range(2))
-    best = proposals(text)[0]
-    assert best.entries[0].signal == "Seg{segment:a}_Cell{cell}"
-    assert (best.n, best.segments) == (8, (4, 4))
-
-
 def test_the_message_is_named_where_signals_of_others_would_fit_too():
     cells = "".join(message(1 + m, f"Module_{m}", signals([f"V{k}" for k in range(4)])) for m in range(3))
     alike = message(9, "Charger", signals(["V1", "V2"], "A"))

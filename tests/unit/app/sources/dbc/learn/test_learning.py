@@ -15,6 +15,7 @@ from app.sources.dbc.learn.survey import survey
 from tests.peer_batteries import PEERS, cell_number, half_a_round, one_signal_a_cell
 from tests.peer_messages import HEAD, Bits, Sent, others
 from tests.peer_messages import Peer as AnyPeer
+from tests.wild_batteries import WILD, ranges_in_the_message
 
 LONG_S = 16.0
 
@@ -42,22 +43,32 @@ def assert_learned_rightly(peer, duration_s=LONG_S):
 
 
 def assert_decodes(peer, definitions, frames, learned):
-    profile = understand(read_document(profile_text(learned), "x.toml", lambda name: None))
-    battery = profile.battery
-    assert (battery.n_cells, battery.n_sensors) == (peer.n_cells, peer.n_sensors)
-    assert peer.segments in (None, battery.segments)
-    found = BatteryDecoder(battery, profile.source, definitions).decode(frames)
-    voltages = found["voltage"]
-    expected = [peer.voltage(c, t / 1e9) for c, t in zip(voltages.index.tolist(), voltages.t_ns.tolist(), strict=True)]
-    np.testing.assert_allclose(voltages.value, expected, atol=0.51 * peer.resolution_v + 1e-9)
-    assert set(voltages.index.tolist()) == set(range(peer.n_cells))
+    found = assert_cells_decode(peer, definitions, frames, learned)
     current = found["current"]
     expected = [peer.current(t / 1e9) for t in current.t_ns.tolist()]
     np.testing.assert_allclose(current.value, expected, atol=0.051)
-    pack = found["pack_voltage"]
-    np.testing.assert_allclose(pack.value, [peer.pack_voltage(t / 1e9) for t in pack.t_ns.tolist()], atol=0.051)
     assert found["soc"].value[0] == pytest.approx(0.64)
     return learned
+
+
+def assert_cells_decode(peer, definitions, frames, learned):
+    """Read the profile of what was learned again: it decodes cells, sensors and their sum; return what it decodes."""
+    profile = understand(read_document(profile_text(learned), "x.toml", lambda name: None))
+    assert (profile.battery.n_cells, profile.battery.n_sensors) == (peer.n_cells, peer.n_sensors)
+    assert peer.segments in (None, profile.battery.segments)
+    found = BatteryDecoder(profile.battery, profile.source, definitions).decode(frames)
+    for kind, true, atol in (
+        ("voltage", peer.voltage, 0.51 * peer.resolution_v),
+        ("temperature", peer.temperature, 0.51),
+    ):
+        if kind in found:
+            values = found[kind]
+            expected = [true(i, t / 1e9) for i, t in zip(values.index.tolist(), values.t_ns.tolist(), strict=True)]
+            np.testing.assert_allclose(values.value, expected, atol=atol + 1e-9)
+    assert set(found["voltage"].index.tolist()) == set(range(peer.n_cells))
+    pack = found["pack_voltage"]
+    np.testing.assert_allclose(pack.value, [peer.pack_voltage(t / 1e9) for t in pack.t_ns.tolist()], atol=0.051)
+    return found
 
 
 @pytest.mark.parametrize("way", range(len(PEERS)), ids=[make().name for make in PEERS])
@@ -121,12 +132,6 @@ def test_a_bus_without_cells_suggests_nothing():
     assert learned_of(peer, 5)[2] is None
 
 
-def test_every_text_of_a_suggestion_is_a_sound_profile_with_reasons():
-    text = profile_text(learned_of_way(0)[3])
-    assert "# " in text
-    assert understand(read_document(text, "x.toml", lambda name: None)).battery.n_cells == 90
-
-
 def test_a_wrong_unit_in_the_dbc_is_corrected_by_what_is_heard():
     dbc = (
         HEAD + "BO_ 1 Cells: 8 BMS\n" + "".join(f' SG_ Cell{k} : {16 * k}|16@1+ (1,0) [0|0] "V" X\n' for k in range(4))
@@ -135,3 +140,16 @@ def test_a_wrong_unit_in_the_dbc_is_corrected_by_what_is_heard():
     definitions = parse_definitions(dbc.encode(), "x.dbc")
     learned = learn(survey(definitions, frames), frames, "x", ("x.dbc",))
     assert learned.source.cells["voltage"][0].unit == "mV"
+
+
+@pytest.mark.parametrize("make", WILD, ids=[make.__name__ for make in WILD])
+def test_batteries_as_teams_describe_them_are_learned_from_a_log_and_their_cells_from_the_dbc_alone(make):
+    peer = make()
+    found = assert_cells_decode(peer, *learned_of(peer, LONG_S))
+    assert np.ptp(found["current"].value) > 100
+    alone = learned_of(peer, 0)[2].battery
+    assert (alone.n_cells, alone.n_sensors) == (peer.n_cells, peer.n_sensors)
+
+
+def test_a_counter_and_a_crc_in_each_frame_are_no_temperatures():
+    assert "temperature" not in learned_of(ranges_in_the_message(), LONG_S)[2].source.cells

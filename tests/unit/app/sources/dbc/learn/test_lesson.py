@@ -9,13 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.battery.profile import read_document, understand
+from app.errors import ImportFailed
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
-from app.sources.dbc.learn.lesson import Correction, Lesson
+from app.sources.dbc.learn.lesson import Correction, Lesson, lesson_from_files
 from app.sources.dbc.learn.lines import Choice
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.listening import BusListener
-from tests.naming_habits import letters_in_numbered_messages
+from tests.naming_habits import letters_in_numbered_messages, pairs_in_fd_frames
 
 PEER = letters_in_numbered_messages()
 DEFINITIONS = parse_definitions(PEER.dbc().encode(), "x.dbc")
@@ -87,14 +89,10 @@ def test_the_same_correction_is_learned_once(lesson):
     assert lesson.learned(Correction())[0] is not first
 
 
-def test_fewer_cells_than_the_signals_have_is_told_at_the_signals(lesson):
-    _, doubts = lesson.learned(Correction(segments=(40,)))
-    assert "source.voltage[0].signal" in {each.field for each in doubts}
-
-
-def test_more_cells_than_the_signals_have_is_told_as_well(lesson):
-    _, doubts = lesson.learned(Correction(segments=(200,)))
-    assert "source.voltage" in {each.field for each in doubts}
+@pytest.mark.parametrize(("cells", "field"), [(40, "source.voltage[0].signal"), (200, "source.voltage")])
+def test_fewer_or_more_cells_than_the_signals_have_are_told(lesson, cells, field):
+    _, doubts = lesson.learned(Correction(segments=(cells,)))
+    assert field in {each.field for each in doubts}
 
 
 def test_the_edited_text_is_checked_by_what_was_heard_and_not_by_what_is_suggested(lesson):
@@ -133,3 +131,52 @@ def test_whatever_a_bus_says_a_lesson_has_a_suggestion_that_can_be_read_or_none(
     for key, each in lesson.running(learned).items():
         assert key in learned.lines
         assert all(value is None or math.isfinite(value) for value in each.values)
+
+
+PAIRS = pairs_in_fd_frames()
+PAIR_FRAMES = PAIRS.frames(2.0)
+OTHER = 'VERSION ""\nNS_ :\nBS_:\nBU_: VCU\nBO_ 77 Pedals: 8 VCU\n SG_ Throttle : 0|8@1+ (1,0) [0|100] "%" X\n'
+
+
+def learned(lesson):
+    found, _ = lesson.learned(Correction())
+    return found
+
+
+@pytest.mark.parametrize(("file", "given", "name"), [
+    ("ours.dbc", "", "ours"), ("ours.v2.dbc", "", "ours.v2"), ("ours.dbc", "car 26", "car 26")
+])  # fmt: skip
+def test_the_profile_has_the_name_that_was_given_or_the_first_files(file, given, name):
+    lesson = lesson_from_files({file: PAIRS.dbc(), "pedals.dbc": OTHER}, frames_of([]), given)
+    profile = understand(read_document(profile_text(learned(lesson)), "x.toml", lambda _: None))
+    assert profile.battery.name == name
+    assert profile.source.dbc == (file, "pedals.dbc")
+
+
+def test_messages_of_all_files_count_whatever_their_order_also_without_frames():
+    both = [("pedals.dbc", OTHER), ("ours.dbc", PAIRS.dbc())]
+    for files in (both, both[::-1]):
+        lesson = lesson_from_files(dict(files), frames_of([]), "x")
+        assert {message.name for message in lesson.survey.definitions.messages} >= {"Pedals"}
+        assert learned(lesson).battery.n_cells == PAIRS.n_cells
+
+
+def test_a_log_says_the_same_as_the_bus_that_it_is_of(tmp_path):
+    log = tmp_path / "run.log"
+    short = [each for each in PAIR_FRAMES if len(each[2]) > 8][:400]
+    log.write_text("".join(f"({t / 1e9:.6f}) can0 {i & 0x1FFFFFFF:03X}##1{d.hex().upper()}\n" for t, i, d in short))
+    files = {"ours.dbc": PAIRS.dbc()}
+    from_bus, from_log = (lesson_from_files(files, heard, "x") for heard in (frames_of(short), log))
+    assert profile_text(learned(from_log)) == profile_text(learned(from_bus))
+
+
+def test_definitions_of_something_else_suggest_nothing():
+    assert learned(lesson_from_files({"pedals.dbc": OTHER}, frames_of(PAIR_FRAMES), "x")) is None
+
+
+@pytest.mark.parametrize(("file", "text"), [("bad.dbc", "no such thing"), ("run.log", "time;id;data\n1;2;3\n")])
+def test_a_file_that_cannot_be_read_is_named_also_where_others_can(tmp_path, file, text):
+    (tmp_path / "run.log").write_text(text)
+    files = {"ours.dbc": PAIRS.dbc()} | ({file: text} if file == "bad.dbc" else {})
+    with pytest.raises(ImportFailed, match=file.replace(".", r"\.")):
+        lesson_from_files(files, tmp_path / "run.log" if file == "run.log" else frames_of([]), "x")

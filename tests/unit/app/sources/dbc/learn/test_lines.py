@@ -1,5 +1,7 @@
 """Lines of a suggestion, and a person's corrections of them."""
 
+from functools import cache
+
 import pytest
 
 from app.battery.battery import SignalName
@@ -25,12 +27,18 @@ def learned(choices=None, **shape):
     return learn(SURVEY, FRAMES, "x", ("x.dbc",), choices or {}, **shape)
 
 
+@cache
+def suggested():
+    """What is learned without a person's word."""
+    return learned()
+
+
 def profile(choices=None, **shape):
     return understand(read_document(profile_text(learned(choices, **shape)), "x.toml", lambda name: None))
 
 
 def test_states_and_limits_are_proposed_but_not_taken():
-    lines = learned().lines
+    lines = suggested().lines
     assert {key for key, line in lines.items() if not line.is_taken} == {
         f"state.{name}" for name in ("closed", "precharge", "fault", "charging", "balancing")
     }
@@ -45,7 +53,7 @@ def test_a_confirmed_state_is_in_the_profile_and_a_line_that_is_left_out_is_not(
 
 
 def test_another_candidate_can_be_chosen_and_any_other_signal():
-    other = title(learned().lines["state.closed"].candidates[1])
+    other = title(suggested().lines["state.closed"].candidates[1])
     assert other == "AMS_Pack.AIR_N"
     states = profile({"state.closed": Choice(other, is_taken=True), "state.fault": Choice("AMS_Pack.IMD_Error", True)})
     assert str(states.source.states["closed"].signal) == other
@@ -71,7 +79,7 @@ def test_a_signal_is_named_with_its_message(name):
 
 
 def test_a_correction_of_something_else_changes_nothing_and_adds_no_line():
-    assert profile_text(learned({"nonsense": Choice("AMS_Pack.AIR_P", is_taken=True)})) == profile_text(learned())
+    assert profile_text(learned({"nonsense": Choice("AMS_Pack.AIR_P", is_taken=True)})) == profile_text(suggested())
 
 
 def test_values_that_a_person_names_take_the_place_of_a_mask():
@@ -109,17 +117,17 @@ def test_a_line_of_which_nothing_speaks_is_there_once_a_person_names_its_signal(
     assert title(line_of("soc", [], {"soc": Choice("AMS_Pack.AIR_P")}, DEFINITIONS).chosen) == "AMS_Pack.AIR_P"
 
 
-@pytest.mark.parametrize(("key", "unit"), [("voltage", "degC"), ("voltage", "furlong"), ("voltage", "")])
-def test_a_unit_of_another_quantity_leaves_the_one_that_is_suggested(key, unit):
-    suggested = learned().lines[key].chosen
-    assert learned({key: Choice(unit=unit)}).lines[key].chosen == suggested
-
-
 def test_a_unit_of_the_cells_is_that_of_all_their_signals():
     entries = learned({"voltage": Choice(unit="mV")}).lines["voltage"].chosen.entries
     assert {each.unit for each in entries} == {"mV"}
 
 
-@pytest.mark.parametrize("side", ["", "both", "Charge"])
-def test_a_sign_that_is_none_leaves_the_one_that_is_suggested(side):
-    assert learned({"current": Choice(positive=side)}).readings["current"] == learned().readings["current"]
+@pytest.mark.parametrize(
+    ("key", "choice"),
+    [
+        *(("voltage", Choice(unit=unit)) for unit in ("degC", "furlong", "")),
+        *(("current", Choice(positive=side)) for side in ("", "both", "Charge")),
+    ],
+)
+def test_a_unit_of_another_quantity_and_a_sign_that_is_none_leave_what_is_suggested(key, choice):
+    assert learned({key: choice}).lines[key].chosen == suggested().lines[key].chosen

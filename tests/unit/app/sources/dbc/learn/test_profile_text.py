@@ -66,11 +66,6 @@ def test_a_way_to_speak_is_read_again_as_it_was_learned(entry):
     assert plain(found) == plain(entry)
 
 
-@given(st.text(st.characters(blacklist_categories=["Cs", "Cc"]), min_size=1, max_size=30).filter(str.strip))
-def test_any_name_of_a_battery_is_quoted(name):
-    assert tomllib.loads(profile_text(learned(Battery(name, (4,)))))["battery"]["name"] == name
-
-
 @pytest.mark.parametrize(
     ("sensors", "segments"),
     [
@@ -94,10 +89,6 @@ def test_sign_and_unit_of_readings_are_read_again(positive):
     source = read(learned(readings={"current": current, "pack_voltage": pack})).source
     assert replace(source.current, line=None) == current
     assert replace(source.pack_voltage, line=None) == pack
-
-
-def test_several_dbcs_are_all_named():
-    assert read(learned(dbc=("a.dbc", "b.dbc"))).source.dbc == ("a.dbc", "b.dbc")
 
 
 @pytest.mark.parametrize(("language", "said"), [("en", "no current"), ("nb", "strøm")])

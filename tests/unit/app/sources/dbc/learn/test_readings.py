@@ -1,4 +1,4 @@
-"""Current, pack voltage and SOC among all that is on a bus: signal, sign and unit, or that they are unknown."""
+"""Current, pack voltage, SOC, charger and limits among all that is on a bus: signal, sign and unit, or unknown."""
 
 from dataclasses import replace
 from math import sin
@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
-from app.sources.dbc.learn.readings import current_proposals, pack_voltage_proposals, soc_proposals
+from app.sources.dbc.learn.readings import (
+    charger_proposals,
+    current_proposals,
+    limit_proposals,
+    pack_voltage_proposals,
+    soc_proposals,
+)
 from app.sources.dbc.learn.survey import survey
 from tests.campaign import examples
 from tests.peer_batteries import one_signal_a_cell
@@ -201,3 +207,89 @@ def test_a_signal_that_is_never_heard_comes_after_one_that_is():
 def test_what_a_fan_or_a_pump_draws_is_no_current_of_the_battery():
     heard = surveyed(("lvpdb_coolant", line("accumulator_fans_current"), line("coolant_pump_current", start=16)))
     assert current_proposals(heard, None, set()) == []
+
+
+CHARGER = (
+    ("Elcon_Status", line("Output_Voltage", "V"), line("Output_Current", "A", start=16)),
+    ("Elcon_Request", line("Charger_Max_Voltage", "V"), line("Charger_Max_Current", "A", start=16)),
+    ("BMS_Limits", line("Pack_DCL", "A"), line("Pack_CCL", "A", start=16)),
+)
+SURVEY = surveyed(*CHARGER)
+
+
+@pytest.mark.parametrize(
+    ("kind", "signal"),
+    [("charger_voltage", "Elcon_Status.Output_Voltage"), ("charger_current", "Elcon_Status.Output_Current")],
+)
+def test_what_the_charger_gives_is_not_what_it_is_asked_for(kind, signal):
+    assert names(charger_proposals(SURVEY, kind, set())) == [signal]
+
+
+@pytest.mark.parametrize(
+    ("name", "signal"),
+    [("discharge_current_max_a", "BMS_Limits.Pack_DCL"), ("charge_current_max_a", "BMS_Limits.Pack_CCL")],
+)
+def test_limits_of_the_current_are_found(name, signal):
+    assert names(limit_proposals(SURVEY, name, set()))[0] == signal
+
+
+def of_charger(signal, message="Elcon_Status", unit="A"):
+    return surveyed((message, line(signal, unit)))
+
+
+def limits(signal, name="discharge_current_max_a", unit="A"):
+    return names(limit_proposals(surveyed(("BMS", line(signal, unit))), name, set()))
+
+
+@pytest.mark.parametrize("signal", ["Max_Output_Current", "Output_Current_Limit", "AC_Current", "Requested_Current"])
+def test_what_a_charger_may_give_or_takes_from_the_wall_is_not_what_it_gives(signal):
+    assert charger_proposals(of_charger(signal), "charger_current", set()) == []
+
+
+def test_a_charger_is_known_by_its_message_and_a_voltage_is_no_current():
+    assert charger_proposals(of_charger("Output_Current", message="Pumps"), "charger_current", set()) == []
+    assert charger_proposals(of_charger("Output_Current"), "charger_voltage", set()) == []
+    assert charger_proposals(of_charger("Output_Current", unit="V"), "charger_current", set()) == []
+
+
+def test_what_a_line_has_already_is_proposed_for_no_other():
+    assert charger_proposals(SURVEY, "charger_current", {(1, "Output_Current")}) == []
+    assert limit_proposals(SURVEY, "discharge_current_max_a", {(3, "Pack_DCL")}) == []
+
+
+@pytest.mark.parametrize(
+    ("signal", "name"),
+    [
+        ("Max_Discharge_Current", "discharge_current_max_a"),
+        ("Discharge_Current_Limit", "discharge_current_max_a"),
+        ("Max_Charge_Current", "charge_current_max_a"),
+        ("Regen_Current_Allowed", "charge_current_max_a"),
+    ],
+)
+def test_a_limit_is_that_of_its_direction_only(signal, name):
+    other = {"discharge_current_max_a": "charge_current_max_a", "charge_current_max_a": "discharge_current_max_a"}
+    assert limits(signal, name) == [f"BMS.{signal}"]
+    assert limits(signal, other[name]) == []
+
+
+@pytest.mark.parametrize(
+    ("signal", "unit"),
+    [
+        ("Max_Discharge_Power", "kW"),
+        ("Max_Discharge_Cell_Current", "A"),
+        ("Discharge_Current", "A"),
+        ("Discharge_Voltage_Max", "V"),
+    ],
+)
+def test_a_power_a_cell_a_measured_current_and_a_voltage_are_no_limit_of_the_current(signal, unit):
+    assert limits(signal, unit=unit) == []
+
+
+def test_what_was_heard_of_a_limit_is_shown_with_it_and_silence_speaks_against_it():
+    def heard(frames):
+        limit = surveyed(("BMS", line("Pack_DCL", "A", factor=0.1)), frames=frames)
+        return limit_proposals(limit, "discharge_current_max_a", set())
+
+    (found,) = heard([(k * 10**8, 1, (2000 + k).to_bytes(2, "little")) for k in range(11)])
+    assert (found.low, found.high) == (pytest.approx(200.0), pytest.approx(201.0))
+    assert heard([(k * 10**9, 9, bytes(8)) for k in range(120)]) == [], "two minutes, and never heard"

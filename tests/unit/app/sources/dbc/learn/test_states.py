@@ -94,8 +94,7 @@ def test_the_texts_of_values_tell_which_of_them_mean_yes():
 
 def test_what_is_open_while_a_heavy_current_flows_is_not_closed():
     frames = [(k * 10**8, 1, bytes([1 if k < 20 else 2])) for k in range(40)]
-    times = np.array([t for t, _, _ in frames])
-    heavy = Flow.of(Heard(times, np.where(np.arange(40) < 20, 0.0, 100.0), np.zeros(40, np.int64)))
+    heavy = flow_of([0.0] * 20 + [100.0] * 20)
     found = proposals([bit("AIR_Positive"), bit("AIR_Negative", 1)], frames, heavy)
     assert [str(each.state.signal) for each in found["closed"]] == ["BMS_Status.AIR_Negative"]
     assert Flow.of(None) is None
@@ -103,8 +102,7 @@ def test_what_is_open_while_a_heavy_current_flows_is_not_closed():
 
 def test_relays_in_a_number_are_closed_at_the_values_of_a_heavy_current():
     frames = [(k * 10**8, 1, bytes([0 if k < 20 else 5])) for k in range(40)]
-    times = np.array([t for t, _, _ in frames])
-    heavy = Flow.of(Heard(times, np.where(np.arange(40) < 25, 0.0, 100.0), np.zeros(40, np.int64)))
+    heavy = flow_of([0.0] * 25 + [100.0] * 15)
     found = proposals([bit("Relay_State", 0, 8)], frames, heavy)
     assert found["closed"][0].state.equals == (5,)
 
