@@ -65,37 +65,6 @@ def test_invalid_numbers_and_flags_are_missing_and_not_zero():
     np.testing.assert_array_equal(decoder.decode(frames)["voltage"].value, [3.7] + [np.nan] * 4)
 
 
-def test_a_number_that_no_cell_has_is_counted_and_told():
-    peer = cell_number()
-    battery, source = battery_and_source(peer.profile, 70, 12)
-    decoder = BatteryDecoder(battery, source, parse_definitions(peer.dbc().encode(), "x.dbc"))
-    found = decoder.decode(frames_of(peer.frames(7.2)))["voltage"]
-    assert found.index.max() == 69
-    assert decoder.beyond["CellBroadcast.Cell_Voltage"] == 2
-
-
-def test_a_measurement_holds_the_newest_of_each_with_its_own_time():
-    peer = one_signal_a_cell(8, 8, "V{}", "T{}", 0.0001, "V")
-    decoder = decoder_of(peer, CURRENT)
-    assembler = Assembler(decoder.battery, decoder.source)
-    frames = frames_of(peer.frames(3))
-    found = [
-        m for i in range(0, len(frames), 11) for m in assembler.feed(decoder.decode(frames.part(slice(i, i + 11))))
-    ]
-    assert [m.t_ns for m in found] == [found[0].t_ns + 100_000_000 * i for i in range(len(found))]
-    last = found[-1]
-    assert np.all(last.voltage_t_ns <= last.t_ns)
-    np.testing.assert_allclose(
-        last.voltage_v, [peer.voltage(c, t / 1e9) for c, t in enumerate(last.voltage_t_ns)], atol=1e-4
-    )
-    assert last.current_a == pytest.approx(peer.current(last.current_t_ns / 1e9), abs=0.06)
-    assert last.soc == pytest.approx(0.64)
-    assert last.pack_voltage_v == pytest.approx(peer.pack_voltage(last.t_ns / 1e9), abs=3)
-    whole = Assembler(decoder.battery, decoder.source).feed(decoder.decode(frames))
-    np.testing.assert_array_equal(whole[-1].voltage_v, last.voltage_v)
-    assert [m.is_sample for m in whole] == [m.is_sample for m in found]
-
-
 def test_after_a_pause_of_the_bus_old_values_are_not_live_for_long():
     peer = one_signal_a_cell(8, 0, "V{}", "T{}", 0.0001, "V")
     peer.profile = VOLTAGES
@@ -159,14 +128,6 @@ def test_a_current_is_positive_on_discharge_whatever_the_bus_says(positive, expe
     assert found["current"].value.tolist() == pytest.approx([expected])
 
 
-def test_states_are_the_raw_numbers_that_the_profile_names():
-    text = VOLTAGES + '[source.state.closed]\nsignal = "State"\nequals = [2, 5]\n'
-    text += '[source.state.fault]\nsignal = "State"\nmask = 4\n'
-    _, found = decoded(text, *(frame(state=state) for state in (0, 2, 5, 6)))
-    assert found["state.closed"].value.tolist() == [0, 1, 1, 0]
-    assert found["state.fault"].value.tolist() == [0, 0, 1, 1]
-
-
 PAGES = """BO_ 1 M: 8 BMS
  SG_ Page M : 0|8@1+ (1,0) [0|3] "" X
  SG_ V0 m0 : 8|16@1+ (0.001,0) [0|5] "V" X
@@ -214,15 +175,6 @@ def test_module_and_cell_of_the_frame_tell_the_cell_and_others_are_counted(told,
     assert [cell for cell, _ in got] == [cell for cell, _ in expected]
     np.testing.assert_allclose([volt for _, volt in got], [volt for _, volt in expected])
     assert decoder.beyond["M.U"] == len(told) - len(expected)
-
-
-def test_a_limit_that_the_bms_tells_is_a_value_like_others():
-    battery, source = battery_and_source(
-        VOLTAGES, 2, 0, None, '[battery.limits]\ndischarge_current_max_a = { signal = "I" }\n'
-    )
-    decoder = BatteryDecoder(battery, source, parse_definitions((HEAD + SIGNALS).encode(), "x.dbc"))
-    found = decoder.decode(frames_of([(0, *frame(current=1500))]))
-    assert found["limit.discharge_current_max_a"].value.tolist() == [150.0]
 
 
 def test_the_same_cell_of_two_ways_comes_from_both_in_the_order_of_time():

@@ -9,8 +9,6 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.lanes import channel, find_signals, lanes_of, segments_of
 from tests.peer_messages import HEAD
 
-SEGMENTS = st.lists(st.integers(1, 20), min_size=1, max_size=6).map(tuple)
-
 
 def definitions(*messages):
     return parse_definitions((HEAD + "\n".join(messages) + "\n").encode(), "x.dbc")
@@ -28,22 +26,6 @@ def troubles_of(entry, n_cells=2, **source):
         definitions(message(1, "M", "V1", "V2"), message(2, "N", "V1", "I")),
     )
     return [(each.line, each.field, each.what.code) for each in found.troubles]
-
-
-@given(SEGMENTS, st.sampled_from([0, 1]), st.sampled_from([0, 1]), st.data())
-def test_segment_and_cell_name_the_cell_that_counts_through_the_segments(segments, segment_base, cell_base, data):
-    segment = data.draw(st.integers(0, len(segments) - 1))
-    cell = data.draw(st.integers(0, segments[segment] - 1))
-    entry = CellSignals("V{segment}_{cell}", base={"segment": segment_base, "cell": cell_base})
-    parts = {"segment": np.array([segment + segment_base]), "cell": np.array([cell + cell_base])}
-    assert channel(entry, segments, parts).tolist() == [sum(segments[:segment]) + cell]
-
-
-@given(SEGMENTS, st.integers(-300, 300), st.integers(-300, 300))
-def test_numbers_that_no_cell_has_are_no_cell(segments, segment, cell):
-    found = channel(CellSignals("V"), segments, {"segment": np.array([segment]), "cell": np.array([cell])})[0]
-    is_one = 0 <= segment < len(segments) and 0 <= cell < segments[segment]
-    assert found == (sum(segments[:segment]) + cell if is_one else -1)
 
 
 @given(st.integers(1, 12), st.integers(0, 30), st.integers(0, 12))

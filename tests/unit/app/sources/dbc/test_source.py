@@ -252,14 +252,6 @@ def test_between_two_samples_time_goes_on_where_a_period_brought_no_current():
     assert [m.dt_s for m in found if m.is_sample] == pytest.approx([0.3])
 
 
-def test_ages_are_those_of_the_frames_the_oldest_of_the_cells_counts():
-    source = state_source()
-    fed(source, told(at_s=0.0))
-    found = source.measure(3 * S // 10, S)
-    assert found.age_s.voltage == pytest.approx(0.3, abs=1e-6)
-    assert found.age_s.current == pytest.approx(0.3, abs=1e-6)
-
-
 def test_frames_of_others_on_the_bus_change_nothing_but_the_load():
     alone, among = state_source(), state_source()
     fed(alone, told())

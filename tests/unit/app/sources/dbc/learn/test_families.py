@@ -120,16 +120,6 @@ def test_messages_with_the_same_signals_are_taken_by_their_ids_and_that_is_said(
     assert best.n == 12
 
 
-def test_cells_under_a_multiplexer_are_found_and_it_is_named():
-    page = ' SG_ Page M : 0|8@1+ (1,0) [0|3] "" X\n'
-    cells = "".join(
-        f' SG_ CellV_{4 * p + k} m{p} : {8 + 12 * k}|12@1+ (0.001,0) [0|5] "V" X\n' for p in range(4) for k in range(4)
-    )
-    best = proposals(message(1, "M", page + cells))[0]
-    assert (best.n, best.entries[0].signal) == (16, "CellV_{cell}")
-    assert "learn-multiplexed" in [reason.code for reason in best.reasons]
-
-
 @pytest.mark.parametrize(
     "names",
     [
@@ -141,11 +131,6 @@ def test_cells_under_a_multiplexer_are_found_and_it_is_named():
 )
 def test_figures_of_cells_are_no_cells(names):
     assert proposals(message(1, "M", signals(names))) == []
-
-
-def test_a_unit_of_another_quantity_is_no_voltage():
-    assert proposals(message(1, "M", signals([f"Cell_{k}" for k in range(4)], "degC"))) == []
-    assert proposals(message(1, "M", signals([f"Cell_{k}" for k in range(4)], "degC", 0.1)), "temperature")[0].n == 4
 
 
 def test_too_few_signals_are_no_family():
@@ -240,8 +225,9 @@ def paged(draw):
 
 @settings(max_examples=examples(20))
 @given(paged())
-def test_cells_under_a_multiplexer_of_any_width_are_found(peer):
-    assert_learned_rightly(peer, 13)
+def test_cells_under_a_multiplexer_of_any_width_are_found_and_it_is_named(peer):
+    reasons = assert_learned_rightly(peer, 13).lines["voltage"].chosen.reasons
+    assert "learn-multiplexed" in [reason.code for reason in reasons]
 
 
 @pytest.mark.parametrize("sizes", [(12, 12, 11), (7, 8), (10, 12, 14, 12)])

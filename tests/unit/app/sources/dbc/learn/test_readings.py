@@ -167,11 +167,6 @@ def test_a_voltage_that_is_not_the_sum_of_the_cells_is_not_the_packs():
     assert score[0] > score[1] + 5
 
 
-@pytest.mark.parametrize("name", ["Min_Cell_Voltage", "Voltage_Limit", "Pack_Power", "Target_Voltage", "Error_Counter"])
-def test_other_figures_are_no_pack_voltage(name):
-    assert pack_voltage_proposals(surveyed(("BMS", line(name, "V"))), float("nan"), set()) == []
-
-
 def test_the_voltage_of_a_module_comes_after_that_of_the_pack():
     found = surveyed(("Module_1", line("Module_Voltage", "V")), ("BMS", line("Pack_Voltage", "V")))
     assert names(pack_voltage_proposals(found, float("nan"), set()))[0] == "BMS.Pack_Voltage"
@@ -191,11 +186,6 @@ def test_the_unit_of_an_soc_is_by_its_range(declared, raw, unit):
     assert best.reading.unit == unit
 
 
-@pytest.mark.parametrize("name", ["SOC_Limit", "SOC_Error", "Cell_SOC_Target", "SOH", "Socket_Temp"])
-def test_what_is_no_soc_is_not_taken_for_one(name):
-    assert soc_proposals(surveyed(("BMS", line(name, "%", 8))), set()) == []
-
-
 def test_a_signal_that_is_never_heard_comes_after_one_that_is():
     found = surveyed(
         ("BMS", line("Pack_Voltage", "V")), ("Old", line("Pack_Voltage", "V")),
@@ -204,85 +194,89 @@ def test_a_signal_that_is_never_heard_comes_after_one_that_is():
     assert names(pack_voltage_proposals(found, float("nan"), set()))[0] == "BMS.Pack_Voltage"
 
 
-def test_what_a_fan_or_a_pump_draws_is_no_current_of_the_battery():
-    heard = surveyed(("lvpdb_coolant", line("accumulator_fans_current"), line("coolant_pump_current", start=16)))
-    assert current_proposals(heard, None, set()) == []
-
-
-CHARGER = (
+CAR = surveyed(
     ("Elcon_Status", line("Output_Voltage", "V"), line("Output_Current", "A", start=16)),
     ("Elcon_Request", line("Charger_Max_Voltage", "V"), line("Charger_Max_Current", "A", start=16)),
     ("BMS_Limits", line("Pack_DCL", "A"), line("Pack_CCL", "A", start=16)),
 )
-SURVEY = surveyed(*CHARGER)
+OF = {  # what proposes signals of each line
+    "current": lambda found, used: current_proposals(found, None, used),
+    "pack_voltage": lambda found, used: pack_voltage_proposals(found, float("nan"), used),
+    "soc": soc_proposals,
+    **{
+        kind: lambda found, used, kind=kind: charger_proposals(found, kind, used)
+        for kind in ("charger_voltage", "charger_current")
+    },
+    **{
+        name: lambda found, used, name=name: limit_proposals(found, name, used)
+        for name in ("discharge_current_max_a", "charge_current_max_a")
+    },
+}
 
 
 @pytest.mark.parametrize(
     ("kind", "signal"),
-    [("charger_voltage", "Elcon_Status.Output_Voltage"), ("charger_current", "Elcon_Status.Output_Current")],
-)
-def test_what_the_charger_gives_is_not_what_it_is_asked_for(kind, signal):
-    assert names(charger_proposals(SURVEY, kind, set())) == [signal]
-
-
-@pytest.mark.parametrize(
-    ("name", "signal"),
-    [("discharge_current_max_a", "BMS_Limits.Pack_DCL"), ("charge_current_max_a", "BMS_Limits.Pack_CCL")],
-)
-def test_limits_of_the_current_are_found(name, signal):
-    assert names(limit_proposals(SURVEY, name, set()))[0] == signal
-
-
-def of_charger(signal, message="Elcon_Status", unit="A"):
-    return surveyed((message, line(signal, unit)))
-
-
-def limits(signal, name="discharge_current_max_a", unit="A"):
-    return names(limit_proposals(surveyed(("BMS", line(signal, unit))), name, set()))
-
-
-@pytest.mark.parametrize("signal", ["Max_Output_Current", "Output_Current_Limit", "AC_Current", "Requested_Current"])
-def test_what_a_charger_may_give_or_takes_from_the_wall_is_not_what_it_gives(signal):
-    assert charger_proposals(of_charger(signal), "charger_current", set()) == []
-
-
-def test_a_charger_is_known_by_its_message_and_a_voltage_is_no_current():
-    assert charger_proposals(of_charger("Output_Current", message="Pumps"), "charger_current", set()) == []
-    assert charger_proposals(of_charger("Output_Current"), "charger_voltage", set()) == []
-    assert charger_proposals(of_charger("Output_Current", unit="V"), "charger_current", set()) == []
-
-
-def test_what_a_line_has_already_is_proposed_for_no_other():
-    assert charger_proposals(SURVEY, "charger_current", {(1, "Output_Current")}) == []
-    assert limit_proposals(SURVEY, "discharge_current_max_a", {(3, "Pack_DCL")}) == []
-
-
-@pytest.mark.parametrize(
-    ("signal", "name"),
     [
-        ("Max_Discharge_Current", "discharge_current_max_a"),
-        ("Discharge_Current_Limit", "discharge_current_max_a"),
-        ("Max_Charge_Current", "charge_current_max_a"),
-        ("Regen_Current_Allowed", "charge_current_max_a"),
+        ("charger_voltage", "Elcon_Status.Output_Voltage"),  # not what it is asked for
+        ("charger_current", "Elcon_Status.Output_Current"),
+        ("discharge_current_max_a", "BMS_Limits.Pack_DCL"),
+        ("charge_current_max_a", "BMS_Limits.Pack_CCL"),
     ],
 )
-def test_a_limit_is_that_of_its_direction_only(signal, name):
-    other = {"discharge_current_max_a": "charge_current_max_a", "charge_current_max_a": "discharge_current_max_a"}
-    assert limits(signal, name) == [f"BMS.{signal}"]
-    assert limits(signal, other[name]) == []
+def test_what_a_charger_gives_and_limits_are_found_and_not_where_another_line_has_them(kind, signal):
+    first, *others = names(OF[kind](CAR, set()))
+    assert first == signal
+    assert not others or kind.endswith("max_a")
+    message, name = signal.split(".")
+    assert signal not in names(OF[kind](CAR, {(3 if message == "BMS_Limits" else 1, name)}))
 
 
 @pytest.mark.parametrize(
-    ("signal", "unit"),
+    ("kind", "message", "lines"),
     [
-        ("Max_Discharge_Power", "kW"),
-        ("Max_Discharge_Cell_Current", "A"),
-        ("Discharge_Current", "A"),
-        ("Discharge_Voltage_Max", "V"),
+        ("current", "lvpdb_coolant", [("accumulator_fans_current", ""), ("coolant_pump_current", "")]),
+        *(
+            ("pack_voltage", "BMS", [(name, "V")])
+            for name in ("Min_Cell_Voltage", "Voltage_Limit", "Pack_Power", "Target_Voltage", "Error_Counter")
+        ),
+        ("soc", "BMS", [(name, "%") for name in ("SOC_Limit", "SOC_Error", "Cell_SOC_Target", "SOH", "Socket_Temp")]),
+        *(  # what a charger may give or takes from the wall
+            ("charger_current", "Elcon_Status", [(name, "A")])
+            for name in ("Max_Output_Current", "Output_Current_Limit", "AC_Current", "Requested_Current")
+        ),
+        ("charger_current", "Pumps", [("Output_Current", "A")]),  # a charger is known by its message
+        ("charger_voltage", "Elcon_Status", [("Output_Current", "A")]),
+        ("charger_current", "Elcon_Status", [("Output_Current", "V")]),
+        *(
+            ("discharge_current_max_a", "BMS", [signal])
+            for signal in (
+                ("Max_Discharge_Power", "kW"),
+                ("Max_Discharge_Cell_Current", "A"),
+                ("Discharge_Current", "A"),
+                ("Discharge_Voltage_Max", "V"),
+            )
+        ),
     ],
 )
-def test_a_power_a_cell_a_measured_current_and_a_voltage_are_no_limit_of_the_current(signal, unit):
-    assert limits(signal, unit=unit) == []
+def test_other_figures_and_those_of_other_things_are_none(kind, message, lines):
+    bits = 8 if kind == "soc" else 16
+    found = surveyed((message, *(line(name, unit, bits, start=bits * k) for k, (name, unit) in enumerate(lines))))
+    assert OF[kind](found, set()) == []
+
+
+@pytest.mark.parametrize(
+    ("signal", "kind", "other"),
+    [
+        ("Max_Discharge_Current", "discharge_current_max_a", "charge_current_max_a"),
+        ("Discharge_Current_Limit", "discharge_current_max_a", "charge_current_max_a"),
+        ("Max_Charge_Current", "charge_current_max_a", "discharge_current_max_a"),
+        ("Regen_Current_Allowed", "charge_current_max_a", "discharge_current_max_a"),
+    ],
+)
+def test_a_limit_is_that_of_its_direction_only(signal, kind, other):
+    found = surveyed(("BMS", line(signal, "A")))
+    assert names(OF[kind](found, set())) == [f"BMS.{signal}"]
+    assert OF[other](found, set()) == []
 
 
 def test_what_was_heard_of_a_limit_is_shown_with_it_and_silence_speaks_against_it():

@@ -128,12 +128,6 @@ def test_the_sign_of_the_current_does_not_matter_to_its_size(currents):
         assert one.is_heavy[np.argmax(np.abs(currents))]
 
 
-def test_values_before_the_first_current_are_not_while_it_is_heavy():
-    flow = Flow(np.array([100, 200]), np.array([True, False]))
-    told = Heard(np.array([50, 99, 100, 150, 200, 900]), np.zeros(6), np.zeros(6, np.int64))
-    assert flow.during(told).tolist() == [False, False, True, True, False, False]
-
-
 @pytest.mark.parametrize(
     "line",
     [
