@@ -72,6 +72,7 @@ def test_a_time_beyond_every_calendar_is_a_number_or_missing(tmp_path, time_text
 @pytest.mark.parametrize("text", ["²", "٣", "0", "4", "9" * 60_000, "-1", "+1", "", "1_0"])
 def test_what_is_no_number_of_a_column_names_none(tmp_path, text):
     assert column_number(text, 3) is None
+    assert [column_number(str(k), 12) for k in (1, 9, 12)] == [1, 9, 12]
     path = tmp_path / "a.csv"
     path.write_text(NAMES + ROWS)
     with pytest.raises(ImportFailed):
@@ -81,10 +82,6 @@ def test_what_is_no_number_of_a_column_names_none(tmp_path, text):
 def test_a_column_whose_number_has_thousands_of_digits_fits_no_pattern(tmp_path):
     table = table_of(tmp_path, NAMES.replace("voltage_v", "Cell 1").replace("current_a", "Cell " + "9" * 5000) + ROWS)
     assert table.matrix("voltages", "Cell {n}").shape[1] == 1
-
-
-def test_numbers_of_columns_count_from_one():
-    assert [column_number(str(k), 12) for k in (1, 9, 12)] == [1, 9, 12]
 
 
 @pytest.mark.parametrize("cells", ["9" * 60_000, "1-99999", "²", "1-2-3"])
