@@ -94,12 +94,6 @@ def test_a_value_that_is_invalid_replaces_the_one_before():
     assert np.isnan(hear.feed({}, S // 2)[-1].voltage_v).all()
 
 
-def test_states_are_told_or_unknown():
-    hear = assembler()
-    found = hear.feed({"state.closed": values((0.01, 0, 1.0)), "state.fault": values((0.02, 0, 0.0))}, S // 10)[-1]
-    assert (found.states["closed"], found.states["fault"], found.states["charging"]) == (True, False, None)
-
-
 @pytest.mark.parametrize("slow_s", [0.4, 0.5, 2.0, 5.0])
 def test_each_cell_lives_for_three_of_its_own_periods_where_the_profile_names_no_age(slow_s):
     hear = assembler()
@@ -125,9 +119,3 @@ def test_a_value_is_missing_after_the_longest_age_that_the_profile_names(ages_s)
     lived = [m.t_ns / S - 0.05 for m in hear.feed({}, 8 * S) if np.isfinite(m.voltage_v[0])]
     assert max(lived) == pytest.approx(ages_s[-1], abs=0.1)
     assert max(lived) <= ages_s[-1]
-
-
-def test_time_alone_makes_measurements_in_which_all_is_missing():
-    found = assembler().feed({}, S)
-    assert all(np.isnan(m.voltage_v).all() and np.isnan(m.current_a) for m in found)
-    assert not any(m.is_sample for m in found)

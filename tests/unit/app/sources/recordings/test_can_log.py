@@ -1,8 +1,9 @@
-"""CAN logs: every format, signals held and cut, cells by an index, broken files."""
+"""CAN logs: every format, bus logging as asammdf writes it, signals held and cut, cells by an index, broken files."""
 
 import contextlib
 import gc
 import gzip
+import sys
 import warnings
 from pathlib import Path
 
@@ -10,13 +11,15 @@ import can
 import numpy as np
 import pytest
 
-from app.errors import ImportFailed, LimitExceeded
-from app.sources.recordings import can_log
+from app.errors import ExtraMissing, ImportFailed, LimitExceeded
+from app.sources.recordings import can_log, mf4_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
 from app.sources.recordings.profile import ImportProfile
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
+from tests.recorded.mf4 import write_mf4
+from tests.recorded.peer_sessions import START_S
 
 DBC = """\
 VERSION ""
@@ -288,3 +291,39 @@ def test_a_log_of_which_only_the_beginning_is_read_is_closed(log, ending, is_pac
         assert next(frames)[1] == PACK
         frames.close()
         gc.collect()
+
+
+@pytest.mark.parametrize("has_ide", [True, False])
+def test_frames_of_all_buses_come_in_the_order_of_time_with_their_bytes(tmp_path: Path, has_ide: bool) -> None:
+    first = [(0.1, 0x123, b"\x01\x02"), (0.3, 0x18FF50E5 | CAN_ID_EXTENDED, bytes(8))]
+    second = [(0.2, 0x7FF, bytes(range(64))), (0.4, 0x1, b"")]
+    path = write_mf4(tmp_path / "run.mf4", first, second, has_ide=has_ide)
+    found = list(read_frames(path))
+    expected = sorted(first + second)
+    assert [(can_id, data) for _, can_id, data in found] == [(can_id, data) for _, can_id, data in expected]
+    assert [time_s for time_s, _, _ in found] == pytest.approx([START_S + time_s for time_s, _, _ in expected])
+
+
+def test_a_file_without_frames_says_so(tmp_path: Path) -> None:
+    import asammdf  # here: with pandas it takes half a second of every test process
+
+    file = asammdf.MDF(version="4.11")
+    file.append(asammdf.Signal(np.arange(3.0), np.arange(3.0), name="speed"))
+    file.save(tmp_path / "run.mf4")
+    file.close()
+    with pytest.raises(ImportFailed, match="CAN_DataFrame"):
+        list(read_frames(tmp_path / "run.mf4"))
+
+
+def test_frames_come_in_pieces_and_none_is_lost_between_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mf4_log, "AT_ONCE", 3)
+    frames = [(0.1 * k, 0x100 + k, bytes([k])) for k in range(8)]
+    found = list(read_frames(write_mf4(tmp_path / "run.mf4", frames[::2], frames[1::2])))
+    assert [(can_id, data) for _, can_id, data in found] == [(can_id, data) for _, can_id, data in frames]
+
+
+def test_without_asammdf_the_line_to_install_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    (tmp_path / "run.mf4").write_bytes(b"MDF ")
+    with pytest.raises(ExtraMissing, match=r"pip install .*mf4"):
+        list(read_frames(tmp_path / "run.mf4"))

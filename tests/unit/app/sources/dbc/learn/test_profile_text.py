@@ -110,12 +110,6 @@ def test_reasons_stand_above_what_they_speak_for_and_what_else_is_possible_below
     assert "possible as temperature" not in text
 
 
-def test_temperatures_have_a_table_of_their_own():
-    heats = (CellSignals("Temp_{cell}", unit="0.1degC"),)
-    found = read(learned(Battery("x", (12, 12), sensors=spread(4, range(24))), heats=heats)).source
-    assert plain(found.cells["temperature"][0]) == plain(heats[0])
-
-
 @pytest.mark.parametrize("odd", ["\n[source.soc]\nsignal = 'A.B'", "\r", "\x00", "\x1b[31m", "\x7f", "\u2028"])
 def test_what_a_dbc_says_stays_in_its_comment(odd):
     reading = Reading(SignalName("BMS", "Pack_Current"))
