@@ -118,11 +118,6 @@ def test_a_signal_of_two_messages_is_a_doubt_and_with_its_message_none():
     assert of_code(doubts(text + SOC), "signal-of-several") == []
 
 
-def test_the_cells_without_a_signal_are_listed_as_people_count():
-    (doubt,) = of_code(doubts(battery(8) + VOLTAGES + READINGS), "check-without-signal")
-    assert (doubt.what.args["numbers"], doubt.what.args["n"]) == ("3-8", 6)
-
-
 def test_two_signals_of_one_cell_are_named():
     text = battery(2) + VOLTAGES + VOLTAGES.replace("V{cell}", "V1").replace("base = 1", "first = 2") + READINGS
     (doubt,) = of_code(doubts(text), "check-two-signals")
@@ -191,12 +186,15 @@ def test_frames_with_a_wrong_checksum_are_counted():
     assert doubt.what.args["n"] == sum(can_id == 0x036 for _, can_id, _ in frames)
 
 
-def test_many_cells_are_listed_shortened():
-    odd = "".join(f' SG_ V{k} : {8 * (k // 2)}|8@1+ (0.02,0) [0|5] "V" X\n' for k in range(1, 41, 2))
-    found = doubts(battery(40) + VOLTAGES, None, HEAD + "BO_ 1 Cells: 64 BMS\n" + odd)
+@pytest.mark.parametrize(
+    ("cells", "of_dbc", "numbers", "n"),
+    [(8, range(1, 3), "3-8", 6), (40, range(1, 41, 2), "2, 4, 6, 8, 10, 12, 14, 16, ...", 20)],
+)
+def test_the_cells_without_a_signal_are_listed_as_people_count_and_many_of_them_shortened(cells, of_dbc, numbers, n):
+    lines = "".join(f' SG_ V{k} : {8 * (k // 2)}|8@1+ (0.02,0) [0|5] "V" X\n' for k in of_dbc)
+    found = doubts(battery(cells) + VOLTAGES, None, HEAD + "BO_ 1 Cells: 64 BMS\n" + lines)
     (doubt,) = of_code(found, "check-without-signal")
-    assert doubt.what.args["numbers"] == "2, 4, 6, 8, 10, 12, 14, 16, ..."
-    assert doubt.what.args["n"] == 20
+    assert (doubt.what.args["numbers"], doubt.what.args["n"]) == (numbers, n)
 
 
 def test_every_doubt_can_be_said_in_both_languages():

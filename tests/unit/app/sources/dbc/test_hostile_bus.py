@@ -118,11 +118,6 @@ def test_a_cut_frame_tells_the_cells_that_it_carries_whole(bus):
         assert np.isnan(told[~carried]).all()
 
 
-def test_a_battery_that_nobody_hears_for_the_flood_is_missing(bus):
-    rng = random.Random(2)
-    assert np.isnan(voltages(bus([unknown(rng) for _ in range(FLOOD)]))).all()
-
-
 def test_cells_whose_message_two_nodes_send_are_missing_and_the_others_are_not(bus):
     frames = true_frames()
     doubled = frames[1]

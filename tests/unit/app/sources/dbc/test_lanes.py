@@ -101,22 +101,11 @@ def value(kind, unit, number):
 @pytest.mark.parametrize(
     ("kind", "unit", "number", "expected"),
     [
-        ("voltage", "V", 3.7, 3.7),
-        ("voltage", "mV", 3700, 3.7),
-        ("voltage", "0.1mV", 37000, 3.7),
         ("voltage", "100uV", 37000, 3.7),
         ("voltage", "100 µV", 37000, 3.7),
         ("voltage", "Volts", 3.7, 3.7),
         ("voltage", "millivolts", 3700, 3.7),
-        ("voltage", "0,1 V", 37, 3.7),
-        ("pack_voltage", "kV", 0.4, 400.0),
-        ("charger_voltage", "dV", 4000, 400.0),
-        ("current", "A", 120, 120.0),
-        ("current", "mA", 120000, 120.0),
         ("current", "Amps", 120, 120.0),
-        ("current", "10mA", 12000, 120.0),
-        ("charger_current", "dA", 120, 12.0),
-        ("resistance", "mOhm", 2, 0.002),
         ("resistance", "mΩ", 2, 0.002),
         ("resistance", "uOhms", 2000, 0.002),
         ("temperature", "degC", 25, 25.0),
@@ -154,7 +143,16 @@ def test_a_unit_of_another_quantity_or_one_that_looks_alike_is_none_and_leaves_t
 
 
 @given(
-    st.sampled_from([("voltage", "V"), ("current", "A"), ("resistance", "Ohm")]),
+    st.sampled_from(
+        [
+            ("voltage", "V"),
+            ("pack_voltage", "V"),
+            ("charger_voltage", "V"),
+            ("current", "A"),
+            ("charger_current", "A"),
+            ("resistance", "Ohm"),
+        ]
+    ),
     st.sampled_from([("", 1.0), ("m", 1e-3), ("u", 1e-6), ("k", 1e3), ("d", 0.1), ("c", 0.01)]),
     st.sampled_from([("", 1.0), ("0.1", 0.1), ("10", 10.0), ("2,5", 2.5)]),
     st.sampled_from(["{}", " {} ", "[{}]", "({})"]),

@@ -6,13 +6,9 @@ import pytest
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.source import DbcSource
 from app.sources.items import CanFault, CanItem, LinkChange
-from tests.peer_batteries import cell_number, one_signal_a_cell, segments_in_fd_frames
+from tests.peer_batteries import cell_number, one_signal_a_cell
 from tests.peer_messages import HEAD
 from tests.unit.app.sources.dbc.test_battery_decoder import CURRENT, battery_and_source
-
-CURRENT_FD = CURRENT.replace("BMS_PackStatus", "AMS_Status").replace("Pack_Current", "TS_Current").replace(
-    "Pack_Voltage", "TS_Voltage"
-).replace("Pack_SOC", "SOC").replace('positive = "discharge"', 'positive = "charge"')  # fmt: skip
 
 
 def source_of(peer, more=CURRENT):
@@ -25,10 +21,9 @@ def fed(source, frames):
     return [measurement for measurement in found if measurement is not None]
 
 
-@pytest.mark.parametrize("make", [lambda: one_signal_a_cell(90, 45, "V{}", "T{}", 0.0001, "V"), segments_in_fd_frames])
-def test_frames_of_any_shape_become_measurements_with_their_own_times(make):
-    peer = make()
-    source = source_of(peer, CURRENT if peer.n_cells == 90 else CURRENT_FD)
+def test_frames_become_measurements_with_their_own_times():
+    peer = one_signal_a_cell(90, 45, "V{}", "T{}", 0.0001, "V")
+    source = source_of(peer)
     found = fed(source, peer.frames(4))
     assert len(found) == pytest.approx(40, abs=2)
     last = found[-1]

@@ -109,17 +109,31 @@ def test_can_brings_the_first_eight_flags_and_leaves_the_ninth_open():
 
 
 @pytest.mark.parametrize(
-    ("names", "is_open"),
-    [((), True), (("fit", "balancing"), True), (("charger",), False), (("charging",), False), (("load",), False)],
+    ("names", "age_s", "is_open"),
+    [
+        ((), 0.0, True),
+        (("fit", "balancing"), 0.0, True),
+        (("charger",), 0.0, False),
+        (("charging",), 0.0, False),
+        (("load",), 0.0, False),
+        ((), BLANK_S + 1, False),  # unknown
+    ],
 )
-def test_relays_are_open_where_neither_car_nor_charger_is_connected(names, is_open):
+def test_relays_are_open_where_neither_car_nor_charger_is_known_to_be_connected(names, age_s, is_open):
     raw = sum(1 << STATUS_FLAGS.index(name) for name in names)
-    assert decoder(status__flags=raw).relays_open() is is_open
-
-
-def test_relays_are_not_called_open_while_that_is_unknown():
+    assert decoder(1.0 + age_s, status__flags=raw).relays_open() is is_open
     assert not decoder().relays_open()
-    assert not decoder(1.0 + BLANK_S + 1, status__flags=0).relays_open()
+
+
+@pytest.mark.parametrize(
+    ("field", "raw", "name", "expected"),
+    [
+        *(("charger__state", raw, "state", name) for raw, name in ((0, "off"), (6, "fault"), (7, None), (255, None))),
+        *(("charger__control", raw, "enabled", False) for raw in (1, 255)),
+    ],
+)
+def test_a_charger_state_that_nobody_knows_is_none_and_any_control_but_zero_stops_it(field, raw, name, expected):
+    assert getattr(decoder(**{field: raw}).charger(), name) == expected
 
 
 def test_the_charger_is_read_in_its_units():
@@ -131,16 +145,6 @@ def test_the_charger_is_read_in_its_units():
     assert (charger.voltage_v, charger.current_a) == pytest.approx((400.0, 15.5))
     assert (charger.state, charger.enabled) == ("constant_current", True)
     assert charger.flags == ("over-temperature", "battery")
-
-
-@pytest.mark.parametrize(("state", "name"), [(0, "off"), (6, "fault"), (7, None), (255, None)])
-def test_a_charger_state_that_nobody_knows_is_none(state, name):
-    assert decoder(charger__state=state).charger().state == name
-
-
-@pytest.mark.parametrize("control", [1, 255])
-def test_any_control_but_zero_is_a_stopped_charger(control):
-    assert decoder(charger__control=control).charger().enabled is False
 
 
 @pytest.mark.parametrize("cell", [0, 7, 8, 11, 12, 95])

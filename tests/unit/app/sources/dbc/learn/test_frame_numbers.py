@@ -176,24 +176,15 @@ def test_counters_quantities_words_and_numbers_of_other_things_number_no_cells(c
     assert best(text, told(numbers)) is None
 
 
-def test_two_cells_a_frame_each_with_its_own_number_are_two_ways():
-    text = (
-        'BO_ 1 Two: 8 BMS\n SG_ cell_a_num : 0|8@1+ (1,0) [0|0] "" X\n SG_ cell_b_num : 8|8@1+ (1,0) [0|0] "" X\n'
-        ' SG_ cell_b_volt : 32|16@1+ (0.001,0) [0|5] "V" X\n SG_ cell_a_volt : 16|16@1+ (0.001,0) [0|5] "V" X\n'
-    )
-    volts = (3700).to_bytes(2, "little") * 2
-    found = best(text, [(k, 1, bytes([2 * k, 2 * k + 1]) + volts) for k in range(12)])
-    assert {entry.signal: entry.numbers["cell"] for entry in found.entries} == {
-        "cell_a_volt": "cell_a_num",
-        "cell_b_volt": "cell_b_num",
-    }
-    assert found.n == 24
-    assert [reason.code for reason in found.reasons] == ["learn-own-numbers"]
-
-
 def test_numbers_that_mean_not_measured_are_invalid_and_not_zero_volts():
     frames = [*told(range(24)), (30, 1, bytes([5, 0, 0])), (31, 1, bytes([6, 0xFF, 0xFF]))]
     assert set(best(CELLS.format(most=71), frames).entries[0].invalid) == {0, 0xFFFF}
+
+
+@pytest.mark.parametrize("unit", ["#", "ID", "Num"])
+def test_what_stands_for_a_unit_of_a_cell_number_is_none(unit):
+    found = best(CELLS.format(most=71).replace('[0|71] ""', f'[0|71] "{unit}"'), told(range(24)))
+    assert (found.n, found.entries[0].numbers) == (24, {"cell": "Cell_ID"})
 
 
 @given(st.permutations(range(24)), st.integers(0, 1))
@@ -250,11 +241,6 @@ def test_values_whose_numbers_do_not_run_on_are_no_group():
     assert base_number(["CellVolt_1", "CellVolt_2", "CellVolt_7"], frames=grouped(range(8), 3)) is None
 
 
-def test_a_base_number_in_steps_of_the_values_is_that_of_the_first_cell():
-    found = base_number(["CellVolt_1", "CellVolt_2", "CellVolt_3"], "StartCell", grouped(range(0, 24, 3), 3))
-    assert (found.n, found.entries[0].group_cells) == (24, 1)
-
-
 @settings(max_examples=examples(20))
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 0xFFFF)), max_size=40))
 def test_whatever_numbers_are_heard_a_proposal_has_cells_for_them(pairs):
@@ -264,26 +250,3 @@ def test_whatever_numbers_are_heard_a_proposal_has_cells_for_them(pairs):
         assert found.n >= 2
         assert found.n <= max(256, UNKNOWN_COUNT)
         assert found.segments is None
-
-
-@pytest.mark.parametrize("unit", ["#", "ID", "Num"])
-def test_what_stands_for_a_unit_of_a_cell_number_is_none_and_a_checksum_is_no_temperature(unit):
-    peer = Peer("orion", 72, 0)
-    peer.sent = [
-        Sent(
-            0x108, "CELLBCAST", 8, 0.01 * peer.n_cells,
-            [
-                [
-                    Bits("CellId", 7, 8, fixed(c), unit=unit, order=0),
-                    Bits("CellVoltage", 15, 16, lambda t, c=c: peer.voltage(c, t), 0.0001, unit="Volts", order=0),
-                    Bits("Checksum", 63, 8, fixed((c * 7) % 256), order=0),
-                ]
-                for c in range(peer.n_cells)
-            ],
-        ),
-        *others(peer),
-    ]  # fmt: skip
-    heard = survey(parse_definitions(peer.dbc().encode(), "x.dbc"), frames_of(peer.frames(3)))
-    (found,) = frame_number_proposals(heard, "voltage")
-    assert (found.n, found.entries[0].signal, found.entries[0].numbers) == (72, "CellVoltage", {"cell": "CellId"})
-    assert list(frame_number_proposals(heard, "temperature")) == []
