@@ -15,7 +15,6 @@ from app.configuration.history import ConfigHistory
 from app.configuration.slave_check import Cause, CheckedCell, SlaveCheckLog, Verdict
 from app.season.estimates.results import _SET as SET
 from app.season.estimates.results import SCHEMA, Results
-from app.sessions.recording.session_names import RecordingPlan, load_plan, save_plan
 from app.sessions.transfer.session_copy import SessionCopy
 from app.sources.data_file import MOST_DEPTH, checked, parse_json, parse_object, replace_file, set_aside
 from firmware_protocol.config_image import default_image
@@ -98,17 +97,6 @@ def test_two_files_set_aside_within_a_second_keep_their_names(tmp_path: Path):
     assert [each.read_text() for each in kept] == ["one", "two", "three"]
     assert kept[1].with_name(kept[1].name + "-wal").read_text() == "log of two"
     assert not path.exists()
-
-
-@pytest.mark.parametrize("content", [DEEP, "[]", '{"event": "' + "x" * 1000 + '"}', "\x00"])
-def test_a_damaged_plan_of_recordings_is_set_aside(tmp_path: Path, content: str):
-    path = tmp_path / "recording.json"
-    path.write_text(content)
-    assert load_plan(path, "FSG") == RecordingPlan(event="FSG")
-    (kept,) = tmp_path.iterdir()
-    assert kept.read_text() == content
-    save_plan(path, RecordingPlan(driver="Anna"))
-    assert load_plan(path).driver == "Anna"
 
 
 WRONG_LINES = (

@@ -21,20 +21,24 @@ class Bus:
             self.reached.set()
 
 
+def sending(wanted: int = 0) -> tuple[Bus, CanSender]:
+    bus = Bus(wanted)
+    return bus, CanSender(bus.send, Clock())
+
+
 def ended(sender: CanSender):
     sender._thread.join(5)
     return sender.status
 
 
 def test_single_frames_leave_at_once_and_in_order():
-    bus = Bus()
-    assert CanSender(bus.send, Clock()).once([Outgoing(1, b"a"), Outgoing(2, b"b")]) == 2
+    bus, sender = sending()
+    assert sender.once([Outgoing(1, b"a"), Outgoing(2, b"b")]) == 2
     assert bus.frames == [(1, b"a"), (2, b"b")]
 
 
 def test_a_list_sends_each_as_often_as_it_says():
-    bus = Bus()
-    sender = CanSender(bus.send, Clock())
+    bus, sender = sending()
     sender.start_list([Outgoing(1, b"", 0.002, 5), Outgoing(2, b"", 0.005, 2), Outgoing(3, b"")], "ada")
     status = ended(sender)
     assert (status.sent, status.total, status.error) == (8, 8, None)
@@ -42,8 +46,7 @@ def test_a_list_sends_each_as_often_as_it_says():
 
 
 def test_one_without_an_end_goes_on_until_it_is_stopped():
-    bus = Bus(wanted=5)
-    sender = CanSender(bus.send, Clock())
+    bus, sender = sending(5)
     sender.start_list([Outgoing(1, b"", 0.001)], "ada")
     assert bus.reached.wait(5)
     with pytest.raises(NotNow, match="ada"):
@@ -55,8 +58,7 @@ def test_one_without_an_end_goes_on_until_it_is_stopped():
 
 
 def test_recorded_frames_keep_their_order():
-    bus = Bus()
-    sender = CanSender(bus.send, Clock())
+    bus, sender = sending()
     sender.start_frames("session x", iter([(0.0, 7, b"1"), (0.003, 8, b"2"), (0.006, 7, b"3")]), 3, "ada")
     assert ended(sender).sent == 3
     assert bus.frames == [(7, b"1"), (8, b"2"), (7, b"3")]
@@ -74,8 +76,7 @@ def test_a_bus_that_refuses_ends_the_list_and_is_told():
 
 
 def test_a_sender_is_idle_before_and_between_its_lists():
-    bus = Bus()
-    sender = CanSender(bus.send, Clock())
+    bus, sender = sending()
     assert (sender.is_busy, sender.status.what, sender.status.sent) == (False, None, 0)
     assert sender.stop() == sender.status
     for who in ("ada", "bob"):
@@ -85,8 +86,7 @@ def test_a_sender_is_idle_before_and_between_its_lists():
 
 
 def test_stopping_waits_for_no_frame_that_is_due_later():
-    bus = Bus(wanted=1)
-    sender = CanSender(bus.send, Clock())
+    bus, sender = sending(1)
     sender.start_frames("session x", iter([(0.0, 7, b"1"), (3600.0, 8, b"2")]), 2, "ada")
     assert bus.reached.wait(5)
     status = sender.stop()

@@ -132,15 +132,6 @@ def fault(state, errors=1):
     return CanFault(0, 0, errors=errors, tx_errors=2, rx_errors=3, bus_state=state)
 
 
-def test_a_change_of_the_controllers_state_is_news_and_the_first_good_one_is_none():
-    monitor = LinkMonitor("slcan:x")
-    assert not monitor.on_fault(fault("active"))
-    assert monitor.on_fault(fault("passive"))
-    assert not monitor.on_fault(fault("passive"))
-    assert not monitor.on_fault(fault(None)), "an unknown state is no news"
-    assert monitor.on_fault(fault("off"))
-
-
 def test_the_controllers_counters_are_unknown_until_told_and_after_a_reopening():
     monitor = LinkMonitor("slcan:x")
 

@@ -246,7 +246,7 @@ def test_a_bus_that_goes_passive_is_told_with_its_errors(source):
     [passive] = fault("passive", 12)
     assert (passive.severity, passive.code, passive.time_ns) == ("warning", "can-passive", 7)
     assert "12" in render(passive.message)
-    assert fault("passive", 13) == ()
+    assert fault("passive", 13) == fault(None, 13) == (), "an unknown state is no news"
     [off] = fault("off", None)
     assert (off.severity, off.code) == ("warning", "can-off")
     [well] = fault("active", 13)

@@ -83,8 +83,7 @@ def test_a_wrong_unit_or_no_time_is_refused_by_name(columns, reason):
 def test_sensors_are_spread_over_the_cells_in_order(sensors, expected):
     cells = {f"V{n}": np.full(4, 3.7) for n in range(1, 5)}
     temperatures = {f"T{n}": np.full(4, 19.0 + n) for n in range(1, sensors + 1)}
-    log = battery_log(table(**cells, **temperatures), ImportProfile(time="t", current="I", voltages="V{n}",
-                      temperatures="T{n}"))  # fmt: skip
+    log = battery_log(table(**cells, **temperatures), replace(PROFILE, temperatures="T{n}"))
     np.testing.assert_array_equal(log.temperatures_degc[0], expected)
     what = "the first 4 are taken" if sensors > 4 else "each stands for the cells next to it"
     assert said(log) == ([] if sensors == 4 else [f"{sensors} temperatures for 4 cells: {what}"])
@@ -130,7 +129,7 @@ def test_rows_without_a_time_of_their_own_are_left_out_and_counted():
 )
 def test_a_column_that_is_missing_is_named_with_those_there_are(change, reason):
     with pytest.raises(ImportFailed) as refused:
-        battery_log(table(), ImportProfile(**({"time": "t", "current": "I", "voltages": "V{n}"} | change)))
+        battery_log(table(), replace(PROFILE, **change))
     assert reason in str(refused.value)
     assert "'t', 'I', 'V1', 'V2'" in str(refused.value)
 

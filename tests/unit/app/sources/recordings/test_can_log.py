@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
+from app.sources.dbc import frames as columns
+from app.sources.dbc.frames import load_log
 from app.sources.recordings import can_log, mf4_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
@@ -67,11 +69,35 @@ def log(tmp_path):
             for at_s, can_id, data in frames:
                 logger.on_message_received(
                     can.Message(timestamp=T0 + at_s, arbitration_id=can_id & 0x1FFFFFFF, data=data, channel="can0",
-                                is_extended_id=bool(can_id >> 31))
+                                is_extended_id=bool(can_id >> 31), is_fd=len(data) > 8)
                 )  # fmt: skip
         return path
 
     return write
+
+
+@pytest.mark.parametrize(("ending", "with_fd"), [("log", True), ("asc", True), ("blf", True), ("trc", False)])
+def test_logs_of_every_tool_are_the_same_frames(log, ending, with_fd):
+    frames = [(0.0, 0x123, bytes(range(8))), (0.25, 0x18FF50E5 | CAN_ID_EXTENDED, b"\x01\x02"), (0.5, 0x7FF, b"")]
+    frames += [(1.0, 0x345, bytes(range(64)))] * with_fd
+    found = load_log(log(*frames, ending=ending))
+    assert found.can_id.tolist() == [can_id for _, can_id, _ in frames]
+    assert [bytes(row[:n]) for row, n in zip(found.data, found.length, strict=True)] == [data for *_, data in frames]
+    np.testing.assert_allclose((found.t_ns - found.t_ns[0]) / 1e9, [at_s for at_s, *_ in frames], atol=2e-3)
+
+
+def test_frames_are_put_in_the_order_of_their_time_whatever_part_of_a_log_is_taken_at_once(tmp_path, monkeypatch):
+    path = tmp_path / "mixed.log"
+    lines = [f"({9 - k // 2}.0) can0 {0x100 + k:03X}#{k:02X}" for k in range(7)] + ["(3.5) can0 700##1" + "AB" * 64]
+    path.write_text("\n".join(lines) + "\n")
+    whole = load_log(path)
+    assert whole.data.shape == (8, 64)
+    assert whole.can_id.tolist() == [0x700, 0x106, 0x104, 0x105, 0x102, 0x103, 0x100, 0x101]  # of one time in order
+    monkeypatch.setattr(columns, "AT_ONCE", 3)
+    parts = load_log(path)
+    for name in ("t_ns", "can_id", "length", "data"):
+        assert getattr(parts, name).tolist() == getattr(whole, name).tolist()
+        assert getattr(parts, name).dtype == getattr(whole, name).dtype
 
 
 @pytest.mark.parametrize("ending", ["log", "blf"])
