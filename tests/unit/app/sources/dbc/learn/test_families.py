@@ -1,18 +1,20 @@
 """Families of signals as teams name them: number of cells, order, unit and segments are found."""
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.families import family_proposals
 from app.sources.dbc.learn.survey import survey
 from tests.campaign import examples
 from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
-from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly, learned_of
+from tests.unit.app.sources.dbc.learn.test_learning import (
+    assert_cells_decode,
+    assert_learned_rightly,
+    learned_of,
+)
 
 RUNNING = (
     "Cell{c}_Voltage",
@@ -127,14 +129,11 @@ def test_messages_with_the_same_signals_are_taken_by_their_ids_and_that_is_said(
         [f"Cell_OverVoltage_Limit_{k}" for k in range(4)],
         [f"Motor_Voltage_{k}" for k in range(4)],
         [f"Balancing_Cell_{k}" for k in range(4)],
+        [f"Cell_{k}_V" for k in range(3)],  # too few of them
     ],
 )
 def test_figures_of_cells_are_no_cells(names):
     assert proposals(message(1, "M", signals(names))) == []
-
-
-def test_too_few_signals_are_no_family():
-    assert proposals(message(1, "M", signals([f"Cell_{k}_V" for k in range(3)]))) == []
     assert proposals(message(1, "M", signals(["Cell_Temp_1", "Cell_Temp_2"], "degC")), "temperature")[0].n == 2
 
 
@@ -189,12 +188,8 @@ def heated(draw):
 @settings(max_examples=examples(20))
 @given(heated())
 def test_temperatures_of_any_number_name_and_unit_are_found_and_those_of_the_motor_are_not(peer):
-    definitions, frames, learned = learned_of(peer, 3)
-    assert learned.battery.n_sensors == peer.n_sensors
-    found = BatteryDecoder(learned.battery, learned.source, definitions).decode(frames)["temperature"]
-    expected = [peer.temperature(s, t / 1e9) for s, t in zip(found.index.tolist(), found.t_ns.tolist(), strict=True)]
-    np.testing.assert_allclose(found.value, expected, atol=0.51)
-    assert set(found.index.tolist()) == set(range(peer.n_sensors))
+    _, found = assert_cells_decode(peer, *learned_of(peer, 3))
+    assert set(found["temperature"].index.tolist()) == set(range(peer.n_sensors))
 
 
 @st.composite

@@ -24,10 +24,10 @@ def codes(learned):
     return [doubt.code for doubt in learned.doubts]
 
 
-def learned_of(peer, duration_s):
+def learned_of(peer, duration_s, choices=None):
     definitions = parse_definitions(peer.dbc().encode(), "x.dbc")
     frames = frames_of(peer.frames(duration_s) if duration_s else [])
-    return definitions, frames, learn(survey(definitions, frames), frames, "x", ("x.dbc",))
+    return definitions, frames, learn(survey(definitions, frames), frames, "x", ("x.dbc",), choices or {})
 
 
 @cache
@@ -43,7 +43,7 @@ def assert_learned_rightly(peer, duration_s=LONG_S):
 
 
 def assert_decodes(peer, definitions, frames, learned):
-    found = assert_cells_decode(peer, definitions, frames, learned)
+    _, found = assert_cells_decode(peer, definitions, frames, learned)
     current = found["current"]
     expected = [peer.current(t / 1e9) for t in current.t_ns.tolist()]
     np.testing.assert_allclose(current.value, expected, atol=0.051)
@@ -52,7 +52,7 @@ def assert_decodes(peer, definitions, frames, learned):
 
 
 def assert_cells_decode(peer, definitions, frames, learned):
-    """Read the profile of what was learned again: it decodes cells, sensors and their sum; return what it decodes."""
+    """Read the profile of what was learned again: it decodes cells, sensors and their sum; return both."""
     profile = understand(read_document(profile_text(learned), "x.toml", lambda name: None))
     assert (profile.battery.n_cells, profile.battery.n_sensors) == (peer.n_cells, peer.n_sensors)
     assert peer.segments in (None, profile.battery.segments)
@@ -68,7 +68,7 @@ def assert_cells_decode(peer, definitions, frames, learned):
     assert set(found["voltage"].index.tolist()) == set(range(peer.n_cells))
     pack = found["pack_voltage"]
     np.testing.assert_allclose(pack.value, [peer.pack_voltage(t / 1e9) for t in pack.t_ns.tolist()], atol=0.051)
-    return found
+    return profile, found
 
 
 @pytest.mark.parametrize("way", range(len(PEERS)), ids=[make().name for make in PEERS])
@@ -145,7 +145,7 @@ def test_a_wrong_unit_in_the_dbc_is_corrected_by_what_is_heard():
 @pytest.mark.parametrize("make", WILD, ids=[make.__name__ for make in WILD])
 def test_batteries_as_teams_describe_them_are_learned_from_a_log_and_their_cells_from_the_dbc_alone(make):
     peer = make()
-    found = assert_cells_decode(peer, *learned_of(peer, LONG_S))
+    _, found = assert_cells_decode(peer, *learned_of(peer, LONG_S))
     assert np.ptp(found["current"].value) > 100
     alone = learned_of(peer, 0)[2].battery
     assert (alone.n_cells, alone.n_sensors) == (peer.n_cells, peer.n_sensors)

@@ -100,16 +100,12 @@ def test_a_current_that_has_nothing_to_do_with_the_cells_has_no_sign():
     peer, other = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V"), Peer("other", 12, 0)
     other.current = lambda t: float((7, -60, 3, 40, 40, -8, 110)[int(t / 0.31) % 7])
     frames = [frame for frame in peer.frames(12) if frame[1] != 0x5A0]
-    frames += [frame for each in others(other) if each.can_id == 0x5A0 for frame in _of(other)]
+    other.sent = [each for each in others(other) if each.can_id == 0x5A0]
+    frames += other.frames(12)
     definitions = parse_definitions(peer.dbc().encode(), "x.dbc")
     found = current_proposals(survey(definitions, frames_of(sorted(frames))), None, set())
     best = next(each for each in found if each.reading.signal.signal == "Pack_Current")
     assert "learn-sign-unknown" in [reason.code for reason in best.reasons]
-
-
-def _of(peer):
-    peer.sent = [each for each in others(peer) if each.can_id == 0x5A0]
-    return peer.frames(12)
 
 
 def test_a_current_without_any_unit_is_said_to_be_a_guess():

@@ -5,19 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.battery.profile import read_document, understand
 from app.battery.source import STATES
-from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
-from app.sources.dbc.learn.learning import learn
 from app.sources.dbc.learn.lines import Choice
-from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.states import Flow, state_proposals
 from app.sources.dbc.learn.survey import Heard, survey
 from tests.campaign import examples
 from tests.naming_habits import HABITS
 from tests.peer_messages import HEAD
+from tests.unit.app.sources.dbc.learn.test_learning import assert_cells_decode, learned_of
 
 CONFIRMED = {f"state.{name}": Choice(is_taken=True) for name in STATES}
 
@@ -25,15 +22,7 @@ CONFIRMED = {f"state.{name}": Choice(is_taken=True) for name in STATES}
 @pytest.mark.parametrize("make", HABITS, ids=[make.__name__ for make in HABITS])
 def test_a_battery_is_learned_without_an_edit_whatever_its_signals_are_called(make):
     peer = make()
-    definitions = parse_definitions(peer.dbc().encode(), "x.dbc")
-    frames = frames_of(peer.frames(8.0))
-    learned = learn(survey(definitions, frames), frames, "x", ("x.dbc",), CONFIRMED)
-    profile = understand(read_document(profile_text(learned), "x.toml", lambda name: None))
-    assert (profile.battery.n_cells, profile.battery.n_sensors) == (peer.n_cells, peer.n_sensors)
-    found = BatteryDecoder(profile.battery, profile.source, definitions).decode(frames)
-    cells = found["voltage"]
-    true = [peer.voltage(i, t / 1e9) for i, t in zip(cells.index.tolist(), cells.t_ns.tolist(), strict=True)]
-    np.testing.assert_allclose(cells.value, true, atol=0.51 * peer.resolution_v + 1e-9)
+    profile, found = assert_cells_decode(peer, *learned_of(peer, 8.0, CONFIRMED))
     current = found["current"]
     np.testing.assert_allclose(current.value, [peer.current(t / 1e9) for t in current.t_ns.tolist()], atol=0.06)
     told = {
