@@ -60,14 +60,6 @@ def test_what_came_too_long_ago_is_unknown(age_s, is_known):
     assert (now.flags() is not None) is is_known
 
 
-def test_a_field_of_which_one_byte_is_missing_is_unknown():
-    shadow = ShadowImage()
-    shadow.write((Window(1884, b"\xfb\xff\xff"),), SECOND)
-    assert Decoder(shadow, SECOND).number("i_fs") is None
-    shadow.write((Window(1887, b"\xff"),), SECOND)
-    assert Decoder(shadow, SECOND).number("i_fs") == pytest.approx(-0.05)
-
-
 def test_cells_without_a_measurement_are_missing_each_for_itself():
     voltages = [37000 + i for i in range(N_CELLS)]
     voltages[3], voltages[95] = 0, 65535
@@ -170,23 +162,6 @@ def test_ages_are_those_of_the_oldest_byte_of_each_part():
     assert ages.config is None
 
 
-def test_half_a_number_is_not_mixed_with_its_old_half():
-    shadow = ShadowImage()
-    current = FIELDS["i_fs"]
-    shadow.write((Window(current.offset, (5).to_bytes(4, "little", signed=True)),), 1)
-    shadow.write_whole_elements((Window(current.offset, b"\xfb\xff"),), 2)
-    assert current.unpack(shadow.image) == (5,)
-    assert shadow.measured_ns[current.offset] == 1
-
-
-def test_whole_numbers_and_flag_bytes_are_taken():
-    shadow = ShadowImage()
-    shadow.write_whole_elements((Window(420, b"\x01"), Window(2982, b"\x10\x27")), 7)
-    assert FIELDS["soc"].unpack(shadow.image) == (10000,)
-    assert shadow.image[420] == 1
-    assert shadow.measured_ns[420] == 7
-
-
 @pytest.mark.parametrize("now_ns", [0, 4])
 def test_age_is_never_negative(now_ns):
     shadow = ShadowImage()
@@ -194,32 +169,34 @@ def test_age_is_never_negative(now_ns):
     assert shadow.age_s(0, 1, now_ns) == 0.0
 
 
-def test_a_window_touches_no_byte_beside_it():
+def test_a_window_brings_its_bytes_and_no_byte_beside_it():
     shadow = ShadowImage()
-    shadow.write((Window(100, b"\xaa\xbb"),), 5)
-    assert shadow.image[99:103] == b"\0\xaa\xbb\0"
-    assert shadow.age_s(99, 1, 5) is None
-    assert shadow.age_s(102, 1, 5) is None
-    assert shadow.age_s(100, 2, 5) == 0.0
+    current = FIELDS["i_fs"]
+    shadow.write((Window(current.offset, b"\xfb\xff\xff"),), SECOND)
+    assert shadow.image[current.offset - 1 : current.end] == b"\0\xfb\xff\xff\0"
+    assert Decoder(shadow, SECOND).number("i_fs") is None
+    shadow.write((Window(current.offset + 3, b"\xff"),), SECOND)
+    assert Decoder(shadow, SECOND).number("i_fs") == pytest.approx(-0.05)
+    assert [shadow.age_s(at, 1, SECOND) for at in (current.offset - 1, current.end)] == [None, None]
 
 
-def test_an_element_whose_bytes_come_in_two_windows_of_one_message_is_whole():
-    shadow = ShadowImage()
-    shadow.write_whole_elements((Window(1884, b"\xfb\xff"), Window(1886, b"\xff\xff")), 9)
-    assert FIELDS["i_fs"].unpack(shadow.image) == (-5,)
-    assert shadow.age_s(1884, 4, 9) == 0.0
-
-
-def test_of_an_array_the_whole_elements_are_taken_and_the_others_not():
-    shadow = ShadowImage()
-    shadow.write_whole_elements((Window(1897, b"\x01\x02\x03\x04\x05"),), 9)
-    assert FIELDS["v"].unpack(shadow.image)[:4] == (0, 0x0302, 0x0504, 0)
-    assert shadow.age_s(1896, 2, 9) is None
-
-
-@pytest.mark.parametrize("offset", [2391, 421])
-def test_padding_and_the_ninth_flag_without_the_others_of_its_byte_are_never_taken_from_can(offset):
-    shadow = ShadowImage()
-    shadow.write_whole_elements((Window(offset, b"\x01"),), 9)
-    assert shadow.image[offset] == 0
-    assert shadow.age_s(offset, 1, 9) is None
+@pytest.mark.parametrize(
+    ("windows", "taken"),
+    [
+        ([(420, b"\x01"), (2982, b"\x10\x27")], {420: b"\x01", 2982: b"\x10\x27"}),  # flags and the SOC
+        ([(1884, b"\xfb\xff")], {}),  # half a number is not mixed with its old half
+        ([(1884, b"\xfb\xff"), (1886, b"\xff\xff")], {1884: b"\xfb\xff\xff\xff"}),
+        ([(1897, b"\x01\x02\x03\x04\x05")], {1898: b"\x02\x03\x04\x05"}),  # of an array
+        ([(2391, b"\x77")], {}),  # padding between fields
+        ([(421, b"\x01")], {}),  # the ninth flag without the others of its byte
+    ],
+)
+def test_of_a_can_message_whole_numbers_and_flag_bytes_are_taken(windows, taken):
+    shadow, expected = ShadowImage(), bytearray(b"\xaa" * MASTER_SIZE)
+    shadow.write((Window(0, bytes(expected)),), 1)
+    shadow.write_whole_elements(tuple(Window(*window) for window in windows), 9)
+    for offset, data in taken.items():
+        expected[offset : offset + len(data)] = data
+    assert shadow.image == expected
+    new = {offset + k for offset, data in taken.items() for k in range(len(data))}
+    assert {at for at in range(MASTER_SIZE) if shadow.measured_ns[at] == 9} == new

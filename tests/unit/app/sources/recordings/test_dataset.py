@@ -1,12 +1,9 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from app.estimation.errors import DatasetError
 from app.sources.recordings.dataset import load_recording, parse_map
 
-SAMSUNG = Path(__file__).parents[6] / "shared" / "data" / "samsung-30q"
 PLAIN = "time_s,current_a,voltage_v,temperature_c,soc\n0,0,4.1,25,1\n1,2,4.0,25,\n2,2,3.99,25.5,0.99\n"
 
 
@@ -72,17 +69,6 @@ def test_headerless_table_of_unusual_width_asks_for_a_map(tmp_path):
         load_recording(write(tmp_path, "0,0,4.1,0,25,0,25\n1,2,4.0,8,25,0,25\n"))
 
 
-@pytest.mark.skipif(not SAMSUNG.exists(), reason="shared measured data not present")
-def test_measured_files_of_a_foreign_laboratory_load():
-    mapping = parse_map(["time_s=1,current_a=2,voltage_v=3,temperature_degc=5"])
-    slow = load_recording(SAMSUNG / "Q30_S001_C10.csv.gz", mapping, charge_positive=True)
-    assert slow.charge_ah[-1] == pytest.approx(3.0, abs=0.1)
-    pulses = load_recording(SAMSUNG / "DNN01_HPPC_2C_20amb.csv.gz", charge_positive=True, period_s=0.1)
-    assert np.nanmax(pulses.soc) == pytest.approx(1.0, abs=0.01)
-    with pytest.raises(DatasetError, match="no time column"):
-        load_recording(SAMSUNG / "DNN01_HPPC_2C_20amb.csv.gz")
-
-
 def test_columns_that_are_left_out_are_named(tmp_path):
     recording = load_recording(
         write(tmp_path, "time_s,current_a,voltage_v,Voltage [V],strain\n0,0,4.1,9,1\n1,2,4.0,9,1\n")
@@ -106,3 +92,10 @@ def test_names_of_a_vehicle_log_are_understood_aloud(tmp_path):
 def test_two_names_that_sound_alike_are_not_chosen_between(tmp_path):
     with pytest.raises(DatasetError, match="no column for voltage_v"):
         load_recording(write(tmp_path, "time,current,Cell 1 (V),Cell 2 (V)\n0,0,4.1,4.0\n1,2,4.0,4.0\n"))
+
+
+def test_a_table_without_a_time_needs_the_time_between_its_rows(tmp_path):
+    path = write(tmp_path, "current_a,voltage_v\n0,4.1\n1,4.0\n")
+    with pytest.raises(DatasetError, match="no time column"):
+        load_recording(path)
+    assert load_recording(path, period_s=0.1).step_s[1] == pytest.approx(0.1)
