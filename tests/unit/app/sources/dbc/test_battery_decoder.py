@@ -54,17 +54,6 @@ def test_a_frame_with_a_wrong_checksum_tells_nothing():
     assert decoder.bad_checksums == len(broken)
 
 
-def test_invalid_numbers_and_flags_are_missing_and_not_zero():
-    dbc = HEAD + 'BO_ 1 M: 8 BMS\n SG_ V1 : 0|16@1+ (0.001,0) [0|0] "V" X\n SG_ Bad1 : 16|1@1+ (1,0) [0|1] "" X\n'
-    text = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\ninvalid = [0, 65535]\ninvalid_signal = "Bad{cell}"\n'
-    text += "valid_range = [0.5, 5.0]\n"
-    battery, source = battery_and_source(text, 1, 0)
-    decoder = BatteryDecoder(battery, source, parse_definitions(dbc.encode(), "x.dbc"))
-    raw = [(3700, 0), (0, 0), (65535, 0), (3700, 1), (9000, 0)]
-    frames = frames_of([(t, 1, v.to_bytes(2, "little") + bytes([bad])) for t, (v, bad) in enumerate(raw)])
-    np.testing.assert_array_equal(decoder.decode(frames)["voltage"].value, [3.7] + [np.nan] * 4)
-
-
 def test_after_a_pause_of_the_bus_old_values_are_not_live_for_long():
     peer = one_signal_a_cell(8, 0, "V{}", "T{}", 0.0001, "V")
     peer.profile = VOLTAGES
@@ -87,6 +76,7 @@ SIGNALS = """BO_ 1 M: 8 BMS
  SG_ State : 40|8@1+ (1,0) [0|0] "" X
  SG_ I : 48|16@1- (0.1,0) [0|0] "A" X
 """
+NAN = float("nan")
 VOLTAGES = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\n'
 
 
@@ -111,21 +101,26 @@ def test_every_value_of_every_frame_comes_once_with_its_cell_and_time(volts):
     np.testing.assert_allclose(values.value, [volt / 1000 for pair in volts for volt in pair])
 
 
-def test_a_bit_that_says_valid_has_to_be_there():
-    _, found = decoded(VOLTAGES + 'valid_signal = "Good{cell}"\n', frame(flags=0b01), frame(flags=0b10))
-    np.testing.assert_array_equal(found["voltage"].value, [3.7, np.nan, np.nan, 3.71])
-
-
-def test_scale_and_offset_of_the_profile_come_after_the_unit():
-    _, found = decoded(VOLTAGES + 'unit = "mV"\nscale = 2.0\noffset = 0.5\n', frame(3700, 3710))
-    np.testing.assert_allclose(found["voltage"].value, [0.0037 * 2 + 0.5, 0.00371 * 2 + 0.5])
-
-
-@pytest.mark.parametrize(("positive", "expected"), [("discharge", 12.0), ("charge", -12.0)])
-def test_a_current_is_positive_on_discharge_whatever_the_bus_says(positive, expected):
-    text = VOLTAGES + f'[source.current]\nsignal = "I"\npositive = "{positive}"\nzero = 0.5\n'
-    _, found = decoded(text, frame(current=125))
-    assert found["current"].value.tolist() == pytest.approx([expected])
+@pytest.mark.parametrize(
+    ("more", "frames", "kind", "expected"),
+    [
+        ('valid_signal = "Good{cell}"\n', [frame(flags=1), frame(flags=2)], "voltage", [3.7, NAN, NAN, 3.71]),
+        (
+            'invalid = [0, 65535]\ninvalid_signal = "Good{cell}"\nvalid_range = [0.5, 5.0]\n',
+            [frame(), frame(one=0), frame(one=65535), frame(flags=1), frame(one=9000)],
+            "voltage",
+            [3.7, 3.71, NAN, 3.71, NAN, 3.71, NAN, 3.71, NAN, 3.71],
+        ),
+        # after the unit
+        ('unit = "mV"\nscale = 2.0\noffset = 0.5\n', [frame()], "voltage", [0.0037 * 2 + 0.5, 0.00371 * 2 + 0.5]),
+        # positive on discharge, whatever the bus says
+        ('[source.current]\nsignal = "I"\npositive = "discharge"\nzero = 0.5\n', [frame(current=125)], "current", [12]),
+        ('[source.current]\nsignal = "I"\npositive = "charge"\nzero = 0.5\n', [frame(current=125)], "current", [-12]),
+    ],
+)
+def test_a_value_is_what_the_profile_makes_of_it_or_missing(more, frames, kind, expected):
+    _, found = decoded(VOLTAGES + more, *frames)
+    np.testing.assert_allclose(found[kind].value, expected)
 
 
 PAGES = """BO_ 1 M: 8 BMS

@@ -148,34 +148,31 @@ def test_a_cell_that_is_invalid_all_the_time_or_in_no_frame_was_never_heard(volt
     assert doubt.what.args["numbers"] == "2"
 
 
-@pytest.mark.parametrize(("pack", "is_told"), [(74, False), (75, False), (78, True), (70, True)])
-def test_a_sum_that_is_off_by_more_than_two_percent_is_told(pack, is_told):
-    found = of_code(doubts(battery(2) + VOLTAGES + READINGS, heard(pack=pack)), "check-sum-off")
-    assert bool(found) == is_told
+@pytest.mark.parametrize(
+    ("more", "given", "code", "args"),  # None: not told
+    [
+        ("", {"pack": 74}, "check-sum-off", None),
+        ("", {"pack": 75}, "check-sum-off", None),
+        ("", {"pack": 78}, "check-sum-off", {}),  # by more than two percent
+        ("", {"pack": 70}, "check-sum-off", {}),
+        ("", {"volts": (900, 3700)}, "check-implausible", {"numbers": "1"}),
+        ("", {"volts": (900, 6000)}, "check-implausible", {"numbers": "1-2"}),
+        ("", {"volts": (1500, 4400)}, "check-implausible", None),
+        ("", {"n": 5, "period_s": 1.0}, "check-slow", None),
+        ("", {"n": 5, "period_s": 9.0}, "check-slow", None),
+        ("", {"n": 5, "period_s": 11.0}, "check-slow", {"n": 2}),  # slower than the filter bridges
+        ("max_age_s = 0.5\n", {"period_s": 1.0}, "check-age-too-short", {}),
+        ("max_age_s = 2.0\n", {"period_s": 1.0}, "check-age-too-short", None),
+    ],
+)
+def test_what_a_log_says_against_a_profile_is_told(more, given, code, args):
+    found = of_code(doubts(battery(2) + VOLTAGES + more + READINGS, heard(**given)), code)
+    assert [doubt.what.args | (args or {}) for doubt in found] == ([] if args is None else [found[0].what.args])
 
 
 def test_a_sum_is_not_judged_while_a_cell_is_unknown():
     text = battery(3) + VOLTAGES + READINGS
     assert of_code(doubts(text, heard(pack=111)), "check-sum-off") == []
-
-
-@pytest.mark.parametrize(("volts", "numbers"), [((900, 3700), "1"), ((900, 6000), "1-2"), ((1500, 4400), None)])
-def test_voltages_that_no_cell_has_are_told_by_cell(volts, numbers):
-    found = of_code(doubts(battery(2) + VOLTAGES + READINGS, heard(volts=volts)), "check-implausible")
-    assert [doubt.what.args["numbers"] for doubt in found] == ([numbers] if numbers else [])
-
-
-@pytest.mark.parametrize(("period_s", "is_told"), [(1.0, False), (9.0, False), (11.0, True)])
-def test_cells_slower_than_the_filter_bridges_are_told_with_the_slowest(period_s, is_told):
-    found = of_code(doubts(battery(2) + VOLTAGES + READINGS, heard(5, period_s=period_s)), "check-slow")
-    assert bool(found) == is_told
-    assert not found or found[0].what.args["n"] == 2
-
-
-@pytest.mark.parametrize(("age_s", "is_told"), [(0.5, True), (2.0, False)])
-def test_an_age_shorter_than_the_time_between_two_values_is_told(age_s, is_told):
-    text = battery(2) + VOLTAGES + f"max_age_s = {age_s}\n" + READINGS
-    assert bool(of_code(doubts(text, heard(period_s=1.0)), "check-age-too-short")) == is_told
 
 
 def test_frames_with_a_wrong_checksum_are_counted():
