@@ -54,16 +54,18 @@ def test_usual_rates_leave_half_a_bus_free():
 
 
 @pytest.mark.parametrize(
-    ("profile", "raw"),
+    ("profile", "volts", "raw"),
     [
-        ("invalid = [65535]\n", 65535),
-        ("valid_range = [1.0, 5.0]\n", 5001),
-        ("", 0),
+        ("invalid = [65535]\n", [math.nan, 3.7], [65535, 3700]),
+        ("valid_range = [1.0, 5.0]\n", [math.nan, 3.7], [5001, 3700]),
+        ("", [math.nan, 3.7], [0, 3700]),
+        ("invalid = [3700]\n", [3.7, 3.7], [3701, 3701]),  # a value is never told as the code of a missing one
+        ("", [math.nan, math.nan], []),
     ],
 )
-def test_a_missing_cell_beside_another_is_told_as_the_profile_says(profile, raw):
-    ((_, data),) = first(speech(ONE, CELLS + profile), voltage=[math.nan, 3.7])
-    assert numbers(data)[:2] == [raw, 3700]
+def test_a_missing_cell_is_told_as_the_profile_says_and_not_without_any_other(profile, volts, raw):
+    frames = first(speech(ONE, CELLS + profile), voltage=volts)
+    assert [number for _, data in frames for number in numbers(data)[:2]] == raw
 
 
 @pytest.mark.parametrize(("flag", "when_missing"), [("invalid_signal", 1), ("valid_signal", 0)])
@@ -72,15 +74,6 @@ def test_a_missing_cell_is_told_by_its_flag(flag, when_missing):
     messages += ' SG_ F0 : 32|1@1+ (1,0) [0|0] "" B\n SG_ F1 : 40|1@1+ (1,0) [0|0] "" B\n'
     ((_, data),) = first(speech(messages, CELLS + f'{flag} = "F{{cell}}"\n'), voltage=[math.nan, 3.7])
     assert (data[4], data[5]) == (when_missing, 1 - when_missing)
-
-
-def test_a_value_is_never_told_as_the_code_of_a_missing_one():
-    ((_, data),) = first(speech(ONE, CELLS + "invalid = [3700]\n"), voltage=[3.7, 3.7])
-    assert numbers(data)[:2] == [3701, 3701]
-
-
-def test_a_frame_of_which_all_cells_are_missing_is_not_sent():
-    assert first(speech(ONE, CELLS), voltage=[math.nan, math.nan]) == []
 
 
 STATES = (

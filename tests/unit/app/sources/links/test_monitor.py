@@ -87,15 +87,6 @@ def test_what_nobody_asks_for_takes_no_more_memory_with_every_frame():
     assert kept_bytes < 50_000
 
 
-def test_a_port_that_is_tried_in_vain_is_news_once():
-    monitor = rs232_monitor("/dev/x")
-    lost = LinkChange(0, 0, "rs232", "lost", "no such port")
-    assert [monitor.on_change(lost) for _ in range(3)] == [True, False, False]
-    assert monitor.on_change(LinkChange(0, 0, "rs232", "lost", "permission denied"))
-    assert monitor.on_change(LinkChange(0, 0, "rs232", "open"))
-    assert monitor.on_change(lost)
-
-
 def test_the_load_of_a_can_bus_is_its_frames_at_their_longest_against_the_bit_rate():
     monitor = LinkMonitor("slcan:x")
     assert monitor.status(0).line_load is None  # without a bit rate nothing can be said

@@ -227,15 +227,17 @@ def test_a_bad_frame_is_counted_and_changes_nothing(source, master, reason):
     assert after.links.rs232.crc_errors + after.links.rs232.resyncs == 1
 
 
-def test_a_link_that_opens_or_is_lost_is_told_once():
+def test_a_link_that_opens_or_is_lost_is_told_once_for_each_reason():
     source = MasterSource("serial", "/dev/x", None)
-    told = [
-        [event.severity for event in source.feed(LinkChange(i, 5, "rs232", state, error)).events]
-        for i, (state, error) in enumerate(
-            (("connecting", None), ("lost", "no such port"), ("lost", "no such port"), ("open", None), ("lost", "gone"))
-        )
-    ]
-    assert told == [[], ["watch"], [], ["info"], ["watch"]]
+
+    def severities(state, error=None):
+        return [event.severity for event in source.feed(LinkChange(0, 5, "rs232", state, error)).events]
+
+    told = [severities("connecting"), *(severities("lost", "no such port") for _ in range(3))]
+    assert told == [[], ["watch"], [], []]
+    assert severities("lost", "permission denied") == ["watch"]
+    assert severities("open") == ["info"]
+    assert severities("lost", "permission denied") == ["watch"]
 
 
 def test_a_bus_that_goes_passive_is_told_with_its_errors(source):

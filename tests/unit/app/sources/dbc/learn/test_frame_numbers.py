@@ -115,34 +115,23 @@ def told(numbers):
     return [(k, 1, bytes([each]) + (3700).to_bytes(2, "little")) for k, each in enumerate(numbers)]
 
 
-def test_without_a_log_the_highest_number_of_the_dbc_counts():
-    found = best(CELLS.format(most=71))
-    assert (found.n, found.entries[0].numbers) == (72, {"cell": "Cell_ID"})
-    assert [reason.code for reason in found.reasons] == ["learn-cell-number"]
-
-
-@pytest.mark.parametrize("most", [0, 255])
-def test_without_a_log_and_a_highest_number_the_count_is_said_to_be_unknown(most):
-    found = best(CELLS.format(most=most))
-    assert found.n == UNKNOWN_COUNT
-    assert "learn-count-unknown" in [reason.code for reason in found.reasons]
-
-
-def test_what_is_heard_counts_more_than_the_dbc():
-    found = best(CELLS.format(most=71), told(range(96)))
-    assert found.n == 96
-    assert "learn-count-unknown" not in [reason.code for reason in found.reasons]
-
-
 @pytest.mark.parametrize(
-    "numbers",
+    ("most", "texts", "numbers", "n"),
     [
-        [*range(1, 25), 255],  # a lone number far beyond the others is no cell
-        [k for k in range(24) if k % 5 != 2],  # cells that were not heard between others are counted
+        (71, 0, (), 72),  # the highest number of the DBC
+        (0, 0, (), None),
+        (255, 0, (), None),
+        (0, 30, (), 30),  # texts of its numbers
+        (71, 0, range(96), 96),  # what is heard counts more
+        (255, 0, [*range(1, 25), 255], 24),  # a lone number far beyond the others is no cell
+        (255, 0, [k for k in range(24) if k % 5 != 2], 24),  # cells that were not heard between others are counted
     ],
 )
-def test_the_cells_between_the_first_and_the_last_of_the_others_count(numbers):
-    assert best(CELLS.format(most=255), told(numbers)).n == 24
+def test_the_number_of_cells_is_heard_or_in_the_dbc_or_said_to_be_unknown(most, texts, numbers, n):
+    named = " ".join(f'{k} "Cell{k + 1}"' for k in range(texts))
+    found = best(CELLS.format(most=most) + (f"VAL_ 1 Cell_ID {named} ;\n" if texts else ""), told(numbers))
+    assert (found.n, found.entries[0].numbers) == (n or UNKNOWN_COUNT, {"cell": "Cell_ID"})
+    assert [reason.code for reason in found.reasons] == ["learn-cell-number"] + ["learn-count-unknown"] * (n is None)
 
 
 WORDS = (("8|16@1+", "16|16@1+"), ("0|8@1+", "0|16@1+"))  # a number and a value of 16 bits
@@ -191,13 +180,6 @@ def test_what_stands_for_a_unit_of_a_cell_number_is_none(unit):
 def test_the_order_in_which_cells_are_told_does_not_matter(order, base):
     found = best(CELLS.format(most=255), told([cell + base for cell in order]))
     assert (found.n, found.entries[0].base) == (24, {"cell": 1} if base else {})
-
-
-def test_the_texts_of_a_number_tell_how_many_cells_there_are():
-    names = " ".join(f'{k} "Cell{k + 1}"' for k in range(30))
-    found = best(CELLS.format(most=0) + f"VAL_ 1 Cell_ID {names} ;\n")
-    assert found.n == 30
-    assert "learn-count-unknown" not in [reason.code for reason in found.reasons]
 
 
 def test_without_a_log_segments_and_cells_are_those_of_the_dbc():
