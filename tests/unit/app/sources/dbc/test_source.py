@@ -212,12 +212,9 @@ def test_a_limit_is_that_of_the_profile_or_what_the_bms_tells_now():
     assert np.isnan(some.temperature_max_degc)
     assert some.cell_voltage_max_v == 4.2
     assert measured(told(), "").limits is None
-
-
-def test_limits_of_the_profile_alone_hold_whatever_is_heard():
     fixed = LIMITS.replace('{ signal = "MaxDischarge" }', "150")
     assert measured(told(), fixed).limits.discharge_max_a == 150.0
-    assert state_source(fixed).measure(1, 1).limits.cell_voltage_max_v == 4.2
+    assert state_source(fixed).measure(1, 1).limits.cell_voltage_max_v == 4.2, "before anything was heard"
 
 
 def test_a_limit_that_the_bms_does_not_tell_any_more_is_no_limit():

@@ -68,15 +68,12 @@ def test_nothing_is_sent_before_somebody_maps_it(display, car):
 def test_both_frames_hold_their_value_where_it_was_mapped(display, car):
     display.send(TARGET, MESSAGE, "ada")
     car.awaits(TARGET, bytes.fromhex("0000 1e01 0000 0000"))
+    assert DriverFrame(1, 4, 1, "big", 100).data(0x1234, 2) == bytes.fromhex("00 1234 00")
     display.show("box")
     car.awaits(MESSAGE, b"\x03")
     display.send(None, None, "ada")
     assert display.target is None
     assert display.sent == 0
-
-
-def test_big_endian_is_the_other_way_round():
-    assert DriverFrame(1, 4, 1, "big", 100).data(0x1234, 2) == bytes.fromhex("00 1234 00")
 
 
 @pytest.mark.parametrize(("wh", "age_s"), [(None, 0.2), (286.4, 11.0)])

@@ -28,6 +28,13 @@ class Links:
         return self.agreement.disagreements(self.t_ns + 1000)
 
 
+def differing():
+    links = Links()
+    for _ in range(40):
+        links.step(35000, 34000)
+    return links
+
+
 def test_a_value_that_moves_may_be_seen_a_second_apart():
     links = Links()
     assert all(links.step(30000 + 50 * i, 30000 + 50 * i - 600) == () for i in range(60))
@@ -45,9 +52,7 @@ def test_another_value_is_told_once_it_has_lasted_and_until_they_agree():
 
 
 def test_what_can_does_not_repeat_is_forgotten():
-    links = Links()
-    for _ in range(40):
-        links.step(35000, 34000)
+    links = differing()
     assert [bool(links.step(35000, None, 1.0)) for _ in range(8)][-1] is False
 
 
@@ -91,8 +96,6 @@ def test_what_rs232_does_not_bring_or_not_any_more_is_not_compared(is_brought):
 
 
 def test_a_disagreement_survives_a_new_list_of_the_same_messages():
-    links = Links()
-    for _ in range(40):
-        links.step(35000, 34000)
+    links = differing()
     links.agreement.watch(tx_messages(default_image()))
     assert [found.name for found in links.step(35000, 34000)] == ["v_tot"]

@@ -165,13 +165,6 @@ def test_what_is_in_no_frame_is_named(log, dbc):
         one_signal(read_frames(path), "drive.log", dbc, "Current")
 
 
-@pytest.mark.parametrize("text", ["hello", "BO_ 1 two words: x"])
-def test_what_is_no_dbc_is_named(log, tmp_path, text):
-    (tmp_path / "no.dbc").write_text(text, encoding="utf-8")
-    with pytest.raises(ImportFailed, match=r"no\.dbc: not a readable DBC"):
-        sorted(read_signals(log(pack(0, 1.0)), tmp_path / "no.dbc").found)
-
-
 python_can_leaves_the_file_open = pytest.mark.filterwarnings(
     "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
 )

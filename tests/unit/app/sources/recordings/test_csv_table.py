@@ -2,7 +2,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from app.estimation.errors import DatasetError
@@ -142,6 +142,8 @@ def test_what_was_written_is_read_to_the_last_digit(rows: list[list[float]]) -> 
     assert read(text)[1].tolist() == rows
 
 
+@example(b"\xff\xfe")
+@example(b"\xfe\xff\0")
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_table_or_say_why_not(content: bytes) -> None:
     with suppress(DatasetError):

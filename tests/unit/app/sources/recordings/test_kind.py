@@ -11,7 +11,7 @@ from app.errors import ImportFailed
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.can_log import read_frames
 from app.sources.recordings.guess import guess
-from app.sources.recordings.kind import is_can_log, kind_of, text_of
+from app.sources.recordings.kind import is_can_log, kind_of
 from app.sources.recordings.table import TableUnreadable, load_table, read_table
 
 FOREIGN = Path(__file__).parent / "foreign"
@@ -138,17 +138,6 @@ def test_hours_minutes_and_seconds_of_a_chinese_cycler_are_its_time(tmp_path: Pa
     assert log.time_s[-1] == 19 * 60.0
     assert abs(log.current_a[0]) == 1.5
     assert log.voltages_v[0, 0] == 3.7
-
-
-@pytest.mark.parametrize(
-    "raw", [b"", b"\0", b"a\0", b"\0a", b"\xff\xfe", b"\xfe\xff\0", b"\xff\xff\xff", bytes(range(256))]
-)
-def test_any_bytes_are_some_text(raw: bytes) -> None:
-    assert isinstance(text_of(raw), str)
-
-
-def test_letters_above_ascii_are_not_taken_for_chinese() -> None:
-    assert text_of("Prüfzeit;Größe °C µV".encode("latin-1")) == "Prüfzeit;Größe °C µV"
 
 
 def test_only_names_are_said_to_be_that(tmp_path: Path) -> None:

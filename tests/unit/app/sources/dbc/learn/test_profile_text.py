@@ -20,16 +20,15 @@ from app.words import Message
 ENTRY = CellSignals("Cell_{cell}", base={"cell": 1})
 
 
-def learned(battery=None, entry=ENTRY, readings=None, others=None, doubts=(), dbc=("x.dbc",), heats=()):
+def learned(battery=None, entry=ENTRY, readings=None, others=None, doubts=(), dbc=("x.dbc",)):
     battery = battery or Battery("Accumulator", (12, 12))
-    cells = {"voltage": (entry,)} | ({"temperature": heats} if heats else {})
     readings = {name: ReadingProposal(each, (), 3.0) for name, each in (readings or {}).items()}
     others = others or {}
     proposal = CellProposal(
         "voltage", (entry,), battery.n_cells, None, (), (Message("learn-nothing-heard"),), 9.0, None
     )
-    source = replace(SpeaksDbc(dbc, cells), **{name: each.reading for name, each in readings.items()})
-    lines = {"voltage": proposal} | ({"temperature": proposal} if heats else {}) | readings
+    source = replace(SpeaksDbc(dbc, {"voltage": (entry,)}), **{name: each.reading for name, each in readings.items()})
+    lines = {"voltage": proposal} | readings
     found = {key: Line(key, (each, *others.get(key, ())), each, True) for key, each in lines.items()}
     return Learned(battery, source, found, tuple(doubts))
 

@@ -77,21 +77,19 @@ def test_a_number_that_means_not_measured_is_no_voltage(code, is_signed):
     assert found.low == pytest.approx(3.7)
 
 
-def test_zero_degrees_are_a_temperature_and_no_code():
-    assert fitted("temperature", [0, 5, 9], "degC").invalid == ()
-
-
-def test_numbers_that_are_no_cell_voltage_in_any_unit_do_not_fit():
-    assert not fits(fitted("voltage", [12_000, 13_800, 14_000], "mV"))
-    assert not fits(fitted("voltage", [0, 0, 0]))
-    assert fit("voltage", []) is None
-    assert not fits(None)
-
-
-def test_a_few_values_out_of_range_do_not_spoil_the_fit_and_many_do():
-    good, bad = [3700] * 90, [9000] * 10
-    assert fits(fitted("voltage", good + bad, "mV"))
-    assert not fits(fitted("voltage", good[:50] + bad * 5, "mV"))
+@pytest.mark.parametrize(
+    ("raw", "unit", "is_fit"),
+    [
+        ([12_000, 13_800, 14_000], "mV", False),
+        ([0, 0, 0], "", False),
+        ([3700] * 90 + [9000] * 10, "mV", True),  # a few out of range
+        ([3700] * 50 + [9000] * 50, "mV", False),
+    ],
+)
+def test_numbers_that_are_mostly_no_cell_voltage_do_not_fit(raw, unit, is_fit):
+    assert fits(fitted("voltage", raw, unit)) is is_fit
+    assert not fits(fit("voltage", []))
+    assert fitted("temperature", [0, 5, 9], "degC").invalid == (), "zero degrees are a temperature"
 
 
 @pytest.mark.parametrize(
