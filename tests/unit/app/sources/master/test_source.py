@@ -47,15 +47,12 @@ def on_can(source, t_s, current_a, **said):
 
 
 def test_a_frame_with_voltages_is_a_sample(source, master):
+    assert source.feed(master.config()).measurement is None, "without voltages it is none yet"
     measured = source.feed(master.frame()).measurement
     assert (measured.is_sample, measured.is_fresh) == (True, True)
     assert measured.current_a == pytest.approx(10.0)
     assert measured.voltage_v[3] == pytest.approx(3.7003)
     assert (measured.t_mono_ns, measured.uptime_ms) == (master.t_ns, master.uptime_ms)
-
-
-def test_a_frame_without_voltages_is_no_measurement_yet(source, master):
-    assert source.feed(master.config()).measurement is None
 
 
 def test_without_anything_new_only_the_ages_grow(source, master):

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -27,12 +25,6 @@ def test_a_profile_that_names_too_little_says_what_is_missing(given: dict[str, s
         ImportProfile(**given).check_complete("run.csv", ["Speed"])
 
 
-def test_a_profile_that_cannot_be_read_names_its_file(tmp_path: Path) -> None:
-    (tmp_path / "bad.toml").write_text("speed = 3")
-    with pytest.raises(ImportFailed, match=r"bad\.toml: speed: no such field"):
-        ProfileStore(tmp_path).load("bad")
-
-
 def test_profiles_are_kept_by_name(tmp_path):
     store = ProfileStore(tmp_path / "profiles")
     assert store.names() == []
@@ -44,6 +36,9 @@ def test_profiles_are_kept_by_name(tmp_path):
             store.save(name, ORION)
     with pytest.raises(ImportFailed, match="no such profile; there are: orion"):
         store.load("other")
+    (tmp_path / "profiles" / "bad.toml").write_text("speed = 3")
+    with pytest.raises(ImportFailed, match=r"bad\.toml: speed: no such field"):
+        store.load("bad")
 
 
 @pytest.mark.parametrize(
