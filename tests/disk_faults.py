@@ -39,6 +39,7 @@ from app.sources.connections import Connections, load_connections, save_connecti
 from app.sources.loaded_battery import team_battery
 from app.sources.recordings.profile import ImportProfile, ProfileStore
 from app.telemetry import Event
+from app.words import Message
 from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.eeprom import newest
 from firmware_protocol.framing import FrameDecoder, encode_frame
@@ -218,7 +219,7 @@ def events(folder: Path, said: list[str]) -> Iterator[Step]:
         clock = FunctionClock(lambda: 0, lambda: 0)
         yield lambda: opened.append(EventLog(folder / "events.sqlite", clock))
         for k in range(3):
-            opened[0].append(Event(WALL_NS + k, "info", "code", f"event {number} {k}"))
+            opened[0].append(Event(WALL_NS + k, "info", "code", Message("verbatim", text=f"event {number} {k}")))
         wanted = {f"event {number} {k}" for k in range(3)}
         yield opened[0].flush
         yield lambda: must(opened[0].acknowledge(1, "ada"), "it cannot be acknowledged")

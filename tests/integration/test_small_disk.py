@@ -57,6 +57,7 @@ from app.sessions.catalogue import Catalogue
 from app.clock import Clock
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sources.items import SerialItem
+from app.words import render
 from firmware_protocol.framing import decode_chunk, encode_frame
 
 disk = Path(os.environ["DISK"])
@@ -64,7 +65,7 @@ events = []
 recorder = AutoRecorder(disk / "sessions", automatic=True, on_event=events.append, clock=Clock())
 for i in range(20):
     recorder.on_item(SerialItem(i * 10**9, i * 10**9, decode_chunk(encode_frame(3, i, i, bytes(4))[1:-1])))
-print([event.code for event in events], events[0].text.endswith("Read-only file system"))
+print([event.code for event in events], render(events[0].message).endswith("Read-only file system"))
 (info,) = Catalogue(disk / "sessions").list()
 print(info.name, info.frames)
 """

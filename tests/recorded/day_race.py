@@ -72,7 +72,7 @@ def check(race: DayRace) -> list[str]:
                 points = len(series[signal].time_s)
                 print(f"2,000 points of {signal} over {part:g} of it: {1000 * answered_s:.0f} ms, {points}")
         reported_s, report = timed(lambda: report_of(session))
-        print(f"report in {reported_s:.1f} s: {report.headline}")
+        print(f"report in {reported_s:.1f} s: {report.findings.headline.text}")
         print(f"{len(report.laps.laps)} laps")
     if not info.is_closed:
         wrong.append("not closed")
