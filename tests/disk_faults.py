@@ -111,7 +111,7 @@ def recorder(folder: Path, said: list[str]) -> Iterator[Step]:
     yield begin
     for number in range(3):
         batch()
-        made.event(sent * 10**7, Event(WALL_NS, "info", "marked", "marked"))
+        made.event(sent * 10**7, Event(WALL_NS, "info", "marked", Message("verbatim", text="marked")))
         yield made.flush
         if number == 1:
             yield split
