@@ -41,7 +41,6 @@ check: lint types imports generated-check c-check frontend-check ## formatting, 
 lint: $(VENV)/.dev-installed
 	$(PY) -m ruff format --check
 	$(PY) -m ruff check
-	$(PY) .ci/ratios.py
 	$(VENV)/bin/actionlint
 
 types: $(VENV)/.dev-installed
