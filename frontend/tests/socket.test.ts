@@ -7,6 +7,7 @@ class FakeSocket implements SocketLike {
   onopen: ((event: unknown) => void) | null = null;
   onclose: ((event: { code: number }) => void) | null = null;
   closed = false;
+  readyState?: number;
   close(): void {
     this.closed = true;
   }
@@ -159,6 +160,15 @@ describe('LiveSocket', () => {
     live.stop();
     expect(sockets[0]!.closed).toBe(true);
     expect(timers.size).toBe(0);
+  });
+
+  it('is closed once it is connected where it was dropped before, which browsers report as an error', () => {
+    const live = start();
+    sockets[0]!.readyState = WebSocket.CONNECTING;
+    live.stop();
+    expect(sockets[0]!.closed).toBe(false);
+    sockets[0]!.onopen!({});
+    expect(sockets[0]!.closed).toBe(true);
   });
 
   it('spreads the retries of many pages', () => {

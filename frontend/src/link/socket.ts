@@ -12,8 +12,11 @@ export interface SocketLike {
   onmessage: ((event: { data: unknown }) => void) | null;
   onopen: ((event: unknown) => void) | null;
   onclose: ((event: { code: number }) => void) | null;
+  readonly readyState?: number;
   close(): void;
 }
+
+const CONNECTING = 0; // a socket's readyState
 
 export interface SocketEnvironment {
   connect: (url: string) => SocketLike;
@@ -163,7 +166,9 @@ export class LiveSocket {
   private drop(socket: SocketLike): void {
     this.sockets = this.sockets.filter((each) => each !== socket);
     socket.onopen = socket.onmessage = socket.onclose = null;
-    socket.close();
+    if (socket.readyState === CONNECTING)
+      socket.onopen = () => socket.close(); // before, browsers report an error
+    else socket.close();
     if (this.speaker !== socket) return;
     this.speaker = null;
     if (this.sockets.length) this.tell('lost');
