@@ -15,10 +15,12 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import app  # noqa: F401  before numpy: it keeps each process to one thread
+from firmware_protocol.config_image import default_image
+from firmware_protocol.eeprom import EEPROM_SIZE, encode_slot
 from hatch_build import build_libraries
 from tests.bytecode import write_bytecode
 from tests.campaign import IS_FULL, examples, tell_figure
-from tests.service_process import Service, until
+from tests.service_process import Service
 
 # On a loaded machine the time of one example says nothing.
 settings.register_profile(
@@ -154,8 +156,11 @@ def scenario() -> str:
     return "race-day"
 
 
-def live_service(folder: Path, scenario: str) -> Service:
-    """A service that delivers snapshots of every cell already."""
+def live_service(folder: Path, scenario: str, *, is_stored: bool = False) -> Service:
+    """A service that delivers snapshots of every cell already; the master's EEPROM is empty, or has the defaults."""
+    if is_stored:  # a car that drives stores nothing
+        (folder / "data").mkdir()
+        (folder / "data" / "eeprom.bin").write_bytes(encode_slot(default_image(), 1).ljust(EEPROM_SIZE, b"\xff"))
     running = Service(folder / "data", ["--seed", "1", "--scenario", scenario]).start()
     running.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96 and s["links"]["can"]["state"] == "live")
     return running
@@ -165,9 +170,7 @@ def read_service(request: pytest.FixtureRequest, make_folder: pytest.TempPathFac
     """One service for all tests that only read; its master has a stored configuration, as in the car."""
     stash = request.config.stash
     if READ_SERVICE not in stash:
-        stash[READ_SERVICE] = running = live_service(make_folder.mktemp("read"), "race-day")
-        with running.client() as client:
-            until(lambda: client.post("/config/store").is_success)
+        stash[READ_SERVICE] = live_service(make_folder.mktemp("read"), "race-day", is_stored=True)
     return stash[READ_SERVICE]
 
 
@@ -179,6 +182,7 @@ def service(
     if getattr(request.module, "READS_ONLY", False):
         yield read_service(request, tmp_path_factory)
         return
-    running = live_service(tmp_path_factory.mktemp("service"), scenario)
+    is_stored = getattr(request.module, "IS_STORED", False)
+    running = live_service(tmp_path_factory.mktemp("service"), scenario, is_stored=is_stored)
     yield running
     running.stop()
