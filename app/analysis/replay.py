@@ -62,7 +62,7 @@ def prove(
 ) -> list[Verdict]:
     """Replay a session from its start to its end and return what held; the same each time.
 
-    `on_progress` is told how many milliseconds of how many are replayed.
+    `on_progress` gets the milliseconds replayed and their total.
     """
     length_ms = round(1e3 * session.info.duration_s)
     recorded, start_ns = RecordedEstimates(session), session.info.started_mono_ns

@@ -24,7 +24,7 @@ from firmware_protocol.framing import BAUD_RATE, Frame
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 from firmware_protocol.messages import Command, CommandId, EventMessage, Write
 
-READY_S: Final = 20.0  # for a master to speak, and to be healthy again
+READY_S: Final = 20.0  # for telemetry to begin, and for the circuit to close again
 OPENS_S: Final = 6.0  # within which a fault has to open the circuit
 LEAD_S, SETTLE_S, AFTER_S = 3.0, 1.0, 0.5
 TEST_INTERVAL_MS: Final = 40  # the quickest telemetry that the line carries
@@ -71,7 +71,7 @@ class Station:
         self.recorder.marker(self._clock.monotonic_ns(), self._clock.wall_ns(), text, kind=kind)
 
     def forget_trips(self) -> None:
-        """Trips that were told so far count no more."""
+        """Forget the trips received so far."""
         with self._news:
             self._trips.clear()
 
@@ -81,7 +81,7 @@ class Station:
             return self._news.wait_for(lambda: self._holds(condition), seconds)
 
     def wait_for_telemetry(self, seconds: float) -> bool:
-        """Wait until the master speaks; False after the time.
+        """Wait for telemetry; False after the time.
 
         Raises:
             LinkLost: the port cannot be opened.

@@ -100,7 +100,7 @@ def _run(
 ) -> tuple[int, int]:
     """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port.
 
-    While `stalls` says nothing, systemd is told that the service is alive.
+    While `stalls` is empty, systemd's watchdog is served.
     """
     address, port = listener.getsockname()[:2]
     host = f"[{address}]" if ":" in address else address
@@ -152,7 +152,7 @@ def _source(
 
 
 class _Server(uvicorn.Server):
-    """Says where it is once it takes connections; may end to be started again."""
+    """Prints its address once it takes connections; may end to be started again."""
 
     def __init__(
         self,
@@ -176,7 +176,7 @@ class _Server(uvicorn.Server):
         self.should_exit = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start and tell."""
+        """Start, print the address, notify systemd."""
         await super().startup(sockets)
         for listener in sockets or ():
             listener.listen(_WAIT_AT_THE_DOOR)  # in the kernel: the event loop takes but few at once
@@ -188,7 +188,7 @@ class _Server(uvicorn.Server):
                 self._tasks.append(asyncio.create_task(self._renewal.keep()))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Tell and end."""
+        """Notify systemd and end."""
         for task in self._tasks:
             task.cancel()
         if not self.is_again:

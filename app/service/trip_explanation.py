@@ -1,4 +1,4 @@
-"""Why the car tripped: looked for in the recording that runs, told to the alarm that holds, and kept as events."""
+"""The cause of a trip: searched in the running recording, shown by the alarm, kept as an event."""
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.incidents import Trigger
@@ -15,7 +15,7 @@ from app.words import Message
 
 
 class TripExplanation:
-    """What a black box asks for and is followed by; in the thread that writes black boxes."""
+    """The cause for a black box and the events after it; called in the thread that writes black boxes."""
 
     def __init__(
         self,

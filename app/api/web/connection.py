@@ -62,7 +62,7 @@ def server_config(
 
 
 class Connection(asyncio.Protocol):
-    """Counts, decrypts, passes on; cuts off who says nothing, or too slowly, or takes nothing."""
+    """Counts, decrypts, passes on; cuts off a client that is silent, too slow, or takes nothing."""
 
     address = ""
     is_websocket = False
