@@ -112,7 +112,7 @@ class Control:
         kind = _kind(request)
         value, for_s = request.get("value"), read_optional(request, "for_s", FOR_S)
         self._player.faults.inject(kind.name, self._target(kind, request), value, for_s)
-        return {}
+        return {"fault": kind.name}
 
     def _clear(self, request: Mapping[str, Any]) -> dict[str, Any]:
         kind = _kind(request)

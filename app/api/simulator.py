@@ -178,9 +178,9 @@ def read(simulator: SimulatorPart) -> dict[str, Any]:
 @router.post("/faults", status_code=201, response_model=FaultsInForceOut)
 def inject(body: FaultIn, simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Make something go wrong, for a while or until it is cleared."""
-    _ask(simulator, "inject", body.model_dump())
+    fault = _ask(simulator, "inject", body.model_dump())["fault"]  # its code today, also by an older name
     place = ", ".join(f"{name} {value}" for name, value in (("pack", body.pack), ("cell", body.cell)) if value)
-    events.note("info", "simulator-fault", Message("fault-injected", fault=f"{body.fault} {place}".strip()), user.name)
+    events.note("info", "simulator-fault", Message("fault-injected", fault=f"{fault} {place}".strip()), user.name)
     return {"active": _ask(simulator, "status")["active"]}
 
 

@@ -1,6 +1,6 @@
 """The codes of conditions: one each, the same in an alarm, a finding, a cause, a fault of the simulator and a report.
 
-Their names are in `en/conditions.json`. What was kept under an older code is read by `condition_of`.
+Their names are in `en/codes.json`. What was kept under an older code is read by `condition_of`.
 """
 
 from __future__ import annotations

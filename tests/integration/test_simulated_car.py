@@ -10,10 +10,11 @@ def test_faults_are_listed_injected_shown_and_cleared(service):
         body = client.get("/simulator").json()
         assert body["scenario"] in {item["name"] for item in body["scenarios"]}
         assert {"joint-resistance-high", "sense-wire-open"} & {fault["name"] for fault in body["faults"]}
-        hot = client.post(
-            "/simulator/faults", json={"fault": "joint-resistance-high", "pack": 3, "cell": 7, "value": 5}
-        )
+        by_its_old_name = {"fault": "loose-joint", "pack": 3, "cell": 7, "value": 5}
+        hot = client.post("/simulator/faults", json=by_its_old_name)
         assert hot.status_code == 201, hot.text
+        texts = [event["message"]["text"] for event in client.get("/events").json()["events"]]
+        assert "fault injected: joint-resistance-high pack 3, cell 7" in texts
         active = client.get("/simulator").json()["status"]["active"]
         assert [(fault["fault"], fault["pack"], fault["cell"]) for fault in active] == [("joint-resistance-high", 3, 7)]
         assert client.delete("/simulator/faults/joint-resistance-high?pack=3&cell=7").json() == {"active": []}

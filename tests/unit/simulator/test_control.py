@@ -26,7 +26,8 @@ def control(player) -> Control:
 
 def test_inject_and_clear_name_cells_as_people_do(control, player):
     assert control.answer({"do": "inject", "fault": "joint-resistance-high", "pack": 3, "cell": 7, "value": 2}) == {
-        "ok": True
+        "ok": True,
+        "fault": "joint-resistance-high",
     }
     assert player.simulation.accumulator.extra_joint_ohm[30] == pytest.approx(2e-3)
     active = control.answer({"do": "status"})["active"]
@@ -44,7 +45,7 @@ def test_catalogue_is_enough_to_build_a_form(control):
         places = {"none": {}, "pack": {"pack": 1}, "cell": {"pack": 1, "cell": 1}}[fault["target"]]
         for_s = None if fault["is_instant"] else 5
         request = {"do": "inject", "fault": fault["fault"], "value": fault["default"], "for_s": for_s, **places}
-        assert control.answer(request) == {"ok": True}, fault
+        assert control.answer(request) == {"ok": True, "fault": fault["fault"]}, fault
 
 
 BOLT = {"do": "inject", "fault": "joint-resistance-high", "pack": 3, "cell": 7}
