@@ -202,7 +202,7 @@ def test_faults_and_unplugging_over_the_control_port(simulator, tmp_path):
             return json.loads(client.makefile().readline())
 
     with Line(started.urls["serial"]) as line:
-        assert ask({"do": "inject", "fault": "slave-lost", "pack": 2}) == {"ok": True}
+        assert ask({"do": "inject", "fault": "slave-lost", "pack": 2}) == {"ok": True, "fault": "slave-lost"}
         event = line.frames_until(lambda frame: frame.type == MessageType.EVENT and frame.body[0] == 8)[-1]
         assert decode_message(event).cell == 12
         assert ask({"do": "unplug", "for_s": 0.3}) == {"ok": True}
