@@ -14,12 +14,13 @@ class Lap:
         number: from 1.
         start, end: in UTC.
         driver: who drove; empty where nobody said.
-        counts: False for an out-lap or an incident.
+        counts: False for an out-lap, an incident or a partial lap.
         energy_out_wh, energy_in_wh: discharged, and charged by braking [Wh].
         power_mean_w, power_max_w: [W].
         soc_used: mean SOC at its begin less at its end, 0..1.
         temperature_max_degc: of the hottest cell, `temperature_max_cell` [degC].
         voltage_min_v: of the weakest cell, `weakest_cell` [V].
+        is_partial: cut off by the end of the recording, or by a stop before the line.
     """
 
     number: int
@@ -36,6 +37,7 @@ class Lap:
     temperature_max_cell: int | None
     voltage_min_v: float | None
     weakest_cell: int | None
+    is_partial: bool = False
 
     @property
     def duration_s(self) -> float:

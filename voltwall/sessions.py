@@ -194,6 +194,7 @@ class Session(Closing):
                 each.temperature_max_cell,
                 each.voltage_min_v,
                 each.weakest_cell,
+                each.lap.is_partial,
             )
             for number, each in enumerate(lap_table(self._file).laps, 1)
         ]

@@ -213,7 +213,8 @@ def _print_laps(table: LapTable, start_s: float, segments: Sequence[int]) -> Non
 
 
 def _notes(lap: Lap) -> str:
-    return " ".join(part for part in (lap.driver, lap.note, "" if lap.counts else "(not counted)") if part)
+    partial = "(partial)" if lap.is_partial else ""
+    return " ".join(part for part in (lap.driver, lap.note, partial, "" if lap.counts else "(not counted)") if part)
 
 
 def _of_driver(one: DriverFigures) -> tuple[str, ...]:

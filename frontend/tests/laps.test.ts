@@ -1,14 +1,20 @@
 import { expect, it } from 'vitest';
-import { askedBy, lapSource, quickest, reparted } from '../src/store/laps';
+import { askedBy, compared, lapSource, quickest, reparted } from '../src/store/laps';
 
 const lap = (start_s: number, end_s: number, counts = true) => ({
-  lap: { start_s, end_s, counts, driver: '', note: '' },
+  lap: { start_s, end_s, counts, is_partial: !counts, driver: '', note: '' },
 });
 
 it('the quickest lap is the shortest one that counts', () => {
   expect(quickest([lap(0, 30, false), lap(30, 92), lap(92, 150), lap(150, 210)])).toBe(2);
-  expect(quickest([lap(0, 30, false), lap(30, 92, false)])).toBe(0);
+  expect(quickest([lap(0, 30, false), lap(30, 92, false)])).toBeNull();
   expect(quickest([])).toBeNull();
+});
+
+it('a lap that does not count is not compared unless somebody chooses it', () => {
+  expect(compared([lap(0, 80), lap(80, 160), lap(160, 240), lap(240, 296, false)])).toEqual([1, 2]);
+  expect(compared([lap(0, 80), lap(80, 136, false)])).toEqual([0]);
+  expect(compared([lap(0, 56, false)])).toEqual([]);
 });
 
 it('parts of a lap are told for more and for fewer parts, place by place', () => {

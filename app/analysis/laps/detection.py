@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,9 @@ SEARCH: Final = (0.8, 1.25)  # of the period, where the next lap may begin
 LEARN: Final = 0.3  # weight of the newest lap in what a lap looks like
 UNUSUAL: Final = 4.0  # taken off the correlation, times the square of how far a lap is off the usual time
 MATCH_MIN: Final = 0.2  # correlation below which the pattern is lost and the period alone counts
-LAST_LAP: Final = (0.85, 1.2)  # of the period: a stint that ends within ended on the line
+LAST_LAP: Final = (0.85, 1.2)  # of the period: a stint that ends within ended on the line, or a little before it
+LINE: Final = 0.02  # of the period, within which the pattern places the line
+GAP_S: Final = 5.0  # without a sample after the last power: whether the car stopped is not known
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,14 @@ class Stint:
 
     start_s: float
     end_s: float
+
+
+class PatternLap(NamedTuple):
+    """A lap by the pattern of the power [s]; a partial one was cut off before the car came round."""
+
+    start_s: float
+    end_s: float
+    is_partial: bool
 
 
 def stints(time_s: FloatArray, power_w: FloatArray) -> list[Stint]:
@@ -54,11 +64,12 @@ def stints(time_s: FloatArray, power_w: FloatArray) -> list[Stint]:
     return [stint for stint in found if stint.end_s - stint.start_s >= STINT_MIN_S]
 
 
-def laps_by_pattern(time_s: FloatArray, power_w: FloatArray) -> list[tuple[float, float]]:
-    """Return start and end of every lap by the repetition of the power [s].
+def laps_by_pattern(time_s: FloatArray, power_w: FloatArray) -> list[PatternLap]:
+    """Return every lap by the repetition of the power.
 
     The first lap of a stint begins where the driving does, every other one where the pattern of the laps before comes
-    again, so all laps of a stint begin at one place of the track, which need not be the line.
+    again, so all laps of a stint begin at one place of the track, which need not be the line. The last one is partial
+    where the recording ends while the car drives, or the car stops before that place.
 
     Args:
         time_s: (n,) rising [s].
@@ -70,10 +81,10 @@ def laps_by_pattern(time_s: FloatArray, power_w: FloatArray) -> list[tuple[float
     if not known:
         return []
     usual_s = float(np.median(known))
-    laps: list[tuple[float, float]] = []
+    laps: list[PatternLap] = []
     for stint, period_s in zip(found, periods, strict=True):
-        marks = _marks_of_stint(time_s, power_w, stint, period_s or usual_s)
-        laps += pairwise(marks)
+        marks, is_cut_off = _marks_of_stint(time_s, power_w, stint, period_s or usual_s)
+        laps += [PatternLap(*span, is_partial=is_cut_off and span[1] == marks[-1]) for span in pairwise(marks)]
     return laps
 
 
@@ -122,31 +133,47 @@ def _energy_j(time_s: FloatArray, power_w: FloatArray) -> FloatArray:
     return np.concatenate(([0.0], np.cumsum(0.5 * (power_w[1:] + power_w[:-1]) * np.diff(time_s))))
 
 
-def _marks_of_stint(time_s: FloatArray, power_w: FloatArray, stint: Stint, period_s: float) -> list[float]:
-    """Follow the pattern from lap to lap: what surrounded the marks before is looked for about a period later."""
+def _stops(time_s: FloatArray, stint: Stint) -> bool:
+    """Whether the car is seen to stand after a stint; else the recording, or what it receives, ends while it drives."""
+    after = time_s[(time_s > stint.end_s) & (time_s < stint.end_s + STOP_S)]
+    return float(np.diff(after, prepend=stint.end_s, append=stint.end_s + STOP_S).max()) < GAP_S
+
+
+def _marks_of_stint(time_s: FloatArray, power_w: FloatArray, stint: Stint, period_s: float) -> tuple[list[float], bool]:
+    """Follow the pattern from lap to lap: what surrounded the marks before is looked for about a period later.
+
+    Returns the marks, and whether the stint was cut off at the last one.
+    """
     known = np.isfinite(power_w)
+    stops = _stops(time_s[known], stint)
     grid = np.arange(stint.start_s, stint.end_s + GRID_S, GRID_S)
     power = np.diff(np.interp(grid, time_s[known], _energy_j(time_s[known], power_w[known]))) / GRID_S
     half = round(0.5 * period_s / GRID_S)
     pattern = _stretch_around(power, 0, half)
     marks = [0.0]
+    is_cut_off = False
     while True:
         usual = float(np.median(np.diff(marks))) if len(marks) > 1 else period_s / GRID_S
         left = len(power) - marks[-1]
+        mark, score = _next_mark(power, pattern, marks[-1], usual)
+        before_end = len(power) - mark  # negative: the line would have come later
         if LAST_LAP[0] * usual <= left <= LAST_LAP[1] * usual:
-            marks.append(float(len(power)))
+            is_found = score >= MATCH_MIN
+            crossed = is_found and not stops and before_end > LINE * usual
+            falls_short = before_end < -LINE * usual if is_found else left < usual
+            is_cut_off = not crossed and (not stops or falls_short)
+            marks.append(mark if crossed else float(len(power)))
         elif left > usual:
-            mark, score = _next_mark(power, pattern, marks[-1], usual)
-            marks.append(mark if score >= MATCH_MIN else marks[-1] + usual)
+            marks.append(mark if score >= MATCH_MIN and before_end >= 0.0 else marks[-1] + usual)
             pattern = _learnt(pattern, _stretch_around(power, round(marks[-1]), half))
             continue
-        return [stint.start_s + mark * GRID_S for mark in marks]
+        return [stint.start_s + mark * GRID_S for mark in marks], is_cut_off
 
 
 def _next_mark(power: FloatArray, pattern: FloatArray, mark: float, usual: float) -> tuple[float, float]:
     """Return where the pattern comes again, near the usual length of a lap rather than far off it, and how well."""
     low, high = (round(mark + share * usual) for share in SEARCH)
-    places = np.arange(low, min(high, len(power)) + 1)
+    places = np.arange(low, high + 1)  # beyond the end: where the line would have come
     matches = np.array([_match(pattern, _stretch_around(power, int(at), len(pattern) // 2)) for at in places])
     scores = matches - UNUSUAL * ((places - mark) / usual - 1.0) ** 2
     best = int(scores.argmax())

@@ -21,7 +21,8 @@ class Lap:
     end_s: float
     driver: str = ""
     note: str = ""
-    counts: bool = True  # False: an out-lap, an incident; not compared
+    counts: bool = True  # False: an out-lap, an incident, a partial lap; not compared
+    is_partial: bool = False  # cut off by the end of the recording, or by a stop before the line
 
     @property
     def duration_s(self) -> float:

@@ -108,7 +108,8 @@ def lap_times(session: SessionFile) -> list[float]:
     source, laps = find_laps(session, read_totals(session), None, None)
     if source == "markers" or (source == "pattern" and not laps):
         return sorted(set(_marks(session.markers(), session)))
-    return sorted({time_s for lap in laps for time_s in (lap.start_s, lap.end_s)})
+    ends = {lap.end_s for lap in laps if not lap.is_partial}  # where a lap was cut off, none meet
+    return sorted({lap.start_s for lap in laps} | ends)
 
 
 def find_laps(
@@ -138,10 +139,11 @@ def find_laps(
         source = "markers" if len(marks) > 1 else "pattern"
     power_w = totals.power_w
     if source == "pattern":
-        spans = laps_by_pattern(totals.time_s, power_w)
+        found = laps_by_pattern(totals.time_s, power_w)
+        laps = [Lap(start, end, counts=not partial, is_partial=partial) for start, end, partial in found]
     else:
-        spans = laps_by_marks(marks, stints(totals.time_s, power_w))
-    return source, with_drivers([Lap(*span) for span in spans], driver_changes(session, markers))
+        laps = [Lap(*span) for span in laps_by_marks(marks, stints(totals.time_s, power_w))]
+    return source, with_drivers(laps, driver_changes(session, markers))
 
 
 def _marks(markers: Sequence[Marker], session: SessionFile) -> list[float]:

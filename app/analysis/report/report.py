@@ -236,7 +236,7 @@ def report_of(session: SessionFile) -> Report:
     warnings = [*_ended(ended), *_event_arguments(warned, segments)]
     look_at = what_to_look_at(survey, odd, warnings, session.bad_frames())
     findings = Findings(
-        sentence(headline(survey, len(found_laps)), segments),
+        sentence(headline(survey, sum(not lap.is_partial for lap in found_laps)), segments),
         [sentence(each, segments) for each in why],
         [sentence(each, segments) for each in what_limited(near, _event_arguments(trips, segments))],
         [sentence(each, segments) for each in look_at],

@@ -82,6 +82,7 @@ class LapIn(Body):
     driver: str = Field("", max_length=200)
     note: str = Field("", max_length=200)
     counts: bool = True
+    is_partial: bool = False
 
 
 class LapsIn(Body):

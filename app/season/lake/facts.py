@@ -105,7 +105,7 @@ def facts_of(session: SessionFile, *, judge_anew: bool = False) -> Facts:
                     "battery": session.battery.name,
                     "n_cells": session.battery.n_cells,
                     "segments": json.dumps(session.battery.segments),
-                    "n_laps": len(laps),
+                    "n_laps": sum(not lap.is_partial for lap in laps),
                     "laps_from": laps_from,
                     "cell_file": cell.name,
                     "cell_file_of_then": is_of_then,

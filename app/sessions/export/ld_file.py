@@ -31,6 +31,7 @@ _VEHICLE = struct.Struct("<64s128xI32s32s")
 _CHANNEL = struct.Struct("<4I4H4h32s8s12s40x")
 _VEHICLE_AT, _VENUE_AT, _EVENT_AT, _CHANNELS_AT = 1762, 5078, 8180, 11336  # where i2's own files have them
 _MARK = 0x40
+_SAME_S = 1.0  # the first sample of a range comes a little after the lap that it is of began
 _PRO_LOGGING = 0xC81A4
 _DEVICE = (1, 0x4240, 0xF, 0x1F44, b"ADL", 420, 0xADB0)
 _FLOAT, _FLOAT_SIZE = 7, 4
@@ -186,16 +187,22 @@ def write_ldx(table: SignalTable, path: Path) -> None:
         f'<Marker Version="100" ClassName="BCN" Name={quoteattr(f"Lap.{i + 1}")} Flags="77" Time="{at_s * 1e6:.6e}"/>'
         for i, at_s in enumerate(beacons)
     ]
-    laps = np.diff([0.0, *beacons])
-    fastest = int(np.argmin(laps))
-    minutes, seconds = divmod(float(laps[fastest]), 60)
+    # what lies before the first time that laps meet and after the last is no whole lap
+    begins_a_lap = any(abs(time_s - start_s) <= _SAME_S for time_s in _beacons(table))
+    laps = np.diff([0.0, *beacons] if begins_a_lap else beacons)
+    fastest = ""
+    if laps.size:
+        minutes, seconds = divmod(float(laps.min()), 60)
+        fastest = (
+            f'<String Id="Fastest Time" Value="{int(minutes)}:{seconds:06.3f}"/>'
+            f'<String Id="Fastest Lap" Value="{int(laps.argmin()) + (1 if begins_a_lap else 2)}"/>'
+        )
     car = '<String Id="Vehicle Comment" Value="simulated car"/>' if table.is_simulated else ""
     path.write_text(
         '<?xml version="1.0"?>\n<LDXFile Locale="C" DefaultLocale="C" Version="1.6"><Layers><Layer><MarkerBlock>'
         f'<MarkerGroup Name="Beacons" Index="3">{"".join(lines)}</MarkerGroup></MarkerBlock><RangeBlock/></Layer>'
         f'<Details><String Id="Total Laps" Value="{len(beacons) + 1}"/>'
-        f'<String Id="Fastest Time" Value="{int(minutes)}:{seconds:06.3f}"/>'
-        f'<String Id="Fastest Lap" Value="{fastest + 1}"/>{car}</Details></Layers></LDXFile>\n',
+        f"{fastest}{car}</Details></Layers></LDXFile>\n",
         encoding="utf-8",
     )
 

@@ -1010,6 +1010,7 @@ export interface Lap {
   driver: string;
   note: string;
   counts: boolean;
+  is_partial: boolean;
 }
 
 /** One lap; None where not measured. */

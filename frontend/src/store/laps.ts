@@ -2,14 +2,20 @@
 
 import type { LapFigures } from '../link/types';
 
-/** Index of the quickest lap that counts; of the first where none does; null where there is none. */
-export function quickest(laps: readonly Pick<LapFigures, 'lap'>[]): number | null {
-  let best: number | null = laps.length ? 0 : null;
-  laps.forEach(({ lap }, i) => {
-    const before = laps[best!]!.lap;
-    if (lap.counts && (!before.counts || lap.end_s - lap.start_s < before.end_s - before.start_s)) best = i;
-  });
-  return best;
+type Laps = readonly Pick<LapFigures, 'lap'>[];
+const timeOf = ({ lap }: Laps[number]): number => lap.end_s - lap.start_s;
+
+/** Index of the quickest lap that counts; null where none does. */
+export const quickest = (laps: Laps): number | null =>
+  laps.reduce<number | null>(
+    (best, each, i) => (each.lap.counts && (best === null || timeOf(each) < timeOf(laps[best]!)) ? i : best),
+    null,
+  );
+
+/** Indices of the two laps that are compared at first; the first lap begins at a standstill, unlike the others. */
+export function compared(laps: Laps): number[] {
+  const counted = laps.flatMap(({ lap }, i) => (lap.counts ? [i] : []));
+  return counted.slice(counted.length > 2 ? 1 : 0).slice(0, 2);
 }
 
 /** Values of equal parts of a lap, told for another number of parts. */

@@ -10,7 +10,17 @@ NAMES = {
     "Event": {"cell", "code", "limit", "severity", "text", "time", "unit", "value"},
     "Finding": {"cell", "code", "confidence", "high", "low", "since", "size", "text", "unit"},
     "Lap": {
-        *("counts", "driver", "duration_s", "end", "energy_in_wh", "energy_out_wh", "number", "power_max_w"),
+        *(
+            "counts",
+            "driver",
+            "duration_s",
+            "end",
+            "energy_in_wh",
+            "energy_out_wh",
+            "is_partial",
+            "number",
+            "power_max_w",
+        ),
         *("power_mean_w", "soc_used", "start", "temperature_max_cell", "temperature_max_degc", "voltage_min_v"),
         "weakest_cell",
     },

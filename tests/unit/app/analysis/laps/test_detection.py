@@ -38,6 +38,36 @@ def test_every_lap_is_found_where_it_was_driven(rate_hz):
     np.testing.assert_allclose([lap[0] for lap in laps], np.cumsum(times_s) - times_s, atol=2.5)
 
 
+@pytest.mark.parametrize("share", [0.7, 0.87, 0.95, 0.99])
+@pytest.mark.parametrize("stops", [False, True], ids=["the recording ends", "the car stops"])
+def test_a_lap_that_was_cut_off_is_partial(share, stops):
+    times_s = np.array([80.0, 81, 79, 80, 82])
+    time_s, power_w = drive(times_s)
+    end_s = times_s[:-1].sum() + share * times_s[-1]
+    time_s, power_w = time_s[time_s < end_s], power_w[time_s < end_s]
+    if stops:
+        time_s, power_w = join((time_s, power_w), rest(end_s, 60))
+    *whole, last = laps_by_pattern(time_s, power_w)
+    if share > 0.85:
+        assert last.is_partial or (stops and share == 0.99)  # the pattern places the line to about a second
+    assert not any(lap.is_partial for lap in whole)
+    assert min(lap.end_s - lap.start_s for lap in (*whole, last) if not lap.is_partial) > 77.5
+
+
+def test_a_lap_that_ends_on_the_line_is_whole_where_the_car_then_stops():
+    time_s, power_w = join(drive(np.full(4, 80.0)), rest(320.0, 60))
+    assert [lap.is_partial for lap in laps_by_pattern(time_s, power_w)] == [False] * 4
+    cut = time_s < 325.0  # the recording ends at once: whether the car drove on is not known
+    assert [lap.is_partial for lap in laps_by_pattern(time_s[cut], power_w[cut])] == [False] * 3 + [True]
+
+
+def test_a_lap_is_cut_off_where_the_link_was_lost():
+    time_s, power_w = drive(np.full(8, 80.0))
+    received = (time_s < 310.0) | (time_s > 400.0)
+    found = laps_by_pattern(time_s[received], power_w[received])
+    assert [lap.is_partial for lap in found if lap.end_s < 320.0] == [False] * 3 + [True]
+
+
 def test_a_slow_lap_stays_one_lap():
     times_s = np.array([65.0, 66, 65, 76, 66, 65, 66, 65])
     laps = laps_by_pattern(*drive(times_s))

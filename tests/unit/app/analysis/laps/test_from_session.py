@@ -5,8 +5,10 @@ import pytest
 
 from app.analysis.laps.figures import Lap
 from app.analysis.laps.from_session import CanCounter, lap_table, lap_times, overlay_laps, settle_laps
+from app.analysis.report.report import report_of
 from app.cli import main
 from app.errors import ConfigError
+from app.season.lake.facts import facts_of
 from app.sessions.errors import NotASession, UnknownSignal
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.session_info import write_note
@@ -125,6 +127,22 @@ def test_the_pattern_finds_them_without_any_mark(path):
     with SessionFile(path) as session:
         table = lap_table(session, "pattern")
     assert [each.lap.duration_s for each in table.laps] == pytest.approx([LAP_S] * 5, abs=1.0)
+    assert [each.lap.is_partial for each in table.laps] == [False] * 4 + [True]  # the recording ends while it drives
+
+
+def test_a_lap_that_the_end_of_the_recording_cuts_off_counts_nowhere(make_session, capsys):
+    kept = TIME_S < 4.9 * LAP_S
+    with SessionFile(make_session(TIME_S[kept], CURRENT_A[kept], markers=[(-5.0, "driver", "Anna")])) as session:
+        table = lap_table(session)
+        assert [(each.lap.is_partial, each.lap.counts) for each in table.laps] == [(False, True)] * 4 + [(True, False)]
+        assert (table.drivers[0].laps, table.drivers[0].best_lap_s) == (4, pytest.approx(LAP_S, abs=1.0))
+        assert len(lap_times(session)) == 5  # at the cut no laps meet
+        assert facts_of(session).tables["sessions"][0]["n_laps"] == 4
+        assert [row["counts"] for row in facts_of(session).tables["laps"]] == [True] * 4 + [False]
+        assert "4 laps" in report_of(session).findings.headline.text
+        path = session.path
+    assert main(["sessions", "laps", str(path)]) == 0
+    assert capsys.readouterr().out.count("(partial) (not counted)") == 1
 
 
 def test_settled_laps_win_until_they_are_taken_back(path):

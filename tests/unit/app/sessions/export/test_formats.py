@@ -231,12 +231,16 @@ def test_laps_stand_beside_the_ld_file_as_beacons(session: SessionFile, tmp_path
     root = ElementTree.parse(path).getroot()
     assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([4e6, 25e6])
     details = {each.attrib["Id"]: each.attrib["Value"] for each in root.iter("String")}
-    assert details == {"Total Laps": "3", "Fastest Time": "0:04.000", "Fastest Lap": "1"}
+    assert details == {"Total Laps": "3", "Fastest Time": "0:21.000", "Fastest Lap": "2"}  # not the 4 s before it
     with pytest.raises(ConfigError, match="a session with laps"):
         export(session, tmp_path / "b.ldx", "ldx", signals=["i_fs"], t_to_s=WALL_S + 3)
     export(session, path, "ldx", lap_times_s=[WALL_S + 10, WALL_S + 20])
     root = ElementTree.parse(path).getroot()
     assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([10e6, 20e6])
+    for begin_s, fastest in ((WALL_S + 4, "1"), (WALL_S + 6, None)):  # a lap by itself; none that is whole
+        export(session, path, "ldx", signals=["i_fs"], t_from_s=begin_s)
+        found = {each.attrib["Id"]: each.attrib["Value"] for each in ElementTree.parse(path).getroot().iter("String")}
+        assert found.get("Fastest Lap") == fastest
 
 
 def test_motec_is_one_zip_with_samples_and_laps(session: SessionFile, tmp_path: Path) -> None:
