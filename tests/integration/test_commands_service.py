@@ -80,7 +80,12 @@ def test_balancing_with_open_relays_is_refused_where_the_rules_forbid_it(make_se
             assert (answer.status_code, answer.json()["type"]) == (409, "urn:voltwall:rules")
             assert "the rules forbid" in answer.json()["detail"]
         assert client.post("/commands/balance-stop").status_code == 200
-        assert set(client.get("/commands").json()["hindrances"]) == {"balance-start", "balance-cells"}
+        hindrances = client.get("/commands").json()["hindrances"]
+        assert {name: why["code"] for name, why in hindrances.items()} == {
+            "balance-start": "no-balancing-open",
+            "balance-cells": "no-balancing-open",
+            "charge-stop": "blocked-not-charging",
+        }
 
 
 def volts(read):

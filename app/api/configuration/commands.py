@@ -20,12 +20,14 @@ from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_CELLS
 from app.configuration.calibration import measure, propose_gain, propose_zero
+from app.configuration.command_conditions import BALANCING, block_reasons
+from app.errors import MasterRefused
+from app.service.master import MasterCommands
 from app.telemetry import Identity
 from app.words import Message, Quantity, rendered
 from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
 router = APIRouter(tags=["commands"])
-BALANCING = ("balance-start", "balance-cells")
 STREAM = ("stream-start", "stream-stop")
 
 
@@ -75,9 +77,8 @@ COMMANDS: dict[str, tuple[CommandId, Callable[[float | None], int]]] = {
 
 @router.get("/commands", response_model=CommandsOut)
 def names(live: LivePart, settings: SettingsPart) -> dict[str, Any]:
-    """The commands there are, and why some would be refused by this service now."""
-    reason = _balancing_block_reason(live, settings)
-    reasons = {} if reason is None else dict.fromkeys(BALANCING, reason)
+    """The commands there are, and why some would be refused now, by this service or by the master."""
+    reasons = _block_reasons(live, settings)
     return {
         "commands": [*COMMANDS, "balance-cells", *STREAM],
         "hindrances": {name: rendered(why) for name, why in reasons.items()},
@@ -101,24 +102,39 @@ def command(
         raise invalid("cells", len(asked.cells), Message("only-with-balance-cells"))
     if name in BALANCING and (reason := _balancing_block_reason(live, settings)) is not None:
         raise Problem(409, "rules", reason)
+    try:
+        _send(name, asked, commands, user.name)
+    except MasterRefused as error:
+        why = _block_reasons(live, settings).get(name)
+        if error.result != "NOT_NOW" or why is None:
+            raise
+        raise Problem(409, "refused", Message("blocked-now", why=why), result=error.result) from error
+    return {"done": True}
+
+
+def _send(name: str, asked: Argument, commands: MasterCommands, who: str) -> None:
     if name in STREAM:
         _none(asked.argument)
-        commands.stream(user.name, on=name == "stream-start")
+        commands.stream(who, on=name == "stream-start")
     elif name == "balance-cells":
         _none(asked.argument)
-        _balance(commands, asked.cells or [], user.name)
+        _balance(commands, asked.cells or [], who)
     elif name in COMMANDS:
         command_id, convert = COMMANDS[name]
         argument = convert(asked.argument) | (asked.duration_s or 0) << 8
-        commands.send(name, Command(command_id, argument), user.name, _in_words(asked))
+        commands.send(name, Command(command_id, argument), who, _in_words(asked))
     else:
         raise not_found("command", name)
-    return {"done": True}
 
 
 def _in_words(asked: Argument) -> str:
     duration = f" for {asked.duration_s} s" if asked.duration_s else ""
     return "" if asked.argument is None else f"{asked.argument:g}{duration}"
+
+
+def _block_reasons(live: LivePart, settings: SettingsPart) -> dict[str, Message]:
+    rules = _balancing_block_reason(live, settings)
+    return ({} if rules is None else dict.fromkeys(BALANCING, rules)) | block_reasons(live.snapshot)
 
 
 def _balancing_block_reason(live: LivePart, settings: SettingsPart) -> Message | None:

@@ -1,11 +1,13 @@
 // Why the accumulator is not being charged, and how long until it is full.
 
 import type { Commands, Maybe, Snapshot } from '../link/types';
+import { live } from './live.svelte';
 import { Resource } from './resource.svelte';
 import { cellName, fixed, quantity } from '../format';
 import { named, t, messageText } from '../words/words.svelte';
 
 const LEAST_A = 0.2; // below it nothing is charged
+const REST_A = 2; // beyond it no voltage is one at rest
 
 /** Whether charge flows: a sensor's noise while the master does not charge is none. */
 function flows(snapshot: Snapshot): boolean {
@@ -63,5 +65,30 @@ export function secondsToFull(snapshot: Maybe<Snapshot>): Maybe<number> {
   return least;
 }
 
-// The commands there are, and why the service would refuse some now.
-export const commands = new Resource<Commands>();
+// The commands there are, and why some would be refused now.
+class CommandConditions extends Resource<Commands> {
+  private known = '';
+
+  /** Ask again when the car's state is another one; call inside a component's effect. */
+  follow(): void {
+    const { snapshot } = live;
+    const state = JSON.stringify([
+      live.answers,
+      live.freshness('status') === 'blank',
+      snapshot?.master.state,
+      snapshot?.master.fit,
+      snapshot?.master.flags?.load,
+      snapshot?.charger.state,
+      Math.abs(snapshot?.accumulator.current_a ?? 0) >= REST_A,
+    ]);
+    if (state === this.known) return;
+    this.known = state;
+    if (live.answers) void this.read('commands');
+  }
+
+  /** Why a command cannot work now, in words; empty where it may. */
+  blocks(name: string): string {
+    return messageText(this.value?.hindrances[name]);
+  }
+}
+export const commands = new CommandConditions();
