@@ -92,7 +92,7 @@ def test_a_service_that_stands_is_told_and_what_cannot_work_is_off(service, open
         expect(page.locator('[data-testid="plausibility"] [data-verdict="true"]')).to_have_count(0)
         expect(page.get_by_test_id("command-reset")).to_be_disabled()
         for link in ("rs232", "can"):
-            expect(page.get_by_test_id(f"link-{link}")).to_have_attribute("data-state", "lost")
+            expect(page.get_by_test_id(f"link-{link}")).to_have_attribute("data-state", "unknown")
         page.goto(f"{service.base_url}/#/charging")
         expect(page.get_by_test_id("command-charge-start")).to_be_disabled()
         expect(page.get_by_test_id("why-not")).to_contain_text("Nothing is heard")

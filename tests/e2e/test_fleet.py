@@ -59,7 +59,7 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
         expect(blue.get_by_test_id(line)).to_have_attribute("data-state", state)
     expect(blue).not_to_contain_text("last SOC")  # it tells none
     expect(red).to_contain_text("last SOC")
-    expect(red.get_by_test_id("rs232")).to_have_attribute("data-state", "lost")
+    expect(red.get_by_test_id("rs232")).to_have_attribute("data-state", "unknown")
     assert violations(page) == {}
     page.get_by_test_id("language").select_option("nb")
     expect(red.get_by_test_id("trust")).to_contain_text("borte siden")
