@@ -21,6 +21,16 @@ class SerialItem:
 
 
 @dataclass(frozen=True, slots=True)
+class UnframedBytes:
+    """Bytes that arrived while no good frame did: how many that are in no `SerialItem`, and the last of all."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    count: int
+    last: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class CanItem:
     """A CAN data frame; bit 31 of the id marks a 29-bit one."""
 
@@ -64,4 +74,4 @@ class CanFault:
     rx_errors: int | None = None
 
 
-Item = SerialItem | CanItem | CanFault | LinkChange | TableItem
+Item = SerialItem | UnframedBytes | CanItem | CanFault | LinkChange | TableItem

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from app.telemetry.fields import SentAs, Unit
+from app.telemetry.fields import LEFT_OUT, SentAs, Unit
 from app.words import Message, Quantity, Text
 
 LinkName = Literal["rs232", "can"]
@@ -34,6 +34,7 @@ class LinkStatus:
     tx_errors: int | None = None  # its controller's error counters
     rx_errors: int | None = None
     bus_state: BusState | None = None  # None while it said nothing
+    unframed: Annotated[str | None, LEFT_OUT] = None  # the last bytes in hex, while bytes arrive and no frame does
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@ import { afterAll, beforeAll, describe, expect, it } from 'vitest';
 import { message } from '../fixtures/battery';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Snapshot } from '../src/link/types';
+import { hexLines } from '../src/store/data_warnings';
 
 const DRIVING = makeSnapshot('drive', 0, 1000, 1);
 const SILENT: Snapshot = { ...DRIVING, age: { ...DRIVING.age, voltage: null } };
@@ -33,6 +34,18 @@ describe('the strip over every page', () => {
     live.snapshot = SILENT;
     for (const hash of ['#/overview', '#/packs/3/7', '#/events', '#/sessions'])
       expect(strip(hash), hash).toContain('data-testid="car-silent"');
+  });
+
+  it('says that bytes arrive which are no frame, and where they are shown', () => {
+    const rs232 = { ...SILENT.links.rs232, state: 'silent' as const, bytes_per_s: 312, unframed: '56 3d 33' };
+    live.snapshot = { ...SILENT, links: { ...SILENT.links, rs232 } };
+    const shown = strip('#/overview');
+    expect(shown).toContain(
+      'Bytes arrive on RS232 (312 a second) but no frame: speed, parity, or another firmware?',
+    );
+    expect(shown).toContain('href="#/system"');
+    expect(shown).not.toContain('supply');
+    expect(hexLines('56 3d 33')).toEqual([`${'56 3d 33'.padEnd(48)}V=3`]);
   });
 
   it('does not over what was recorded', () => {

@@ -98,6 +98,26 @@ def test_noise_is_counted_and_good_frames_come_through(make_service, line):
     assert snapshot["cells"]["voltage_v"] == [3.7] * 96
 
 
+def test_bytes_that_are_no_frames_are_counted_and_shown(make_service, line):
+    ours, path = line
+    service = make_service("--serial", path)
+    service.wait_for(lambda s: s["links"]["rs232"]["state"] == "silent")
+
+    def after_more_bytes(snapshot):
+        os.write(ours, b"cell 1: 3.701 V\r\n" * 4)
+        return snapshot["links"]["rs232"].get("unframed")
+
+    link = service.wait_for(after_more_bytes)["links"]["rs232"]
+    assert (link["state"], link["frames"], link["crc_errors"]) == ("silent", 0, 0)
+    assert link["bytes"] > 0
+    assert link["bytes_per_s"] > 0
+    assert b"3.701 V" in bytes.fromhex(link["unframed"])
+    with service.client() as client:
+        assert "rs232-unframed" in {event["code"] for event in client.get("/events").json()["events"]}
+    os.write(ours, b"\0" + frame(0, 1000))
+    service.wait_for(lambda s: s["links"]["rs232"]["frames"] and "unframed" not in s["links"]["rs232"])
+
+
 def test_silence_ages_and_then_blanks_every_value(make_service, line):
     ours, path = line
     service = make_service("--serial", path)

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from app.sources.items import CanFault, LinkChange
+from app.sources.items import CanFault, LinkChange, UnframedBytes
 from app.telemetry import LinkState, LinkStatus
 from app.words import Text
 from firmware_protocol.can_tables import worst_case_bits
@@ -11,7 +11,7 @@ from firmware_protocol.framing import LINE_BYTES_PER_S, BadFrame, BadReason, Fra
 
 LIVE_S = 1.0
 _WINDOW_NS = 2_000_000_000
-_DELIMITERS = 2
+DELIMITERS = 2
 
 
 @dataclass(slots=True)
@@ -59,6 +59,7 @@ class LinkMonitor:
         self._rates = _Rates()
         self.bit_rate: int | None = None  # of the CAN bus [bit/s], by the master's tables
         self._fault: CanFault | None = None
+        self._unframed: UnframedBytes | None = None
         self.frames = self.lost = self.crc_errors = self.resyncs = self.bytes = self.reconnects = 0
 
     def on_change(self, change: LinkChange) -> bool:
@@ -71,18 +72,19 @@ class LinkMonitor:
             self._opened = True
             self._open_state = "silent"
             self._sequence = None
-            self._fault = None
+            self._fault = self._unframed = None
         else:
             self._open_state = change.state
         return is_news
 
     def on_frame(self, t_ns: int, frame: Frame | BadFrame, sent_ns: int | None = None) -> None:
         """A frame came off the RS232 line; `sent_ns` is when the master sent it, None = at once before."""
-        self._add_bytes(t_ns, len(frame.raw) + _DELIMITERS)
+        self._add_bytes(t_ns, len(frame.raw) + DELIMITERS)
         if isinstance(frame, BadFrame):
             self.crc_errors += frame.reason is BadReason.CRC
             self.resyncs += frame.reason is not BadReason.CRC
             return
+        self._unframed = None
         was_reset = frame.uptime_ms < self._uptime_ms
         if self._sequence is not None and not was_reset:
             self.lost += (frame.sequence - self._sequence - 1) & 0xFF
@@ -92,9 +94,14 @@ class LinkMonitor:
         self._last_good_ns = t_ns
         self._last_sent_ns = t_ns if sent_ns is None else sent_ns
 
+    def on_unframed(self, found: UnframedBytes) -> None:
+        """Bytes arrived that are no frame; those of a bad frame are counted with it."""
+        self._add_bytes(found.t_mono_ns, found.count)
+        self._unframed = found
+
     def on_malformed(self, t_ns: int, frame: Frame) -> None:
         """A frame's checksum holds and its body is impossible: no good frame, though its number was not lost."""
-        self._add_bytes(t_ns, len(frame.raw) + _DELIMITERS)
+        self._add_bytes(t_ns, len(frame.raw) + DELIMITERS)
         self.resyncs += 1
         self._sequence = frame.sequence
 
@@ -151,7 +158,12 @@ class LinkMonitor:
             tx_errors=None if self._fault is None else self._fault.tx_errors,
             rx_errors=None if self._fault is None else self._fault.rx_errors,
             bus_state=None if self._fault is None else self._fault.bus_state,
+            unframed=self._unframed_now(now_ns),
         )
+
+    def _unframed_now(self, now_ns: int) -> str | None:
+        found = self._unframed
+        return None if found is None or now_ns - found.t_mono_ns > _WINDOW_NS else found.last.hex(" ")
 
     def _load(self, bytes_per_s: float) -> float | None:
         if self._line_bytes_per_s:

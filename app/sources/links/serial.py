@@ -15,12 +15,15 @@ import serial
 
 from app.clock import Clock
 from app.errors import LinkLost, message_of
-from app.sources.items import Item, LinkChange, SerialItem
+from app.sources.items import Item, LinkChange, SerialItem, UnframedBytes
+from app.sources.links.monitor import DELIMITERS
 from app.sources.links.serial_url import check_url, open_port
 from app.words import Message, Text
 from firmware_protocol.framing import START_STREAM, STOP_STREAM, BadFrame, Frame, FrameDecoder
 
 SILENCE_S = 1.0
+UNFRAMED_S = 1.0  # with bytes and without a frame: these are no frames of the master
+LAST_BYTES = 64  # of them, shown to who looks for the reason
 _POLL_S = 0.1
 _BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in time leaves less at once
 
@@ -42,6 +45,28 @@ class Backoff:
         """Return the wait after one more failure: at most cap_s, at least half of the step."""
         self._next_s = min(self.cap_s, self._next_s * 2 or self.first_s)
         return self._next_s * (0.5 + self.rng.random() / 2)
+
+
+class _UnframedWatch:
+    """Gathers what arrives while no good frame does; told once every UNFRAMED_S."""
+
+    def __init__(self, now_ns: int) -> None:
+        self._since_ns = now_ns  # the last good frame, or when it was last told
+        self._count = 0
+        self._last = b""
+
+    def add(self, now_ns: int, wall_ns: int, data: bytes, frames: list[Frame | BadFrame]) -> UnframedBytes | None:
+        """Take what was read and the frames that it completed."""
+        if any(isinstance(frame, Frame) for frame in frames):
+            self._since_ns, self._count, self._last = now_ns, 0, b""
+            return None
+        self._count += len(data) - sum(len(frame.raw) + DELIMITERS for frame in frames)
+        self._last = (self._last + data)[-LAST_BYTES:]
+        if now_ns - self._since_ns < UNFRAMED_S * 1e9:
+            return None
+        found = UnframedBytes(now_ns, wall_ns, max(0, self._count), self._last)
+        self._since_ns, self._count = now_ns, 0
+        return found
 
 
 class SerialLink:
@@ -124,6 +149,7 @@ class SerialLink:
         decoder = FrameDecoder()
         empty_ns: int | None = None  # all that had arrived before this time has been read
         silent_since = self._clock.monotonic_s()
+        unframed = _UnframedWatch(self._clock.monotonic_ns())
         self.stream(on=self.streams)
         while not self._stopping.is_set():
             data, looked_ns = read()
@@ -136,6 +162,9 @@ class SerialLink:
                 frames = [(frame, self.on_frame(frame)) for frame in decoder.feed(data)]
                 for frame, is_asked in frames:  # replies have left already: the sink may wait
                     self._sink(SerialItem(now_ns, wall_ns, frame, waited_max_ns, is_asked))
+                found = unframed.add(now_ns, wall_ns, data, [frame for frame, _ in frames])
+                if found is not None:
+                    self._sink(found)
                 empty_ns = looked_ns if in_time else None
                 silent_since = now_ns / 1e9
                 continue

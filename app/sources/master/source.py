@@ -6,7 +6,7 @@ Everything that knows the master's protocol stands in this folder; a measurement
 from dataclasses import replace
 
 from app.battery.battery import Battery
-from app.sources.items import CanFault, CanItem, Item, LinkChange, SerialItem
+from app.sources.items import CanFault, CanItem, Item, LinkChange, SerialItem, UnframedBytes
 from app.sources.links.monitor import LinkMonitor, rs232_monitor
 from app.sources.loaded_battery import team_battery
 from app.sources.master.agreement import Agreement
@@ -72,6 +72,8 @@ class MasterSource:
         """Take one item from a link."""
         if isinstance(item, SerialItem):
             return self._on_serial(item)
+        if isinstance(item, UnframedBytes):
+            return self._on_unframed(item)
         if isinstance(item, CanItem):
             return self._on_can(item)
         if isinstance(item, CanFault):
@@ -154,7 +156,12 @@ class MasterSource:
         self.identity = identity
         return NOTHING_RECEIVED
 
-    def _rate_limited_event(self, item: SerialItem, kind: str, message: Message) -> Received:
+    def _on_unframed(self, item: UnframedBytes) -> Received:
+        self._rs232.on_unframed(item)
+        rate = self._rs232.status(item.t_mono_ns).bytes_per_s
+        return self._rate_limited_event(item, "unframed", Message("rs232-unframed", n=round(rate)))
+
+    def _rate_limited_event(self, item: SerialItem | UnframedBytes, kind: str, message: Message) -> Received:
         """What is wrong on the line, as an event; of one kind at most one every EVENT_INTERVAL_NS."""
         last_ns = self._last_event_ns.get(kind)
         if last_ns is not None and item.t_mono_ns - last_ns < EVENT_INTERVAL_NS:

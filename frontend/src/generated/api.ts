@@ -1137,6 +1137,7 @@ export interface Link {
   tx_errors: number | null;
   rx_errors: number | null;
   bus_state: 'active' | 'warning' | 'passive' | 'off' | null;
+  unframed?: string | null;
 }
 
 /** Both links. */

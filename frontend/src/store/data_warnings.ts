@@ -41,6 +41,31 @@ export function contradictions(snapshot: Maybe<Snapshot>): string[] {
   return found;
 }
 
+/** What arrives on RS232 where it is no frame of the master; empty where frames arrive, or nothing at all. */
+export const unframed = (snapshot: Maybe<Snapshot>): string => {
+  const link = snapshot?.links.rs232;
+  return link?.unframed
+    ? t('Bytes arrive on RS232 ({n} a second) but no frame: speed, parity, or another firmware?', {
+        n: fixed(link.bytes_per_s, 0),
+      })
+    : '';
+};
+
+/** Bytes in hex with what they are as text, 16 in a line. */
+export function hexLines(hex: string): string[] {
+  const bytes = hex.split(' ');
+  const lines: string[] = [];
+  for (let i = 0; i < bytes.length; i += 16) {
+    const part = bytes.slice(i, i + 16);
+    const text = part.map((byte) => {
+      const code = parseInt(byte, 16);
+      return code >= 32 && code < 127 ? String.fromCharCode(code) : '·';
+    });
+    lines.push(`${part.join(' ').padEnd(48)}${text.join('')}`);
+  }
+  return lines;
+}
+
 /** Everything to doubt now, besides what the service itself names. */
 export function dataWarnings(
   snapshot: Maybe<Snapshot>,
@@ -69,6 +94,8 @@ export function dataWarnings(
           : t('The current sensor reads {a} ± {sigma} A too little; the charge is counted without it.', said),
       );
     }
+    const noFrame = unframed(snapshot);
+    if (noFrame) found.push(noFrame);
     const { lost, frames } = links.rs232;
     if (lost > LOST_SHARE * frames) {
       found.push(t('{n} % of the RS232 frames were lost.', { n: fixed((100 * lost) / (lost + frames), 1) }));

@@ -2,7 +2,7 @@ import tracemalloc
 
 import pytest
 
-from app.sources.items import CanFault, LinkChange
+from app.sources.items import CanFault, LinkChange, UnframedBytes
 from app.sources.links.monitor import LinkMonitor, rs232_monitor
 from firmware_protocol.framing import BadFrame, BadReason, Frame
 
@@ -63,6 +63,19 @@ def test_bad_frames_are_counted_by_kind_and_are_no_sign_of_life():
     monitor.on_frame(0, BadFrame(BadReason.COBS, b"1"))
     status = monitor.status(0)
     assert (status.crc_errors, status.resyncs, status.frames, status.age_s) == (1, 1, 0, None)
+
+
+def test_bytes_that_are_no_frames_are_counted_and_the_last_are_kept_while_they_arrive():
+    monitor = opened()
+    for second in range(1, 4):
+        monitor.on_unframed(UnframedBytes(second * 10**9, 0, 312, b"V=3.7"))
+    status = monitor.status(3 * 10**9)
+    assert (status.state, status.bytes, status.unframed) == ("silent", 936, "56 3d 33 2e 37")
+    assert status.bytes_per_s == pytest.approx(312, rel=0.51)
+    assert monitor.status(6 * 10**9).unframed is None
+    monitor.on_unframed(UnframedBytes(7 * 10**9, 0, 1, b"V"))
+    monitor.on_frame(7 * 10**9, frame(1))
+    assert monitor.status(7 * 10**9).unframed is None
 
 
 def test_rates_are_those_of_the_last_two_seconds():

@@ -5,6 +5,7 @@ import os
 import random
 import termios
 import threading
+import time
 import tty
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,9 +14,10 @@ import pytest
 
 from app.clock import Clock
 from app.errors import LinkLost
-from app.sources.items import LinkChange, SerialItem
+from app.sources.items import LinkChange, SerialItem, UnframedBytes
 from app.sources.links.serial import Backoff, SerialLink
 from app.words import Message, render
+from firmware_protocol.framing import Frame, encode_frame
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -149,6 +151,37 @@ def test_what_arrives_while_the_process_stands_still_has_waited_as_long(plug, se
     finally:
         link.stop()
     assert [item for item in seen.items if isinstance(item, SerialItem)][1].waited_max_ns >= stands_ns
+
+
+@pytest.mark.parametrize("data", [b"cell 1: 3.701 V\r\n", b"\x00\xe7\x00\x81\x00\x3c\xf1"], ids=["ASCII", "parity"])
+def test_bytes_that_are_no_frames_are_handed_on_with_the_last_of_them(plug, seen, master, monkeypatch, data):
+    monkeypatch.setattr("app.sources.links.serial.UNFRAMED_S", 0.05)
+    plug.insert()
+    link = SerialLink(str(plug.path), seen, Clock(), quick())
+    link.start()
+
+    def unframed(items):
+        return [item for item in items if isinstance(item, UnframedBytes)]
+
+    try:
+        seen.wait(lambda items: changes(items, "open"))
+        written = 0
+        while len(unframed(seen.items)) < 3:
+            written += os.write(plug.ours, data)
+            time.sleep(0.01)
+        found = unframed(seen.items)
+        assert found[-1].last in data * 64
+        assert len(found[-1].last) <= 64
+        bad = sum(len(item.frame.raw) for item in seen.items if isinstance(item, SerialItem))
+        assert 0 < sum(item.count for item in found) + bad <= written
+        os.write(plug.ours, encode_frame(1, 0, 0, b"") * 2)
+        seen.wait(lambda items: any(isinstance(i, SerialItem) and isinstance(i.frame, Frame) for i in items))
+        before = len(unframed(seen.items))
+        os.write(plug.ours, encode_frame(1, 1, 0, b""))
+        seen.wait(lambda items: sum(isinstance(i, SerialItem) and isinstance(i.frame, Frame) for i in items) > 1)
+        assert len(unframed(seen.items)) == before
+    finally:
+        link.stop()
 
 
 def test_writing_to_a_port_that_is_gone_is_said(plug, seen, link):
