@@ -47,6 +47,13 @@ def row_mean(values: FloatArray) -> FloatArray:
     return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
 
 
+def holds_all(total: float, values: FloatArray) -> bool:
+    """Whether a total that was measured holds the missing elements too: it leaves each half of what a known one has."""
+    known = values[np.isfinite(values)]
+    missing = values.size - known.size
+    return not missing or not known.size or total - known.sum() >= 0.5 * missing * known.mean()
+
+
 def robust_sigma(values: FloatArray) -> float:
     """Standard deviation of the known elements by their median deviation; outliers do not count."""
     return MAD_TO_SIGMA * median(np.abs(values - median(values)))

@@ -1,23 +1,49 @@
 """The accumulator as a whole: from the cells, or from the master's own fields where cells are missing."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from app.live.cells import extreme, mean
+from app.estimation.arrays import holds_all
+from app.live.cells import extreme, mean, mean_of_all
 from app.telemetry import Accumulator, Cells, FloatArray
 from app.telemetry.measurement import Measurement
 
+LOAD_A = 1.0  # below it, next to nothing flows
 
-def accumulator_of(
-    cells: Cells, measured: Measurement, driver_percent: int | None, energy_out_wh: float, energy_in_wh: float
-) -> Accumulator:
+
+@dataclass
+class EnergyCount:
+    """Energy that flowed; where a cell was missing under load, at least this."""
+
+    out_wh: float = 0.0
+    in_wh: float = 0.0
+    gap_s: float = 0.0
+
+    def step(self, dt_s: float, current_a: float, cells_v: FloatArray, total_v: float | None) -> None:
+        """Take what flowed in a step: at the voltage of all cells, or at that of those that were measured."""
+        energy_wh = current_a * (float(np.nansum(cells_v)) if total_v is None else total_v) * dt_s / 3600
+        self.out_wh += max(energy_wh, 0.0)
+        self.in_wh += max(-energy_wh, 0.0)
+        if total_v is None and abs(current_a) > LOAD_A:
+            self.gap_s += dt_s
+
+
+def total_voltage(cells_v: FloatArray, reported_v: float | None) -> float | None:
+    """Voltage of all cells: as reported or their sum; None where a cell is missing in both."""
+    if reported_v and holds_all(reported_v, cells_v):  # 0 V: no cell was measured
+        return reported_v
+    return None if math.isnan(total := float(cells_v.sum())) else total
+
+
+def accumulator_of(cells: Cells, measured: Measurement, driver_percent: int | None, energy: EnergyCount) -> Accumulator:
     """Voltage, current, power, charge, the extremes with their cell, and the energy that flowed since the start."""
     reported, current_a = measured.reported, measured.current_a
-    voltage_v = reported.voltage_v or None  # 0 V: no cell was measured
-    if voltage_v is None and not math.isnan(total := float(cells.voltage_v.sum())):
-        voltage_v = total
+    voltage_v = total_voltage(cells.voltage_v, reported.voltage_v)
+    loaded = int((~np.isnan(cells.voltage_v)).sum())
+    is_partial = 0 < loaded < len(cells.voltage_v)
     low_v, low_cell = extreme(cells.voltage_v, highest=False)
     high_v, high_cell = extreme(cells.voltage_v, highest=True)
     if low_v is None:
@@ -36,17 +62,19 @@ def accumulator_of(
         voltage_min_cell=low_cell,
         voltage_max_v=high_v,
         voltage_max_cell=high_cell,
-        voltage_mean_v=mean(cells.voltage_v),
-        voltage_delta_v=None if low_v is None or high_v is None else high_v - low_v,
+        voltage_mean_v=mean_of_all(cells.voltage_v),
+        voltage_delta_v=None if is_partial or low_v is None or high_v is None else high_v - low_v,
         temperature_min_degc=cold,
         temperature_min_cell=cold_cell,
         temperature_max_degc=hot,
         temperature_max_cell=hot_cell,
         temperature_mean_degc=mean(cells.temperature_degc),
-        loaded_cells=int((~np.isnan(cells.voltage_v)).sum()),
-        energy_out_wh=energy_out_wh,
-        energy_in_wh=energy_in_wh,
+        loaded_cells=loaded,
+        energy_out_wh=energy.out_wh,
+        energy_in_wh=energy.in_wh,
         fan_duty=reported.fan_duty,
+        voltage_at_least_v=float(np.nansum(cells.voltage_v)) if is_partial and voltage_v is None else None,
+        energy_gap_s=energy.gap_s or None,
         **charge_of(cells.soc, cells.soc_sigma, driver_percent, measured.master.soc),
     )
 
@@ -57,7 +85,7 @@ def charge_of(
     """Fields of Accumulator: the estimated SOC of the cells, else the master's own, and which of the two it is."""
     low, low_cell = extreme(soc, highest=False)
     high, high_cell = extreme(soc, highest=True)
-    average, source = mean(soc), "filter"
+    average, source = mean_of_all(soc), "filter"
     if average is None:
         average, source = master_soc, "master"
         # 0.29 is 28.999... hundredths
@@ -65,11 +93,11 @@ def charge_of(
     return {
         "soc": average,
         "soc_source": None if average is None else source,
-        "soc_sigma": mean(sigma),
+        "soc_sigma": mean_of_all(sigma),
         "driver_soc_percent": driver_percent,
         "soc_min": low,
         "soc_min_cell": low_cell,
         "soc_max": high,
         "soc_max_cell": high_cell,
-        "soc_spread": None if low is None or high is None else high - low,
+        "soc_spread": None if low is None or high is None or np.isnan(soc).any() else high - low,
     }

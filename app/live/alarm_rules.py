@@ -163,7 +163,8 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
 def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
     """Voltages of all cells and of each pack."""
     kept = 1.0 - SUM_SLACK * slack
-    value, high = snapshot.accumulator.voltage_v, limits.accumulator_voltage_max_v
+    total, high = snapshot.accumulator, limits.accumulator_voltage_max_v
+    value = total.voltage_at_least_v if total.voltage_v is None else total.voltage_v
     if value is not None and value > high * kept:
         yield Condition("trip", Message("accumulator-voltage-high"), None, value, high, "V")
     high = limits.pack_voltage_max_v

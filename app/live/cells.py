@@ -12,17 +12,18 @@ from app.telemetry.measurement import Measurement
 
 
 def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Assessment) -> Cells:
-    """Everything per cell; estimates are NaN without an estimator's result, and where the cell has no voltage."""
+    """Everything per cell; estimates are NaN without an estimator's result."""
     voltages_v, resistance_ohm = measured.voltage_v, measured.resistance_ohm
     joints, health, growth = assessment.joints, assessment.health, assessment.learned
     if joints is not None:
         resistance_ohm = np.where(np.isfinite(joints.resistance_ohm), joints.resistance_ohm, resistance_ohm)
     none = np.full(voltages_v.shape, np.nan)
+    soc = none if estimate is None else estimate.known_soc(voltages_v)
     return Cells(
         voltage_v=voltages_v,
         temperature_degc=measured.temperature_degc,
-        soc=none if estimate is None else estimate.soc,
-        soc_sigma=none if estimate is None else estimate.soc_sigma,
+        soc=soc,
+        soc_sigma=none if estimate is None else np.where(np.isnan(soc), np.nan, estimate.soc_sigma),
         ocv_v=none if estimate is None else estimate.ocv_v,
         residual_v=none if estimate is None else voltages_v - estimate.voltage_v,
         resistance_ohm=resistance_ohm,
@@ -49,6 +50,11 @@ def mean(values: FloatArray) -> float | None:
     """Mean of the elements that are there."""
     present = values[~np.isnan(values)]
     return float(present.sum() / len(present)) if len(present) else None
+
+
+def mean_of_all(values: FloatArray) -> float | None:
+    """Mean of all elements, None where one is missing."""
+    return None if np.isnan(values).any() else mean(values)
 
 
 def packs_of(battery: Battery, cells: Cells, slave_status: tuple[int | None, ...]) -> tuple[Pack, ...]:

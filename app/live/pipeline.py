@@ -17,7 +17,7 @@ from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.energy_target import RacePlan
 from app.estimation.recording.gaps import GapWatch
-from app.live.accumulator import accumulator_of
+from app.live.accumulator import EnergyCount, accumulator_of, total_voltage
 from app.live.alarms import AlarmTracker, FindingChanges
 from app.live.cells import cells_of, packs_of
 from app.live.estimator_start import start_estimator
@@ -82,7 +82,7 @@ class Pipeline:
         self._estimates: Estimates | None = None
         self._sequence = 0
         self._driver_percent: int | None = None
-        self._energy_out_wh = self._energy_in_wh = 0.0
+        self._energy = EnergyCount()
         self._stopwatch_ns = stopwatch_ns
         self._predictor = predictor
         self._start_soc = start_soc  # (soc, sigma) of an earlier run
@@ -214,9 +214,14 @@ class Pipeline:
         voltages_v = measured.new_voltage_v
         true_a = current_a if self._predictor is None else current_a - self._predictor.offset_a
         estimates, events = self._estimate(measured, dt_s, true_a)
-        power_w = float(np.nansum(measured.voltage_v)) * current_a
+        cells_v = measured.voltage_v
+        total_v = (
+            total_voltage(cells_v, measured.reported.voltage_v) if np.isnan(cells_v).any() else float(cells_v.sum())
+        )
+        # laps are compared with each other: a missing cell counts as the mean of the others
+        power_w = current_a * (float(np.nanmean(cells_v)) * cells_v.size if total_v is None else total_v)
         is_whole = measured.is_new is None or bool(measured.is_new.all())  # else voltages of other currents are in it
-        self._plausibility.step(dt_s if is_whole else None, current_a, measured.voltage_v, measured.chip_voltage_v)
+        self._plausibility.step(dt_s if is_whole else None, current_a, cells_v, measured.chip_voltage_v)
         if self._predictor is not None:
             degc = measured.temperature_degc
             time_s, balancing = measured.t_wall_ns / 1e9, measured.balancing
@@ -225,8 +230,7 @@ class Pipeline:
             )
             self._measured = current_a, degc, measured.t_mono_ns
         if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
-            self._energy_out_wh += max(power_w, 0.0) * dt_s / 3600
-            self._energy_in_wh += max(-power_w, 0.0) * dt_s / 3600
+            self._energy.step(dt_s, current_a, cells_v, total_v)
         return estimates, events
 
     def _estimate(
@@ -258,7 +262,7 @@ class Pipeline:
             event = Event(measured.t_wall_ns, "warning", message.code, message)
             return None, (event,) if is_news else ()
         self._estimator_error = None
-        self._driver_percent = self._driver.step(self._estimates.soc).percent
+        self._driver_percent = self._driver.step(self._estimates.known_soc(measured.voltage_v)).percent
         if self._stopwatch_ns and dt_s:
             took_us = (self._stopwatch_ns() - started_ns) / 1000
             self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
@@ -293,7 +297,7 @@ class Pipeline:
             age_s=measured.age_s,
             cells=cells,
             packs=packs_of(self.battery, cells, measured.slave_status),
-            accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy_out_wh, self._energy_in_wh),
+            accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy),
             prediction=as_of(assessment.prediction, measured, self._judged_ns),
             findings=() if self._predictor is None else self._predictor.findings,
             master=measured.master,

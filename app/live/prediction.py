@@ -26,7 +26,7 @@ from app.estimation.prediction.energy_target import EnergyTarget, RacePlan, Targ
 from app.estimation.prediction.heat import HeatBalance
 from app.estimation.prediction.laps import LapWatch
 from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
-from app.live.prediction_conditions import at_load, laps_known, power_held, until_empty
+from app.live.prediction_conditions import at_load, cells_unknown, laps_known, power_held, until_empty
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
 from app.telemetry.cell_findings import Finding, Sensors, findings_in_words
 
@@ -109,6 +109,7 @@ class Predictor:
         self._needs_voltage_soc = False  # voltages, to compare the current with
         self.sensor = self._offset.estimate()
         self._laps = LapWatch()
+        self._unknown_cells = 0  # without an SOC
         self._marks: deque[float] = deque()  # seconds since crossings of the line, not yet told to the above
         self._target = TargetKeeper()
         self._plans: deque[RacePlan | None] = deque()  # set, and not yet told to the above
@@ -191,6 +192,7 @@ class Predictor:
         self._t_s += dt_s
         if estimates is not None:
             self._scale.step(dt_s, estimates, self._factors_in_use, self._where_measured(voltages_v))
+            self._unknown_cells = int(np.isnan(estimates.known_soc(voltages_v)).sum())
             self._heat.step(dt_s, (estimates.ocv_v - estimates.voltage_v) * current_a, temperatures_degc)
         self._watch.step(
             self._t_s if time_s is None else time_s, dt_s, current_a, voltages_v, temperatures_degc, balancing
@@ -274,18 +276,21 @@ class Predictor:
                 loss_current_a=pace * loss_a,
             )
 
-        energy = energy_to(limits.soc_min, 1.0)
+        is_whole = not self._unknown_cells  # else the sums over the cells would be too low
+        energy = energy_to(limits.soc_min, 1.0) if is_whole else None
         steady_a = load_a if abs(load_a) >= RESTING_A else 0.0
         model = PowerModel(self.cell, limits, of_cells)
         power, (to_trip, to_trip_full) = model.predict(states, (steady_a, limits.discharge_max_a))
         assessment = replace(
             self._learned_so_far(),
-            power=power,
+            power=power if is_whole else None,
             to_trip=to_trip,
             to_trip_full=to_trip_full,
             energy=energy,
-            laps=self._laps_left(energy),
-            target=self._target.judge(self._laps, lambda reserve, pace: energy_to(limits.soc_min + reserve, pace)),
+            laps=energy and self._laps_left(energy),
+            target=self._target.judge(self._laps, lambda reserve, pace: energy_to(limits.soc_min + reserve, pace))
+            if is_whole
+            else None,
         )
         self.assessment = replace(assessment, prediction=self._prediction(assessment, steady_a, mean_a))
         return True
@@ -334,6 +339,7 @@ class Predictor:
         nearest = min(assessment.to_trip, key=lambda trip: trip.seconds, default=None)
         energy, known = assessment.energy, assessment.learned
         measured_a = self.cell.fit_current_max_a or None
+        unknown = cells_unknown(self._unknown_cells)
         return Prediction(
             power=assessment.power,
             to_trip=assessment.to_trip,
@@ -351,10 +357,10 @@ class Predictor:
             age_s=None,
             load_a=load_a,
             measured_current_max_a=measured_a,
-            power_condition=power_held(assessment.power, measured_a),
+            power_condition=unknown or power_held(assessment.power, measured_a),
             to_trip_condition=at_load(load_a),
-            energy_condition=until_empty(driven_a),
-            laps_condition=laps_known(self._laps, assessment.laps),
+            energy_condition=unknown or until_empty(driven_a),
+            laps_condition=unknown or laps_known(self._laps, assessment.laps),
         )
 
 

@@ -10,6 +10,11 @@ from app.telemetry.measurement import Measurement
 from app.words import Message, Quantity
 
 
+def cells_unknown(n: int) -> Message | None:
+    """What is over all cells: why there is none without the SOC of so many."""
+    return Message("soc-of-cells-unknown", n=n) if n else None
+
+
 def power_held(power: StatePower | None, measured_a: float | None) -> Message:
     """Power: whether it lies beyond the currents that the cell file was measured with [A], None = it does not say."""
     if power is None:

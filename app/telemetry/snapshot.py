@@ -75,7 +75,7 @@ class Pack:
 class Accumulator:
     """All cells."""
 
-    voltage_v: Annotated[Number, Unit("V", "sum of the cells"), Kept("voltage")]
+    voltage_v: Annotated[Number, Unit("V", "voltage of all cells, missing where one is missing"), Kept("voltage")]
     current_a: Annotated[Number, Unit("A", "current, positive on discharge"), Kept("current")]
     power_w: Annotated[Number, Unit("W", "power, positive on discharge"), Kept("current")]
     soc: Annotated[Number, Unit("1", "state of charge, 0 to 1"), Kept("voltage")]
@@ -91,8 +91,10 @@ class Accumulator:
     voltage_min_cell: int | None
     voltage_max_v: Annotated[Number, Unit("V", "highest cell voltage"), Kept("voltage")]
     voltage_max_cell: int | None
-    voltage_mean_v: Annotated[Number, Unit("V", "mean cell voltage")]
-    voltage_delta_v: Annotated[Number, Unit("V", "highest minus lowest cell voltage"), Kept("voltage")]
+    voltage_mean_v: Annotated[Number, Unit("V", "mean of all cell voltages, missing where one is missing")]
+    voltage_delta_v: Annotated[
+        Number, Unit("V", "highest minus lowest of all cell voltages, missing where one is missing"), Kept("voltage")
+    ]
     temperature_min_degc: Annotated[Number, Unit("degC", "coldest cell"), Kept("temperature")]
     temperature_min_cell: int | None
     temperature_max_degc: Annotated[Number, Unit("degC", "hottest cell"), Kept("temperature")]
@@ -102,6 +104,10 @@ class Accumulator:
     energy_out_wh: Annotated[float, Unit("Wh", "energy that flowed out")]
     energy_in_wh: Annotated[float, Unit("Wh", "energy that flowed in")]
     fan_duty: Annotated[Number, Unit("1", "fans, 0 to 1")]
+    voltage_at_least_v: Annotated[Number, LEFT_OUT, Unit("V", "sum of the measured cells, where one is missing")] = None
+    energy_gap_s: Annotated[
+        Number, LEFT_OUT, Unit("s", "under load with a cell missing: the energies are at least these")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from app.estimation.arrays import BoolArray, FloatArray
 
 N_OUT: Final = 8
 OUT_SOC, OUT_SIGMA, OUT_OCV, OUT_VOLTAGE, OUT_INNOVATION, OUT_INNOVATION_SIGMA, OUT_VALID, OUT_ACCEPTED = range(N_OUT)
+
+UNKNOWN_SIGMA: Final = 12**-0.5  # of a number that may be anything from 0 to 1
 
 
 class Estimates:
@@ -28,6 +32,11 @@ class Estimates:
         """State of charge, 0..1."""
         row: FloatArray = self.numbers[OUT_SOC]
         return row
+
+    def known_soc(self, voltages_v: FloatArray) -> FloatArray:
+        """(n_cells,) SOC, NaN of cells without a voltage of which no more is known than that it is from 0 to 1."""
+        is_unknown = np.isnan(voltages_v) & (self.soc_sigma >= UNKNOWN_SIGMA)
+        return np.where(is_unknown, np.nan, self.soc)
 
     @property
     def soc_sigma(self) -> FloatArray:

@@ -35,6 +35,8 @@ export interface Accumulator {
   energy_out_wh: number;
   energy_in_wh: number;
   fan_duty: number | null;
+  voltage_at_least_v?: number | null;
+  energy_gap_s?: number | null;
 }
 
 /** Who saw it. */
