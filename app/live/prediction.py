@@ -287,7 +287,7 @@ class Predictor:
             to_trip=to_trip,
             to_trip_full=to_trip_full,
             energy=energy,
-            laps=energy and self._laps_left(energy),
+            laps=None if energy is None else self._laps_left(energy),
             target=self._target.judge(self._laps, lambda reserve, pace: energy_to(limits.soc_min + reserve, pace))
             if is_whole
             else None,

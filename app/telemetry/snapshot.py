@@ -65,7 +65,7 @@ class Pack:
     voltage_v: Annotated[Number, Unit("V", "sum of the cells, missing where one is missing")]
     min_v: Annotated[Number, Unit("V", "lowest cell voltage")]
     max_v: Annotated[Number, Unit("V", "highest cell voltage")]
-    delta_v: Annotated[Number, Unit("V", "highest minus lowest cell voltage")]
+    delta_v: Annotated[Number, Unit("V", "highest minus lowest cell voltage, missing where one is missing")]
     temperature_max_degc: Annotated[Number, Unit("degC", "hottest cell")]
     temperature_min_degc: Annotated[Number, Unit("degC", "coldest cell")]
     slave_status: int | None

@@ -27,6 +27,17 @@ export function fixed(value: number | null | undefined, decimals: number): strin
   return Number(text) === 0 ? text.slice(1) : MINUS + text.slice(1);
 }
 
+/** A value, or where it is missing the bound that is known of its size: ≥340.4, ≤−3.1. */
+export function bounded(
+  value: number | null | undefined,
+  least: number | null | undefined,
+  decimals: number,
+): string {
+  const bound = fixed(least, decimals);
+  if ((value ?? null) !== null || bound === DASH) return fixed(value, decimals);
+  return (least! < 0 ? '≤' : '≥') + bound;
+}
+
 /** Fixed decimals with a sign, plus too; a missing value is a dash. */
 export function signed(value: number | null | undefined, decimals: number): string {
   const text = fixed(value, decimals);

@@ -14,6 +14,15 @@ describe('numbers', () => {
     expect(f.span(null)).toBe('–');
   });
 
+  it('shows what is over all cells as a bound where one is missing', () => {
+    expect(f.bounded(389.04, null, 1)).toBe('389.0');
+    expect(f.bounded(null, 340.41, 1)).toBe('≥340.4');
+    expect(f.bounded(null, -3.1, 1)).toBe('≤−3.1');
+    expect(f.bounded(null, null, 1)).toBe('–');
+    expect(f.bounded(undefined, undefined, 1)).toBe('–');
+    expect(f.bounded(0, 340.4, 1)).toBe('0.0');
+  });
+
   it('says a length of time in the unit that people would', () => {
     expect([0, 34.4, 89, 90, 150, 3600, 7260, 45_000].map(f.span)).toEqual([
       '0 s',

@@ -41,6 +41,7 @@ class CarOut(BaseModel):
     soc_min: Number
     soc_min_cell: int | None
     voltage_v: Number
+    voltage_at_least_v: Number
     current_a: Number
     voltage_min_v: Number
     voltage_min_cell: int | None

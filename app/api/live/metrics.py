@@ -21,6 +21,7 @@ from app.telemetry.measurement import BLANK_S
 router = APIRouter(tags=["metrics"])
 _TOTALS = {
     "voltage_v": "voltwall_accumulator_volts",
+    "voltage_at_least_v": "voltwall_accumulator_at_least_volts",
     "current_a": "voltwall_accumulator_amperes",
     "power_w": "voltwall_accumulator_watts",
     "soc": "voltwall_accumulator_soc_ratio",
@@ -31,6 +32,7 @@ _TOTALS = {
     "temperature_max_degc": "voltwall_cell_temperature_max_celsius",
     "temperature_min_degc": "voltwall_cell_temperature_min_celsius",
     "loaded_cells": "voltwall_cells_loaded",
+    "energy_gap_s": "voltwall_energy_gap_seconds",
     "fan_duty": "voltwall_fan_duty_ratio",
 }
 _ENERGY = {"energy_out_wh": "voltwall_energy_out_joules", "energy_in_wh": "voltwall_energy_in_joules"}

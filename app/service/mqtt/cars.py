@@ -26,7 +26,7 @@ MOST_KEPT_BYTES = 8 << 20  # as JSON, of what all cars' messages leave; of a car
 _MOST_TEXT = 200  # characters
 _MOST_MESSAGE_BYTES = 1000  # of an alarm's code and arguments
 TOPICS = frozenset({"status", "about", "accumulator", "links", "master", "alarms"})
-_NUMBERS = ("soc", "soc_min", "voltage_v", "current_a", "voltage_min_v", "temperature_max_degc")
+_NUMBERS = ("soc", "soc_min", "voltage_v", "voltage_at_least_v", "current_a", "voltage_min_v", "temperature_max_degc")
 _CELLS = ("soc_min_cell", "voltage_min_cell", "temperature_max_cell")
 _AGES = ("voltage", "current")
 

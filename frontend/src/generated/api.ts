@@ -344,6 +344,7 @@ export interface Car {
   soc_min: number | null;
   soc_min_cell: number | null;
   voltage_v: number | null;
+  voltage_at_least_v: number | null;
   current_a: number | null;
   voltage_min_v: number | null;
   voltage_min_cell: number | null;

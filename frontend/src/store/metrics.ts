@@ -1,6 +1,6 @@
 // What the packs page can show for each cell: where the number comes from, how it is written and coloured.
 
-import type { Cells, Part, Snapshot } from '../link/types';
+import type { Accumulator, Cells, Part, Snapshot } from '../link/types';
 import { fixed } from '../format';
 import { t, type Text } from '../words/words.svelte';
 
@@ -35,8 +35,18 @@ const column =
   (s: Snapshot): (number | null)[] =>
     factor === 1 ? s.cells[key] : times(s.cells[key], factor);
 
+/** Mean of the cells that are measured: what one of them deviates from. */
+export function meanOfMeasured(values: readonly (number | null)[]): number | null {
+  const known = values.filter((v) => v !== null);
+  return known.length ? known.reduce((a, b) => a + b, 0) / known.length : null;
+}
+
+/** Highest minus lowest of the cells that are measured [mV]: the spread is at least this. */
+export const leastDelta = (a: Accumulator | undefined): number | null =>
+  a?.voltage_min_v == null || a.voltage_max_v === null ? null : (a.voltage_max_v - a.voltage_min_v) * 1000;
+
 function deviation(s: Snapshot): (number | null)[] {
-  const mean = s.accumulator.voltage_mean_v;
+  const mean = meanOfMeasured(s.cells.voltage_v);
   return s.cells.voltage_v.map((v) => (v === null || mean === null ? null : (v - mean) * 1000));
 }
 

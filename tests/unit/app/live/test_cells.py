@@ -27,5 +27,6 @@ def test_a_pack_with_a_missing_cell_has_no_voltage_but_extremes_of_the_others():
     missing = float("nan")
     found = packs([missing, 3.1, 3.2, missing, 3.5, 3.6], [missing] * 6)
     assert [pack.voltage_v for pack in found] == [None, None, pytest.approx(7.1)]
+    assert [pack.delta_v for pack in found] == [None, None, pytest.approx(0.1)]
     assert (found[0].min_v, found[1].min_v) == (3.1, None)
     assert found[2].temperature_max_degc is None

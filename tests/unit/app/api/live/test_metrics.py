@@ -59,3 +59,13 @@ def test_old_values_are_marked_and_then_left_out(master, waited_s, stale, shown)
     assert of_voltage["voltwall_stale"] == stale
     assert ("voltwall_accumulator_volts" in found) is shown
     assert bool(found["voltwall_cell_volts"].samples if "voltwall_cell_volts" in found else ()) is shown
+
+
+def test_a_sum_over_missing_cells_is_no_total(master):
+    master.set("v", [0xFFFF if i in range(36, 48) else 37000 for i in range(96)])
+    master.set("v_tot", [31080])
+    snapshot = snapshot_of(master)
+    found = {family.name: family for family in collector_of(snapshot, snapshot.t_mono_ns).collect()}
+    assert found.keys().isdisjoint({"voltwall_accumulator_volts", "voltwall_accumulator_watts"})
+    assert found["voltwall_accumulator_at_least_volts"].samples[0].value == pytest.approx(310.8)
+    assert found["voltwall_cells_loaded"].samples[0].value == 84

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.service.mqtt.broker import parse_broker
-from app.service.mqtt.cars import MOST_BYTES
+from app.service.mqtt.cars import MOST_BYTES, Car
 from app.service.mqtt.publisher import NAME_CONFLICT_S, MqttPublisher, event_body, messages
 from app.sources.items import LinkChange
 from app.telemetry import Alarm, Event
@@ -33,6 +33,20 @@ def test_a_snapshot_is_published_in_parts_and_what_is_missing_is_null(bench, mas
     assert bodies["links"]["rs232"]["state"] == "live"
     assert bodies["cells/voltage_v"]["age_s"] == bodies["accumulator"]["age_s"]["voltage"]
     assert (bodies["recording"]["session_id"], bodies["recording"]["since"]) == ("s1", 5.5)
+
+
+def test_a_total_without_all_cells_is_published_as_the_least_it_can_be(bench, master):
+    master.set("v", [0xFFFF if i in range(36, 48) else 37000 for i in range(96)])
+    master.set("v_tot", [31080])
+    bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
+    body = dict(messages(bench.live.snapshot, None))["accumulator"]
+    total = json.loads(body)
+    assert (total["voltage_v"], total["power_w"], total["voltage_mean_v"], total["voltage_delta_v"]) == (None,) * 4
+    assert (total["voltage_at_least_v"], total["loaded_cells"]) == (pytest.approx(310.8), 84)
+    car = Car("red")
+    car.take("accumulator", body, 1.0, is_retained=False)
+    shown = car.shown(1.0, 1.0)
+    assert (shown["voltage_v"], shown["voltage_at_least_v"]) == (None, pytest.approx(310.8))
 
 
 def test_without_a_recording_its_topic_is_null(bench, master):
