@@ -28,8 +28,8 @@ class Lap:
     end: datetime
     driver: str
     counts: bool
-    energy_out_wh: float
-    energy_in_wh: float
+    energy_out_wh: float | None
+    energy_in_wh: float | None
     power_mean_w: float | None
     power_max_w: float | None
     soc_used: float | None

@@ -101,8 +101,9 @@ class Survey:
     samples: int = 0
     driving_s: float = 0.0
     gap_s: float = 0.0  # no sample for longer than MAX_STEP_S
-    energy_out_wh: float = 0.0
+    energy_out_wh: float = 0.0  # of the cells that were measured
     energy_in_wh: float = 0.0
+    energy_gap_s: float = 0.0  # under current with a cell missing: both energies are at least what they say
     charge_out_ah: float = 0.0
     charge_in_ah: float = 0.0
     current_max_a: float = -np.inf
@@ -125,6 +126,11 @@ class Survey:
     missing: FloatArray = field(default_factory=lambda: np.empty(0))  # samples without a voltage
     resistance_ohm: FloatArray = field(default_factory=lambda: np.empty(0))  # with its joint
     resistance_sigma_ohm: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def has_energies(self) -> bool:
+        """Both energies are of all cells, but for what flowed in a time too short to count."""
+        return self.energy_gap_s <= MAX_STEP_S
 
 
 class Surveyor:
@@ -202,7 +208,9 @@ class Surveyor:
     def _energies(self, piece: Piece, dt_s: FloatArray) -> None:
         survey = self._survey
         current = np.nan_to_num(piece.current_a)
+        missing = np.isnan(piece.voltage_v).any(axis=1)
         watts = current * np.nansum(piece.voltage_v, axis=1)
+        survey.energy_gap_s += float(dt_s[missing & (np.abs(current) > REST_A)].sum())
         survey.energy_out_wh += float((np.maximum(watts, 0.0) * dt_s).sum() / SECONDS_PER_HOUR)
         survey.energy_in_wh += float((np.maximum(-watts, 0.0) * dt_s).sum() / SECONDS_PER_HOUR)
         survey.charge_out_ah += float((np.maximum(current, 0.0) * dt_s).sum() / SECONDS_PER_HOUR)
@@ -211,7 +219,7 @@ class Surveyor:
         survey.driving_s += float(dt_s[driving].sum())
         survey.current_max_a = max(survey.current_max_a, float(current.max()))
         survey.current_min_a = min(survey.current_min_a, float(current.min()))
-        survey.power_max_w = max(survey.power_max_w, float(watts.max()))
+        survey.power_max_w = max(survey.power_max_w, float(watts[~missing].max(initial=-np.inf)))
         volts = np.where(np.isnan(piece.voltage_v), np.inf, piece.voltage_v)
         known = driving & np.isfinite(volts).any(axis=1)
         survey.lowest_s += np.bincount(volts[known].argmin(axis=1), dt_s[known], minlength=self._n)

@@ -48,22 +48,20 @@ class Totals:
         return Totals(**{field.name: getattr(self, field.name)[low:high] for field in fields(self)})
 
 
-def steps_s(time_s: FloatArray) -> FloatArray:
-    """Return the (n - 1,) seconds for which each sample but the last stands; 0 in gaps longer than MAX_STEP_S."""
-    dt_s = np.diff(time_s)
-    return np.where(dt_s <= MAX_STEP_S, dt_s, 0.0)
+def energy_wh(time_s: FloatArray, power_w: FloatArray) -> tuple[float, float] | None:
+    """Return (out, in) energies of a stretch, both positive [Wh], by the trapezoid over each sign's power.
 
-
-def energy_wh(time_s: FloatArray, power_w: FloatArray) -> tuple[float, float]:
-    """Return (out, in) energies of a stretch, both positive [Wh], by the trapezoid over each sign's power."""
-    dt_s = steps_s(time_s)
-    known = np.nan_to_num(power_w)
-    out_w, in_w = np.maximum(known, 0.0), np.maximum(-known, 0.0)
+    None where the power was not known for longer than MAX_STEP_S: the sum over the rest would be too low.
+    """
+    known = np.isfinite(power_w)
+    if not known.any() or np.diff(np.concatenate((time_s[:1], time_s[known], time_s[-1:]))).max() > MAX_STEP_S:
+        return None
+    dt_s, watts = np.diff(time_s[known]), power_w[known]
 
     def total(watts: FloatArray) -> float:
         return float((0.5 * (watts[1:] + watts[:-1]) * dt_s).sum() / SECONDS_PER_HOUR)
 
-    return total(out_w), total(in_w)
+    return total(np.maximum(watts, 0.0)), total(np.maximum(-watts, 0.0))
 
 
 def present(values: FloatArray) -> FloatArray:

@@ -82,6 +82,7 @@ class SessionMaker:
                 "v": counts,
                 "t": heat,
                 "v_tot": [round(counts.sum() / 100)],
+                "v_avg": [round(counts[counts > 0].mean()) if counts.any() else 0],
                 "v_min": [counts.min()],
                 "v_min_id": [counts.argmin()],
                 "v_max": [counts.max()],

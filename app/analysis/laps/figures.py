@@ -35,8 +35,8 @@ class LapFigures:
     """One lap; None where not measured."""
 
     lap: Lap
-    energy_out_wh: float
-    energy_in_wh: float
+    energy_out_wh: float | None
+    energy_in_wh: float | None
     power_mean_w: float | None
     power_max_w: float | None
     power_min_w: float | None  # strongest regeneration, negative
@@ -58,8 +58,8 @@ class DriverFigures:
     lap_s: float
     best_lap_s: float
     lap_spread_s: float  # standard deviation
-    energy_out_wh: float
-    energy_in_wh: float
+    energy_out_wh: float | None
+    energy_in_wh: float | None
     regenerated_share: float | None
     power_mean_w: float | None
     power_max_w: float | None
@@ -71,7 +71,8 @@ def figures_of(lap: Lap, totals: Totals) -> LapFigures:
     """Return what a lap cost out of the recording that holds it."""
     part = totals.between(lap.start_s, lap.end_s)
     power_w = part.power_w
-    out_wh, in_wh = energy_wh(part.time_s, power_w)
+    energies_wh = energy_wh(part.time_s, power_w)
+    out_wh, in_wh = energies_wh or (None, None)
     watts = present(power_w)
     soc_first, soc_last = first_last(part.soc)
     cool, warm = first_last(part.t_mean_degc)
@@ -82,7 +83,7 @@ def figures_of(lap: Lap, totals: Totals) -> LapFigures:
         lap=lap,
         energy_out_wh=out_wh,
         energy_in_wh=in_wh,
-        power_mean_w=float(watts.mean()) if watts.size else None,
+        power_mean_w=float(watts.mean()) if energies_wh else None,
         power_max_w=float(watts.max()) if watts.size else None,
         power_min_w=float(watts.min()) if watts.size else None,
         current_rms_a=float(np.sqrt((amperes**2).mean())) if amperes.size else None,
@@ -144,8 +145,8 @@ def overlay(
 
 def _driver(name: str, laps: Sequence[LapFigures]) -> DriverFigures:
     times_s = np.array([each.lap.duration_s for each in laps])
-    out_wh = float(np.mean([each.energy_out_wh for each in laps]))
-    in_wh = float(np.mean([each.energy_in_wh for each in laps]))
+    out_wh = _mean([each.energy_out_wh for each in laps])
+    in_wh = _mean([each.energy_in_wh for each in laps])
     peaks = [each.power_max_w for each in laps if each.power_max_w is not None]
     return DriverFigures(
         driver=name,
@@ -155,7 +156,7 @@ def _driver(name: str, laps: Sequence[LapFigures]) -> DriverFigures:
         lap_spread_s=float(times_s.std()),
         energy_out_wh=out_wh,
         energy_in_wh=in_wh,
-        regenerated_share=in_wh / out_wh if out_wh > 0.0 else None,
+        regenerated_share=in_wh / out_wh if in_wh is not None and out_wh else None,
         power_mean_w=_mean([each.power_mean_w for each in laps]),
         power_max_w=max(peaks) if peaks else None,
         soc_used=_mean([each.soc_used for each in laps]),

@@ -134,10 +134,13 @@ def headline(survey: Survey, n_laps: int) -> Message:
         run.append(Message("report-with-current", length=_length(survey.driving_s)))
     if n_laps:
         run.append(Message("report-laps", n=n_laps))
-    found: list[Argument] = [Message("report-energy-out", energy=_kwh(survey.energy_out_wh))]
+    code = "report-energy-out" if survey.has_energies else "report-energy-out-at-least"
+    found: list[Argument] = [Message(code, energy=_kwh(survey.energy_out_wh))]
     if survey.energy_in_wh >= 1.0:
         energy = _kwh(survey.energy_in_wh)
-        if survey.energy_out_wh > 1.0:
+        if not survey.has_energies:
+            found.append(Message("report-energy-in-at-least", energy=energy))
+        elif survey.energy_out_wh > 1.0:
             share = percent(survey.energy_in_wh / survey.energy_out_wh)
             found.append(Message("report-energy-in-share", energy=energy, share=share))
         else:
@@ -215,8 +218,8 @@ def key_figures(survey: Survey) -> dict[str, float | None]:
     return {
         "duration_s": survey.end_s - survey.start_s if survey.samples else None,
         "driving_s": survey.driving_s,
-        "energy_out_wh": survey.energy_out_wh,
-        "energy_in_wh": survey.energy_in_wh,
+        "energy_out_wh": survey.energy_out_wh if survey.has_energies else None,
+        "energy_in_wh": survey.energy_in_wh if survey.has_energies else None,
         "charge_out_ah": survey.charge_out_ah,
         "power_max_w": number(survey.power_max_w),
         "current_max_a": number(survey.current_max_a),

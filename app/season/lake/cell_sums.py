@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.analysis.report.findings import NEAR
-from app.analysis.survey import Piece
+from app.analysis.survey import REST_A, Piece
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
@@ -30,6 +30,7 @@ class CellSums:
         self._bleed_ohm = np.nan if bleed_ohm is None else bleed_ohm
         self._before_s: float | None = None
         self._out_ws, self._in_ws, self._bled_vs = np.zeros((3, n_cells))
+        self._missing_s = np.zeros(n_cells)  # under current, without a voltage
         self._out_as = self._in_as = 0.0
         self._means = {name: np.zeros((2, n_cells)) for name in ("temperature_degc", "soc")}  # integral and seconds
         self._near: dict[str, FloatArray] = {}
@@ -48,6 +49,7 @@ class CellSums:
         volts = np.nan_to_num(piece.voltage_v)
         self._out_ws += out_as @ volts  # current is positive on discharge; a cell's voltage is never below 0
         self._in_ws += in_as @ volts
+        self._missing_s += (dt_s * (np.abs(charge_as) > REST_A * dt_s)) @ np.isnan(piece.voltage_v)
         if np.nanmax(piece.balancing, initial=0.0) > 0.0:
             self._bled_vs += dt_s @ (volts * np.nan_to_num(piece.balancing))
         for name, (integral, seconds) in self._means.items():
@@ -71,8 +73,8 @@ class CellSums:
         for name, (integral, seconds) in self._means.items():
             means[name] = np.where(seconds > 0.0, integral / np.maximum(seconds, 1e-9), np.nan)
         return {
-            "energy_out_wh": self._out_ws / SECONDS_PER_HOUR,
-            "energy_in_wh": self._in_ws / SECONDS_PER_HOUR,
+            "energy_out_wh": self._energies_wh(self._out_ws),
+            "energy_in_wh": self._energies_wh(self._in_ws),
             "charge_out_ah": self._out_as / SECONDS_PER_HOUR,
             "charge_in_ah": self._in_as / SECONDS_PER_HOUR,
             "bled_v_s": self._bled_vs,
@@ -81,6 +83,9 @@ class CellSums:
             "soc_mean": means["soc"],
             **{column: self._near.get(column, np.full(self._n, np.nan)) for column in _NEAR_COLUMNS},
         }
+
+    def _energies_wh(self, sums_ws: FloatArray) -> FloatArray:
+        return np.where(self._missing_s <= MAX_STEP_S, sums_ws / SECONDS_PER_HOUR, np.nan)
 
 
 @dataclass(frozen=True)

@@ -253,8 +253,8 @@ class _Findings:
 def _of_session(survey: Survey) -> Row:
     return {
         "driving_s": survey.driving_s,
-        "energy_out_wh": survey.energy_out_wh,
-        "energy_in_wh": survey.energy_in_wh,
+        "energy_out_wh": survey.energy_out_wh if survey.has_energies else None,
+        "energy_in_wh": survey.energy_in_wh if survey.has_energies else None,
         "charge_out_ah": survey.charge_out_ah,
         "charge_in_ah": survey.charge_in_ah,
         "current_max_a": survey.current_max_a if np.isfinite(survey.current_max_a) else None,

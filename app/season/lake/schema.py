@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 from app.errors import ExtraMissing
 from app.words import Message
 
-LAKE_VERSION: Final = 4  # a lake of an older number is made again from its sessions
+LAKE_VERSION: Final = 5  # a lake of an older number is made again from its sessions
 WHOLE: Final = 0  # number of the row that stands for a whole session, in the column `lap`
 SAMPLES: Final = "samples"
 MARK: Final = "sessions"  # the table that is written last: with it a session is in the lake
@@ -41,8 +41,8 @@ WHERE: Final = (
 )
 _START = Column("start_time", "time", "", "begin of the session, or of the lap")
 _ENERGIES = (
-    Column("energy_out_wh", "number", "Wh", "energy discharged"),
-    Column("energy_in_wh", "number", "Wh", "energy charged, braking included; positive"),
+    Column("energy_out_wh", "number", "Wh", "energy discharged; missing where a cell was, under load"),
+    Column("energy_in_wh", "number", "Wh", "energy charged, braking included; positive; missing likewise"),
 )
 _CHARGES = (
     Column("charge_out_ah", "number", "Ah", "charge discharged"),

@@ -23,6 +23,7 @@ from app.sessions.reading.check import find_problems
 from app.sessions.reading.parse import Parse, in_process
 from app.sessions.reading.series import FieldSamples, Samples, Series, joined, reduce_samples
 from app.sessions.reading.session_info import filled_spans, info_of, meta_of, read_note, wall_offset_ns
+from app.sessions.reading.whole_totals import with_whole_totals
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.digests import KEY
 from app.sessions.storage.queries import StoredSession
@@ -30,7 +31,7 @@ from app.sessions.storage.signals import Signal, Signals
 from app.sources.items import TableItem
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
 from app.words import Message, condition_of
-from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.memory_map import FIELDS, N_CELLS
 from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 
 MAX_POINTS = 100_000
@@ -306,6 +307,8 @@ class SessionFile:
         first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
         speaks = self.loaded_battery.speaks_dbc if in_rows else None
+        if self.loaded_battery.has_memory_map:
+            return with_whole_totals(lambda each: self._blocks.blocks(each, first_us, last_us), wanted, N_CELLS)
         if speaks is None:
             return self._blocks.blocks(wanted, first_us, last_us)
         blocks = self._blocks.blocks(wanted, first_us - CARRIED_US, last_us)

@@ -157,9 +157,7 @@ class BatteryColumns:
         for (name, _), cells in zip(EXTREMES, (voltage_v, degc), strict=True):
             yield from _extremes(name, cells, grid_us)
         if not by_field["v_tot"]:
-            rows = np.isfinite(voltage_v).all(axis=1)
-            if rows.any():
-                yield ColumnOfBattery("v_tot", 0, grid_us[rows], voltage_v[rows].sum(axis=1)[:, None])
+            yield from _total(voltage_v, grid_us)
 
     def _of_sensors(
         self, sensors: list[ColumnOfBattery], degc: FloatArray, grid_us: NDArray[np.int64]
@@ -217,9 +215,7 @@ class TableColumns:
                 yield ColumnOfBattery(field, 0, times_us, np.ascontiguousarray(values))
         for (name, _), cells in zip(EXTREMES, (voltage_v, degc), strict=True):
             yield from _extremes(name, cells, times_us)
-        whole = np.isfinite(voltage_v).all(axis=1)
-        if whole.any():
-            yield ColumnOfBattery("v_tot", 0, times_us[whole], voltage_v[whole].sum(axis=1)[:, None])
+        yield from _total(voltage_v, times_us)
 
 
 def _samples(columns: list[ColumnOfBattery]) -> Iterator[Samples]:
@@ -256,6 +252,13 @@ def _in_runs(field: str, each: Iterator[TimesAndElements]) -> Iterator[ColumnOfB
         yield column()
 
 
+def _total(voltage_v: FloatArray, times_us: NDArray[np.int64]) -> Iterator[ColumnOfBattery]:
+    """Sum of all cells, missing from where one is missing on: the last one would be held for the present one."""
+    rows = np.isfinite(voltage_v).any(axis=1)
+    if np.isfinite(voltage_v).all(axis=1).any():
+        yield ColumnOfBattery("v_tot", 0, times_us[rows], voltage_v[rows].sum(axis=1)[:, None])
+
+
 def _extremes(name: str, cells: FloatArray, grid_us: NDArray[np.int64]) -> Iterator[ColumnOfBattery]:
     rows = np.isfinite(cells).any(axis=1)
     if not rows.any():
@@ -266,7 +269,7 @@ def _extremes(name: str, cells: FloatArray, grid_us: NDArray[np.int64]) -> Itera
     for which, values in (
         ("min", known[everything, low]),
         ("max", known[everything, high]),
-        ("avg", np.nanmean(known, axis=1)),
+        ("avg", np.nanmean(known, axis=1) if name == "t" else known.mean(axis=1)),
         ("min_id", low.astype(np.float64)),
         ("max_id", high.astype(np.float64)),
     ):

@@ -55,7 +55,7 @@ class _Field:
 
 
 def _missing(name: str) -> int | None:
-    if name == "v":
+    if name in ("v", "v_min", "v_avg", "v_tot"):
         return V_MISSING
     if name == "t":
         return T_MISSING

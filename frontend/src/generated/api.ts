@@ -706,8 +706,8 @@ export interface DriverFigures {
   lap_s: number;
   best_lap_s: number;
   lap_spread_s: number;
-  energy_out_wh: number;
-  energy_in_wh: number;
+  energy_out_wh: number | null;
+  energy_in_wh: number | null;
   regenerated_share: number | null;
   power_mean_w: number | null;
   power_max_w: number | null;
@@ -1019,8 +1019,8 @@ export interface Lap {
 /** One lap; None where not measured. */
 export interface LapFigures {
   lap: Lap;
-  energy_out_wh: number;
-  energy_in_wh: number;
+  energy_out_wh: number | null;
+  energy_in_wh: number | null;
   power_mean_w: number | null;
   power_max_w: number | null;
   power_min_w: number | null;

@@ -25,7 +25,7 @@ def test_every_element_of_the_memory_map_has_a_name_that_finds_it() -> None:
         ("t[95]", -5, -5.0),
         ("slave[7].cvr[11]", 65535, np.nan),
         ("i_fs", -12345, -123.45),
-        ("v_min", 0, 0.0),
+        ("v_min", 0, np.nan),
         ("estimate.soc[3]", 50000, 1.0),
         ("estimate.soc_sigma[3]", 65535, np.nan),
     ],
