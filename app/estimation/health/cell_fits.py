@@ -45,16 +45,19 @@ FINER, FINER_POINTS = 2, 7  # searches around the best of a grid: a grid's steps
 SOC_GRID: Final = np.linspace(0.0, 1.0, 51)
 USUAL_DEGC: Final = 25.0
 LEAK_SIZES_A: Final = np.geomspace(0.5, 60.0, 28)
+SIZE_SHARE: Final = 0.05  # of a size: the model's error, which more samples do not take away
+STEP_SHARE: Final = 0.05  # of a size, by which the likelihood's curvature is taken
 
 
 @dataclass(frozen=True)
 class CellFit:
-    """One law against one cell's voltage: log of the likelihood, size [ohm, share, A or V], since when."""
+    """One law against one cell's voltage: log of the likelihood, size [ohm, share, A or V], since when, its sigma."""
 
     law: Law
     log_likelihood: float
     size: float
     onset_s: float
+    sigma: float = float("nan")  # of the size; NaN: it has none
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,7 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, fl
     leak [A] since an onset, which counts where the leak's size and onset are searched.
     """
     under_load = UnderLoad(cell, model)
-    spread, _, _ = _lower(cell, under_load, SPREAD_SIZES)
+    spread, *_ = _lower(cell, under_load, SPREAD_SIZES)
     healthy = max(_warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM), spread)
     onsets = _onsets(cell)
     slow_share = float(model.r_ohm.sum(axis=0).mean() / model.r0_ohm.mean()) if model.n_rc else 0.0
@@ -181,17 +184,17 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, fl
         ("lower", _lower(cell, under_load, LOWER_SIZES)),
         ("leak", _leak(cell, model, under_load, onsets, leak_heat)),
     )
-    fits += [CellFit(law, found - healthy, size, onset_s) for law, (found, size, onset_s) in charges]
+    fits += [CellFit(law, found - healthy, *rest) for law, (found, *rest) in charges]
     fits.append(_stuck(cell))
     return [fit for fit in fits if fit is not None]
 
 
-_Candidate = tuple[float, float, float]  # log likelihood, size, onset
+_Candidate = tuple[float, float, float, float]  # log likelihood, size, onset, sigma of the size
 
 
 def _best(law: Law, candidates: Iterator[_Candidate], healthy: float) -> CellFit | None:
     best = max(candidates, default=None)
-    return None if best is None else CellFit(law, best[0] - healthy, best[1], best[2])
+    return None if best is None else CellFit(law, best[0] - healthy, *best[1:])
 
 
 def _onsets(cell: CellVoltage) -> FloatArray:
@@ -211,8 +214,24 @@ def _residual(deviation_v: FloatArray, cell: CellVoltage) -> FloatArray:
 def _log_likelihood(cell: CellVoltage, residual_v: FloatArray) -> float:
     """Gaussian with broad shoulders: no single sample decides."""
     ratio = (residual_v / cell.noise_v) ** 2
-    share = min(CORRELATED, MOST_INDEPENDENT / len(ratio))
-    return float(-0.5 * share * (25.0 * np.log1p(ratio / 25.0)).sum())
+    return float(-0.5 * _share(len(ratio)) * (25.0 * np.log1p(ratio / 25.0)).sum())
+
+
+def _share(n: int) -> float:
+    """Independent values a sample, of n samples."""
+    return min(CORRELATED, MOST_INDEPENDENT / n)
+
+
+def _with_model(sigma: float, size: float) -> float:
+    """The standard deviation of a size with what the model itself is wrong by."""
+    return float(np.hypot(sigma, SIZE_SHARE * size))
+
+
+def _sigma_at(likelihood: Callable[[float], float], size: float, best: float) -> float:
+    """The standard deviation of a size, by how the log likelihood falls to either side of its maximum."""
+    step = STEP_SHARE * abs(size)
+    fall = best - 0.5 * (likelihood(size - step) + likelihood(size + step))
+    return _with_model(step / float(np.sqrt(2.0 * fall)) if fall > 0.0 else abs(size), size)
 
 
 def _warm_likelihood(cell: CellVoltage, deviation_v: FloatArray, most_ohm: float = WARM_OHM) -> float:
@@ -236,21 +255,24 @@ def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterato
         y = _residual(cell.deviation_v, cell)
         size = float((weight * x * y).sum() / square)
         if size > 0.0:
-            yield _log_likelihood(cell, y - size * x), size, float(onset_s)
+            sigma = _with_model(float(1.0 / np.sqrt(_share(len(x)) * square)), size)
+            yield _log_likelihood(cell, y - size * x), size, float(onset_s), sigma
 
 
 def _capacity(cell: CellVoltage, under_load: UnderLoad) -> _Candidate:
     def likelihood(size: float) -> float:
         return _warm_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - size * cell.used))
 
-    return *_largest(likelihood, CAPACITY_SIZES), float(cell.time_s[0])
+    best, size = _largest(likelihood, CAPACITY_SIZES)
+    return best, size, float(cell.time_s[0]), _sigma_at(likelihood, size, best)
 
 
 def _lower(cell: CellVoltage, under_load: UnderLoad, sizes: FloatArray) -> _Candidate:
     def likelihood(size: float) -> float:
         return _log_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - size))
 
-    return *_largest(likelihood, sizes), float(cell.time_s[0])
+    best, size = _largest(likelihood, sizes)
+    return best, size, float(cell.time_s[0]), _sigma_at(likelihood, size, best)
 
 
 def _leak(
@@ -274,8 +296,9 @@ def _leak(
     _, onset_s = max(
         (with_heat(float(size), float(onset_s)), float(onset_s)) for onset_s in onsets[::2] for size in LEAK_SIZES_A
     )
-    _, size = _largest(lambda size: with_heat(size, onset_s), LEAK_SIZES_A)
-    return likelihood(size, onset_s), size, onset_s
+    best, size = _largest(lambda size: with_heat(size, onset_s), LEAK_SIZES_A)
+    sigma = _sigma_at(lambda size: with_heat(size, onset_s), size, best)
+    return likelihood(size, onset_s), size, onset_s, sigma
 
 
 def _largest(likelihood: Callable[[float], float], sizes: FloatArray) -> tuple[float, float]:

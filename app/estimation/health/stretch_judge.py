@@ -7,7 +7,7 @@ a trip for one, and weighs each condition by its likelihood against nothing bein
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -145,7 +145,7 @@ def _of_cell(
         return
     gained, watts, since_s = (0.0, 0.0, stretch.start_s) if warmth is None else warmth.best()
     is_warm = warmth is not None and warmth.now_k >= WARMER_K
-    warmer_k = warmth.now_k if warmth is not None and is_warm else NAN
+    warmer_k = warmth.now_k if warmth is not None else NAN
 
     def leak_heat(size_a: float, onset_s: float) -> float:
         return 0.0 if warmth is None else warmth.gained(LEAK_V * size_a, onset_s)
@@ -163,13 +163,15 @@ def _of_cell(
         if law == "leak" and stretch.end_s - fit.onset_s < LEAK_LASTS_S:
             continue
         if fit.size >= LEAST[law] and fit.log_likelihood > LEAST_GAIN:
-            size = fit.size / (1.0 + fit.size) if law == "capacity" else fit.size
-            code, unit = CODES[law]
-            heat_w = watts if is_warm else NAN
-            yield _found(stretch, code, cell, fit.onset_s, log_odds, size, unit, warmer_k=warmer_k, heat_w=heat_w)
+            size, sigma, (code, unit) = fit.size, fit.sigma, CODES[law]
+            if law == "capacity":
+                size, sigma = size / (1.0 + size), sigma / (1.0 + size) ** 2
+            found = _found(stretch, code, cell, fit.onset_s, log_odds, size, unit, sigma=sigma)
+            yield replace(found, warmer_k=warmer_k, heat_w=watts) if is_warm else found
     if is_warm and watts > HEATED_W:
         log_odds = fits["warm"].log_likelihood + gained - FREE
-        yield _found(stretch, "external-heating", cell, since_s, log_odds, watts, "W", warmer_k=warmer_k, heat_w=watts)
+        found = _found(stretch, "external-heating", cell, since_s, log_odds, watts, "W", sigma=HEAT_SHARE * watts)
+        yield replace(found, warmer_k=warmer_k, heat_w=watts)
 
 
 def _found(
@@ -183,14 +185,13 @@ def _found(
     value: float = NAN,
     usual: float = NAN,
     neighbours: tuple[int, ...] = (),
-    warmer_k: float = NAN,
-    heat_w: float = NAN,
+    sigma: float = NAN,
 ) -> CellFinding:
     return CellFinding(
         code,
         cell,
         size,
-        NAN,
+        sigma,
         unit,
         since_s,
         stretch.end_s,
@@ -201,8 +202,6 @@ def _found(
         neighbours,
         min(1.0 / (1.0 + float(np.exp(-min(log_odds, 50.0)))), SURE),
         log_odds,
-        warmer_k,
-        heat_w,
     )
 
 
@@ -252,7 +251,8 @@ def _noise(stretch: Stretch, cell: int) -> CellFinding | None:
         return None
     since_s = float(stretch.time_s[int(quiet[np.flatnonzero(loud)[0]])])
     size = float(np.std(steps[quiet][loud, cell])) / float(np.sqrt(2))
-    return _found(stretch, "cell-voltage-noisy", cell, since_s, 5.0 * float(loud.sum()), size, "V")
+    sigma = size / float(np.sqrt(2 * loud.sum()))
+    return _found(stretch, "cell-voltage-noisy", cell, since_s, 5.0 * float(loud.sum()), size, "V", sigma=sigma)
 
 
 def _open_wires(stretch: Stretch) -> Iterator[CellFinding]:

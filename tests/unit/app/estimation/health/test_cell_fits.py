@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.health.cell_finding import BAND_SIGMAS
 from app.estimation.health.cell_fits import HEALTHY_OHM, CellVoltage, fit_cell, slow_current
 
 MODEL = load_cell("samsung-25r-10p")
@@ -33,6 +34,20 @@ def test_a_joint_that_grows_is_found_with_its_size_and_beginning():
     assert best.law == "joint"
     assert best.size == pytest.approx(2e-3, rel=0.15)
     assert best.onset_s == pytest.approx(150.0, abs=25.0)
+
+
+@pytest.mark.parametrize("ohm", [1e-3, 5e-3, 14e-3])
+def test_the_band_of_a_joint_holds_its_size_and_is_not_wide(ohm):
+    found = fits(np.where(TIME_S > 150.0, -ohm * CURRENT_A, 0.0))["joint"]
+    assert abs(found.size - ohm) <= BAND_SIGMAS * found.sigma
+    assert 0.0 < found.sigma < 0.15 * ohm
+
+
+def test_every_size_that_is_fitted_has_a_sigma_and_a_stuck_input_none():
+    soc = 0.7 - USED
+    found = fits(MODEL.ocv.voltage(soc - 0.6 * USED) - MODEL.ocv.voltage(soc))
+    assert found["capacity"].sigma < 0.3 * found["capacity"].size
+    assert all(fit.sigma > 0.0 for law, fit in found.items() if law not in ("warm", "stuck"))
 
 
 def test_inner_resistance_is_told_from_a_joint_by_what_comes_slowly():
