@@ -24,6 +24,7 @@ GONE_S = 60.0  # the master has been silent this long: the session is over
 CLOCK_S = 10.0
 STATUS_S = 0.5
 RETRY_S = 5.0  # where a recording could not be started
+LATEST_NS = 30_000_000_000  # an event is no later: the wall clock was set
 SERIAL_LINK = 0
 
 
@@ -239,8 +240,9 @@ class AutoRecorder:
         self._report_trouble()
 
     def on_event(self, event: Event) -> None:
-        """Record an event."""
-        self._recorder.event(self._clock.monotonic_ns(), event)
+        """Record an event at its own time, however late it comes here on a busy machine."""
+        late_ns = self._clock.wall_ns() - event.time_ns
+        self._recorder.event(self._clock.monotonic_ns() - (late_ns if 0 < late_ns < LATEST_NS else 0), event)
 
     def _note_map(self, map_hash: str | None) -> None:
         """Keep the master's memory map in the session; one of another map than before begins a session of its own."""

@@ -12,12 +12,14 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import RecordingFailed
+from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.auto_recorder import GONE_S, AutoRecorder
 from app.sessions.recording.disk import DiskLimits
 from app.sessions.recording.session_writer import SessionWriter
 from app.sources.items import CanItem, LinkChange
 from app.sources.master.source import MasterSource
-from app.words import render
+from app.telemetry import Event
+from app.words import Message, render
 from firmware_protocol.framing import decode_chunk
 from tests.fake_clock import FakeClock
 
@@ -264,6 +266,22 @@ def test_a_marker_is_set_where_the_key_was_pressed(make, master, tmp_path):
     with Catalogue(tmp_path / "sessions").open(session_id) as file:
         first, second = file.markers()
     assert second.t_mono_ns - first.t_mono_ns == 12 * 10**9
+
+
+def test_an_event_is_recorded_at_its_own_time_however_late_it_comes(make, master, tmp_path):
+    clock = FakeClock()
+    recorder = make(clock=clock)
+    recorder.on_item(master.frame())
+    begun_ns = clock.monotonic_ns()
+    happened_ns = clock.wall_ns()
+    clock.advance(1.5)  # a busy machine
+    recorder.on_event(Event(happened_ns, "trip", "cell-undervoltage", Message("trip")))
+    recorder.on_event(Event(happened_ns - 3600 * 10**9, "info", "boot", Message("trip")))  # the clock was set
+    info = recorder.stop()
+    recorder.close()
+    with SessionFile(info.path) as session:
+        times = {event["code"]: event["t_mono_ns"] - begun_ns for event in session.events()}
+    assert (times["cell-undervoltage"], times["boot"]) == (0, 1_500_000_000)
 
 
 def test_a_session_that_nothing_came_into_leaves_no_file(make, master, pipeline, tmp_path):
