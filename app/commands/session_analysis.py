@@ -144,11 +144,11 @@ def _figure(value: float | None) -> str:
 
 def show_black_boxes(args: argparse.Namespace) -> int:
     """Print what happened around every trip and fault."""
-    from app.analysis.black_box.from_session import black_boxes
+    from app.analysis.black_box.from_session import boxes_of
     from app.analysis.document import document
 
     with _opened(args, args.session) as session:
-        boxes = black_boxes(session)
+        boxes = boxes_of(session)
     if args.json:
         print(json.dumps([asdict(box) for box in boxes]))
     for box in boxes:

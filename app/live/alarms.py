@@ -91,6 +91,12 @@ class AlarmTracker:
             if alarm.active and alarm.severity == "trip":
                 self._alarms[key] = replace(alarm, cause=cause)
 
+    @property
+    def causes(self) -> list[TripCause]:
+        """The verdicts on the trips that are listed, the newest first."""
+        causes = [alarm.cause for alarm in self._alarms.values() if alarm.cause is not None]
+        return sorted(causes, key=lambda cause: -(cause.judged or 0.0))
+
     def _raise(self, condition: Condition, since_ns: int) -> Alarm:
         self._next_id += 1
         return Alarm(

@@ -27,6 +27,7 @@ from app.live.prediction_conditions import as_of
 from app.sources.items import Item
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource
 from app.telemetry import Estimator, Event, FloatArray, ProtectionLimits, Snapshot, Source, TripCause
+from app.telemetry.cell_findings import agreeing
 from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
 
@@ -316,10 +317,11 @@ class Pipeline:
             awaited=measured.awaited,
             segments=self.battery.segments,
         )
+        news = self._news.step(snapshot)
         with self._watch_lock:
+            snapshot = replace(snapshot, findings=agreeing(snapshot.findings, self._watch.causes))
             alarms, events = self._watch.step(snapshot)
-        events += self._news.step(snapshot)
-        return Output(replace(snapshot, alarms=alarms), tuple(events))
+        return Output(replace(snapshot, alarms=alarms), (*events, *news))
 
     def _estimator_state(self) -> Estimator:
         sensor = None if self._predictor is None else self._predictor.sensor

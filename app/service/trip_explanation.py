@@ -1,8 +1,10 @@
 """The cause of a trip: searched in the running recording, shown by the alarm, kept as an event."""
 
+from collections.abc import Sequence
+
 from app.analysis.black_box.box import BlackBox
 from app.analysis.incidents import Trigger
-from app.analysis.root_cause.from_session import cause_of_trip
+from app.analysis.root_cause.from_session import make_verdict
 from app.analysis.root_cause.judge import Cause, trip_cause
 from app.clock import Clock
 from app.estimation.cell_model.circuit import CellModel
@@ -33,15 +35,15 @@ class TripExplanation:
         self._events = events
         self._clock = clock
 
-    def cause(self, session_id: str, trip: Trigger) -> Cause | None:
-        """Return what caused a trip, by what is on the disk of the recording that runs.
+    def cause(self, session_id: str, group: Sequence[Trigger]) -> Cause | None:
+        """Judge an incident by what is on the disk of the recording that runs, and keep the verdict with it.
 
         Raises:
             AppError: it cannot be written or read.
         """
         self._recorder.flush()
         with self._catalogue.open(session_id) as session:
-            return cause_of_trip(session, trip, self._cell)
+            return make_verdict(session, group, self._cell, self._clock.wall_ns())
 
     def on_black_box(self, box: BlackBox) -> None:
         """Note that there is a black box, and of a trip its cause, which the alarm then shows."""

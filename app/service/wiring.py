@@ -6,7 +6,7 @@ Items flow from the links through the inbox and the pipeline to the listeners, c
 import time
 from functools import partial
 
-from app.analysis.black_box.from_session import BlackBoxesOfSessions
+from app.analysis.black_box.from_session import STORE, BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.replay import cause_of_trip_at, pipelines_of
 from app.clock import Clock, ClockRun
@@ -101,7 +101,7 @@ def make_service(
     pipeline, learned_state = learning_pipeline(data, pipelines, clock, source, serial_url, can_url)
     explanation = TripExplanation(recorder, catalogue, pipeline, pipelines.cell, events, clock)
     black_boxes = BlackBoxRecorder(
-        data / "blackboxes.sqlite",
+        data / STORE,
         lambda: recorder.session_id,
         explanation.on_black_box,
         explanation.cause,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Annotated
+from typing import Annotated, Final, cast, get_args
 
-from app.estimation.health.cell_finding import CellFinding, FindingCode
+from app.estimation.health.cell_finding import BAND_SIGMAS, CellFinding, FindingCode
+from app.telemetry.events import TripCause
 from app.telemetry.fields import Unit
 from app.words import Cell, Message, Quantity
 
@@ -85,6 +86,91 @@ def finding_of(found: CellFinding, name: Message | None = None) -> Finding:
         neighbours=found.neighbours,
         confidence=found.confidence,
     )
+
+
+_SIZED: Final = (
+    "joint-resistance-high",
+    "cell-resistance-high",
+    "capacity-low",
+    "self-discharge-high",
+    "cell-imbalance",
+    "cell-voltage-noisy",
+    "external-heating",
+)  # what is told of them follows from their size alone
+
+
+def agreeing(found: Iterable[Finding], causes: Sequence[TripCause]) -> tuple[Finding, ...]:
+    """Return findings that agree with the verdicts on trips: of a cell that one explains there is that finding alone.
+
+    It has the verdict's size, band and confidence; where the judge of the cells has not found it yet, it is added.
+    """
+    explained = {cause.cell: cause for cause in reversed(causes) if cause.cell is not None and cause.code != "unknown"}
+    listed: list[Finding] = []
+    for each in found:
+        cause = explained.get(each.cell)
+        if cause is None:
+            listed.append(each)
+        elif cause.code == each.code:
+            listed.append(_by_verdict(cause, each))
+    named = {each.cell for each in listed}
+    left = [cause for cell, cause in explained.items() if cell not in named and cause.code in get_args(FindingCode)]
+    return (*listed, *(_by_verdict(cause, None) for cause in left))
+
+
+def _by_verdict(cause: TripCause, known: Finding | None) -> Finding:
+    """The verdict on a trip as a finding of its cell; `known` by the judge of the cells, None: not found by it."""
+    assert cause.cell is not None
+    sure = Quantity(100 * cause.confidence, "%", 0)
+    since, judged = cause.since or 0.0, cause.judged or 0.0
+    if known is None:
+        known = Finding(
+            code=cast(FindingCode, cause.code),
+            cell=cause.cell,
+            message=cause.message,
+            evidence=Message("evidence-verdict", sure=sure),
+            size=None,
+            low=None,
+            high=None,
+            unit=cause.unit,
+            since=since,
+            seen=judged,
+            current_a=None,
+            value=None,
+            usual=None,
+            neighbours=(),
+            confidence=cause.confidence,
+        )
+    message, evidence = known.message, known.evidence.having(sure=sure)
+    size, high = cause.size, cause.high
+    if size is not None and high is not None and cause.code in _SIZED:
+        nan, sigma = float("nan"), (high - size) / BAND_SIGMAS
+        arguments = (known.code, cause.cell, size, sigma, cause.unit, since, judged, nan, nan, nan, nan, (), nan)
+        message = what_of(CellFinding(*arguments))
+    return replace(
+        known,
+        message=message,
+        evidence=evidence,
+        size=known.size if size is None else size,
+        low=known.low if size is None else cause.low,
+        high=known.high if size is None else high,
+        confidence=cause.confidence,
+    )
+
+
+def size_of(code: str, size: float) -> Quantity | None:
+    """Return a size as it is shown; None of what has none that says more than its name."""
+    match code:
+        case "joint-resistance-high" | "cell-resistance-high":
+            return _milliohm(size)
+        case "capacity-low" | "cell-imbalance":
+            return _percent(size)
+        case "self-discharge-high":
+            return _leak(size)
+        case "cell-voltage-noisy":
+            return Quantity(1000 * size, "mV", 0)
+        case "external-heating":
+            return Quantity(size, "W", 0)
+    return None
 
 
 def what_of(found: CellFinding, name: Message | None = None) -> Message:

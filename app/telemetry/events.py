@@ -91,6 +91,13 @@ class TripCause(PossibleCause):
     """What is taken for the cause of a trip, found in the recording seconds after it."""
 
     others: tuple[PossibleCause, ...] = ()
+    size: Annotated[float | None, Unit("", "how much, in `unit`; missing where it has no size", None)] = None
+    low: Annotated[float | None, Unit("", "lower end of its band, in `unit`", None)] = None
+    high: Annotated[float | None, Unit("", "upper end of its band, in `unit`", None)] = None
+    unit: str = ""
+    since: Annotated[float | None, Unit("s", "when it can first be seen, in unix time", 3)] = None
+    judged: Annotated[float | None, Unit("s", "up to when the recording was looked at, in unix time", 3)] = None
+    revised: bool = False  # it takes the place of an earlier one
 
 
 @dataclass(frozen=True, slots=True)

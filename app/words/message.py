@@ -50,6 +50,10 @@ class Message:
         object.__setattr__(self, "code", code)
         object.__setattr__(self, "args", args)
 
+    def having(self, **args: Argument) -> Message:
+        """Return the same message with other values of some arguments."""
+        return Message(self.code, **{**self.args, **args})
+
 
 Text = Message | str  # what other programs say, an operating system for one, has no code
 Argument = str | int | float | None | Cell | Pack | Quantity | Message | tuple["Argument", ...]

@@ -22,7 +22,6 @@ from app.analysis.black_box.box import (
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incident_id, main_trigger
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
-from app.telemetry.cell_findings import Finding
 from app.words import rendered
 
 _QUANTITIES: Final[dict[str, Measured]] = {"V": "voltage", "degC": "temperature", "A": "current"}
@@ -48,7 +47,6 @@ def build(
     session_id: str | None,
     config_hash: str | None,
     limits: dict[str, float],
-    found: Sequence[Finding] = (),
     is_simulated: bool = False,
     segments: Sequence[int],
 ) -> BlackBox:
@@ -60,7 +58,6 @@ def build(
         session_id: the recording that they are in, None without one.
         config_hash: of the configuration in force, None where it was not received.
         limits: the configuration's limits by name, in units.
-        found: what was known against cells when it ended.
         is_simulated: the car was the simulator.
         segments: cells of each pack.
     """
@@ -97,7 +94,7 @@ def build(
         findings=[],
         simulated=is_simulated,
     )
-    return replace(box, findings=findings_of(box, found))
+    return replace(box, findings=findings_of(box))
 
 
 def _side(value: float, limit: float) -> Side:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -12,40 +13,34 @@ import numpy as np
 from app.analysis.black_box.box import BlackBox, box_from_json, cause_findings, findings_of
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.cell_findings import CellJudge
-from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
+from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger
 from app.analysis.limits import limits_over_time
-from app.analysis.root_cause.from_session import cause_of_trip
-from app.analysis.root_cause.judge import Cause
+from app.analysis.root_cause.from_session import incidents_of, verdict_of
+from app.analysis.root_cause.judge import Cause, trip_cause
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
 from app.errors import AppError
 from app.estimation.arrays import FloatArray, latest_at
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.catalogue import Catalogue
+from app.sessions.errors import RecordingFailed, SchemaTooNew
 from app.sessions.reading.reader import SessionFile
-from app.telemetry.cell_findings import findings_in_words, sensors_of
+from app.telemetry.cell_findings import Finding, agreeing, findings_in_words, sensors_of
 from app.words import RenderedMessage
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import STATUS_FLAGS
 
 log = logging.getLogger(__name__)
 _END_S = 10.0
+STORE = "blackboxes.sqlite"  # in a data folder
 SAME_S = 0.01  # between a stored time and the one it was read from
 _FIELDS = ("i_fs", "v", "t", "estimate.soc", "status.flags")
 
 
-def _triggers(session: SessionFile) -> list[Trigger]:
-    return [
-        trigger_of_event(event, event["t_wall_ns"] / 1e9, event["t_mono_ns"] / 1e9)
-        for event in session.events()
-        if is_trigger(event["severity"], event["code"])
-    ]
-
-
 def black_boxes(session: SessionFile) -> list[BlackBox]:
     """Return a black box for every incident of a session, in order."""
-    triggers = _triggers(session)
-    if not triggers:
+    groups = incidents_of(session)
+    if not groups:
         return []
     configs, limits_then = session.configs(), limits_over_time(session)
     session_id = session.info.id
@@ -54,13 +49,13 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         judge.add(piece)
     judge.result()
     boxes = []
-    for group in incidents(triggers):
+    for group in groups:
         known = [config.image for config in configs if config.t_mono_ns <= group[0].mono_s * 1e9]
         image = known[-1] if known else None
         window = read_window(session, group)
         config_hash = None if image is None else image_hash(image)
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
-        cause = cause_of_trip(session, main_trigger(group))
+        cause = verdict_of(session, group)
         found = findings_in_words(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
         limits = limits_then.at(session.unix_s(round(group[0].mono_s * 1e9)))
         box = build(
@@ -69,44 +64,60 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
             session_id=session_id,
             config_hash=config_hash,
             limits=limits,
-            found=found,
             is_simulated=session.info.metadata.get("source") == "simulator",
             segments=session.battery.segments,
         )
-        boxes.append(with_cause(box, cause))
+        boxes.append(with_cause(box, cause, found))
     return boxes
 
 
-def with_cause(box: BlackBox, cause: Cause | None) -> BlackBox:
-    """Return a box with its cause, without a finding of that cell by another condition."""
-    findings = [each for each in box.findings if not _contradicts(each, cause)]
-    return replace(box, cause=cause, findings=[*findings, *cause_findings(cause, box.segments)])
-
-
-def _contradicts(found: RenderedMessage, cause: Cause | None) -> bool:
-    inner = found.args.get("finding")
-    if cause is None or cause.cell is None or not isinstance(inner, Mapping):
-        return False
-    is_of_cell: bool = inner["args"]["cell"].get("index") == cause.cell
-    return is_of_cell and inner["code"] != f"finding-{cause.code}"
+def with_cause(box: BlackBox, cause: Cause | None, found: Sequence[Finding]) -> BlackBox:
+    """Return a box with the verdict on it and what was known against cells, so far as that agrees with it."""
+    known = agreeing(found, [] if cause is None else [trip_cause(cause)])
+    return replace(box, cause=cause, findings=[*findings_of(box, known), *cause_findings(cause, box.segments)])
 
 
 def explained(session: SessionFile, box: BlackBox) -> BlackBox:
-    """Return a box with the cause by its session; as it is where the session does not hold its event."""
-    for trigger in _triggers(session):
-        if trigger.code == box.code and abs(trigger.at_s - box.at) < SAME_S:
-            return with_cause(box, cause_of_trip(session, trigger))
+    """Return a box with the verdict by its session; as it is where the session does not hold its event."""
+    for group in incidents_of(session):
+        if any(each.code == box.code and abs(each.at_s - box.at) < SAME_S for each in group):
+            cause = verdict_of(session, group)
+            kept = [each for each in box.findings if cause is None or not _is_of_cell(each, cause.cell)]
+            return replace(box, cause=cause, findings=[*kept, *cause_findings(cause, box.segments)])
     return box
+
+
+def _is_of_cell(found: RenderedMessage, cell: int | None) -> bool:
+    """It is what a judge had found of a cell."""
+    inner = found.args.get("finding")
+    return cell is not None and isinstance(inner, Mapping) and inner["args"]["cell"].get("index") == cell
 
 
 def keep_black_boxes(session: SessionFile, store: BlackBoxStore) -> list[StoredBox]:
     """Make the black boxes of a session unless all are kept and complete, and return all of it, newest first."""
     stored = store.stored(session.info.id)
-    if len(stored) >= len(incidents(_triggers(session))) and all(each.is_complete for each in stored):
+    if len(stored) >= len(incidents_of(session)) and all(each.is_complete for each in stored):
         return stored
     for box in black_boxes(session):
         store_box(store, box)
     return store.stored(session.info.id)
+
+
+def boxes_of(session: SessionFile) -> list[BlackBox]:
+    """Return the black boxes of a session in order, as the data folder that it is in keeps them; else out of its file.
+
+    Raises:
+        NotASession: one of them cannot be read.
+    """
+    kept_in = session.path.resolve().parent.parent / STORE
+    if session.path.resolve().parent.name != "sessions" or not kept_in.is_file():
+        return black_boxes(session)
+    try:
+        with closing(BlackBoxStore(kept_in)) as store:
+            boxes = [stored_box(store, each.id) for each in reversed(keep_black_boxes(session, store))]
+    except (RecordingFailed, SchemaTooNew):  # a medium that is read only, or a newer program's
+        return black_boxes(session)
+    return [box if box.cause is not None else explained(session, box) for box in boxes if box is not None]
 
 
 def store_box(store: BlackBoxStore, box: BlackBox) -> bool:

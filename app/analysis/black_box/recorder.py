@@ -7,7 +7,7 @@ import contextlib
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.from_session import store_box, with_cause
-from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger, main_trigger
+from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger
 from app.analysis.limits import known_limits, limits_of
 from app.analysis.root_cause.judge import Cause
 from app.battery.battery import Battery
@@ -57,7 +57,7 @@ class BlackBoxRecorder:
         path: Path,
         session_id: Callable[[], str | None],
         on_made: Callable[[BlackBox], None],
-        explain: Callable[[str, Trigger], Cause | None] = lambda session_id, trip: None,
+        explain: Callable[[str, Sequence[Trigger]], Cause | None] = lambda session_id, group: None,
         *,
         is_simulated: bool = False,
         battery: Battery | None = None,
@@ -69,7 +69,7 @@ class BlackBoxRecorder:
             path: of the store.
             session_id: what is being recorded.
             on_made: called with every box, by the writing thread.
-            explain: finds the cause of a trip in the session that is being recorded; AppError where it cannot be read.
+            explain: judges an incident in the session that is being recorded; AppError where it cannot be read.
             is_simulated: the car is the simulator.
             battery: whose cells these are; None: the team's own.
             on_set_aside: called where the store was damaged and set aside.
@@ -162,23 +162,22 @@ class BlackBoxRecorder:
                 session_id=session_id,
                 config_hash=config_hash,
                 limits=limits,
-                found=found,
                 is_simulated=self._is_simulated,
                 segments=self._battery.segments,
             )
-            box = self._with_cause(box, session_id, main_trigger(group))
+            box = with_cause(box, self._verdict(session_id, group), found)
             try:
                 if store_box(self.store, box):
                     self._on_made(box)
             except AppError as error:
                 log.warning("a black box was not written: %s", error)
 
-    def _with_cause(self, box: BlackBox, session_id: str | None, trip: Trigger) -> BlackBox:
+    def _verdict(self, session_id: str | None, group: Sequence[Trigger]) -> Cause | None:
         if session_id is None:
-            return box
+            return None
         for left in reversed(range(TRIES)):
             try:
-                return with_cause(box, self._explain(session_id, trip))
+                return self._explain(session_id, group)
             except AppError as error:
                 if left and not self._is_closing and error.message.code == BUSY_DISK:
                     continue
@@ -186,7 +185,7 @@ class BlackBoxRecorder:
             except Exception:  # whatever is wrong with the search, the box is kept
                 log.exception("the search for the cause of a trip failed")
             break
-        return box
+        return None
 
 
 def _tell_failure(done: "Future[None]") -> None:

@@ -31,13 +31,13 @@ from app.analysis.report.findings import (
 )
 from app.analysis.report.over_time import OverTime, over_time
 from app.analysis.root_cause.from_session import causes_of
-from app.analysis.root_cause.judge import Cause, agreeing
+from app.analysis.root_cause.judge import Cause, trip_cause
 from app.analysis.session_cell import cell_of, judged_by, unlike
 from app.analysis.session_survey import TotalsCollector, survey_session
 from app.analysis.survey import Histogram, Piece, Survey, keep_extreme
 from app.analysis.totals import listed
 from app.sessions.reading.reader import SessionFile
-from app.telemetry.cell_findings import Finding, findings_in_words, sensors_of
+from app.telemetry.cell_findings import Finding, agreeing, findings_in_words, sensors_of
 from app.words import Argument, Cell, Message, RenderedMessage, Text, message_or_text, render, sentence
 from firmware_protocol.config_image import image_hash
 
@@ -232,7 +232,7 @@ def report_of(session: SessionFile) -> Report:
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     causes = causes_of(session, cell)
     segments = session.battery.segments
-    why = [*_cause_findings(causes), *_verdicts(agreeing(found, causes))]
+    why = [*_cause_findings(causes), *_verdicts(agreeing(found, [trip_cause(each) for each in causes]))]
     warnings = [*_ended(ended), *_event_arguments(warned, segments)]
     look_at = what_to_look_at(survey, odd, warnings, session.bad_frames())
     findings = Findings(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,10 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from app.analysis.incidents import AFTER_S, Trigger, incidents, main_trigger, trigger_of_event
+from app.analysis.incidents import AFTER_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.air import pack_hypotheses
 from app.analysis.root_cause.judge import Cause, Judgement, cause_of, judge, trip_kind
+from app.analysis.root_cause.kept_verdict import keep_verdict, kept_verdicts
 from app.analysis.root_cause.links import board_hypotheses, charger_hypotheses, link_hypotheses
 from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, Hypothesis, IntArray, LineTraffic, Recording
 from app.analysis.root_cause.relays import current_hypotheses, relay_hypotheses
@@ -22,6 +24,7 @@ from app.estimation.arrays import FloatArray, latest_at, row_median
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.stretch_judge import judge_stretch
+from app.sessions.errors import SessionError
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.series import FieldSamples
 from app.sessions.storage.battery_fields import IS_NEW
@@ -31,8 +34,10 @@ from firmware_protocol.config_image import default_image
 from firmware_protocol.elcon import STATUS_ID
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CHIP_MISSING, STATUS_FLAGS
 
+log = logging.getLogger(__name__)
 BACK_S = 900.0  # that much before an instant is looked at
-SETTLED_S = AFTER_S  # and that much after it: what recovers when the current stops
+SETTLED_S = AFTER_S + 0.2  # and that much after it: what recovers when the current stops; then a black box is made
+SHORT_S = 1.0  # a verdict that lacks no more is not revised
 FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
 FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
 FOUND_WITHIN_S = 6.0  # it takes the judge so long to be sure
@@ -40,51 +45,84 @@ MOST_TRIPS = 12  # of a session; more are the same again
 
 
 def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause]:
-    """Return what explains each trip of a session, in order, then what is wrong without having tripped anything."""
+    """Return the verdict on each trip of a session, in order, then what is wrong without having tripped anything."""
     model, info = cell or cell_of(session)[0], session.info
     start_s = info.started_wall_ns / 1e9
     end_s = start_s + info.duration_s
-    trips = _trips(read_events(session, start_s - 1.0, end_s + 1.0))[:MOST_TRIPS]
-    found: list[Judgement] = []
-    explained: set[tuple[str, int | None, int | None]] = set()
-    for trip in trips:
-        judgements = _judged(session, model, trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
-        found += judgements[:1]
-        explained |= _places(judgements[:1])
-    for from_s, to_s in pairwise(_edges(start_s, end_s)) if not trips else ((start_s, trips[0].at_s),):
+    groups = [group for group in incidents_of(session) if _is_trip(_explained(group))][:MOST_TRIPS]
+    found = [cause for group in groups if (cause := verdict_of(session, group, model)) is not None]
+    explained = {(each.code, each.cell, each.pack) for each in found if each.code != "unknown"}
+    first_s = session.unix_s(round(_explained(groups[0]).mono_s * 1e9)) if groups else end_s
+    for from_s, to_s in ((start_s, first_s),) if groups else pairwise(_edges(start_s, end_s)):
         rest = _judged(session, model, None, max(from_s, to_s - BACK_S), to_s)
         new = [each for each in rest if each.ranked and not _is_known(each, explained)]
         explained |= _places(new)
-        found += new
-    return [cause_of(each, session.battery.segments) for each in found]
+        found += [cause_of(each, session.battery.segments, to_s) for each in new]
+    return found
 
 
-def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None = None) -> Cause | None:
-    """Return what explains the trip or warning of a black box; None where it is nothing that has a cause here."""
-    trip = replace(trigger, at_s=session.unix_s(round(trigger.mono_s * 1e9)))
-    if trip_kind(trip.code) is None and trip.severity == "trip":
-        return None
-    is_trip = trip.severity == "trip"
-    judgements = _judged(
-        session, cell or cell_of(session)[0], trip if is_trip else None, trip.at_s - BACK_S, trip.at_s + SETTLED_S
+def incidents_of(session: SessionFile) -> list[list[Trigger]]:
+    """Return what deserves a black box in a session, in groups: see `incidents`."""
+    return incidents(
+        [
+            trigger_of_event(event, event["t_wall_ns"] / 1e9, event["t_mono_ns"] / 1e9)
+            for event in session.events()
+            if is_trigger(event["severity"], event["code"])
+        ]
     )
-    about = [each for each in judgements if is_trip or trip.cell in (None, each.ranked[0].cell)]
-    return cause_of(about[0], session.battery.segments) if about else None
+
+
+def verdict_of(session: SessionFile, group: Sequence[Trigger], cell: CellModel | None = None) -> Cause | None:
+    """Return the verdict on an incident: the one that is kept with the session, made now where there is none.
+
+    One that was made before the seconds after the incident were recorded is revised. None: nothing to be explained.
+    """
+    before = kept_verdicts(session, group)
+    if not before:
+        return _verdict(session, group, cell)
+    due_s = min(_due_s(session, group), _end_s(session))
+    if before[-1].judged is None or before[-1].judged >= due_s - SHORT_S:
+        return before[-1]
+    made = _verdict(session, group, cell)
+    return None if made is None else replace(made, revised=True)
+
+
+def make_verdict(session: SessionFile, group: Sequence[Trigger], cell: CellModel, t_wall_ns: int) -> Cause | None:
+    """Return the verdict on an incident, and keep it with the session; None: nothing to be explained."""
+    before, verdict = kept_verdicts(session, group), verdict_of(session, group, cell)
+    if verdict is not None and verdict not in before:
+        try:
+            keep_verdict(session.path, group, verdict, before, t_wall_ns=t_wall_ns)
+        except SessionError as error:
+            log.warning("the verdict on a trip was not written: %s", error)
+    return verdict
 
 
 def cause_at(session: SessionFile, at_s: float) -> Cause | None:
-    """Return what explains the last trip that was recorded before a unix time; None where there was none."""
-    start_s = session.info.started_wall_ns / 1e9
-    trips = _trips(read_events(session, start_s - 1.0, at_s + SETTLED_S))
-    if not trips:
+    """Return the verdict on the last trip that was recorded before a unix time; None where there was none."""
+    groups = [group for group in incidents_of(session) if _is_trip(_explained(group))]
+    begun = [group for group in groups if session.unix_s(round(_explained(group).mono_s * 1e9)) <= at_s + SETTLED_S]
+    return verdict_of(session, begun[-1]) if begun else None
+
+
+def _verdict(session: SessionFile, group: Sequence[Trigger], cell: CellModel | None) -> Cause | None:
+    trigger = _explained(group)
+    trip = replace(trigger, at_s=session.unix_s(round(trigger.mono_s * 1e9)))
+    if trip.severity == "trip" and not _is_trip(trip):
         return None
-    trip = trips[-1]
-    judgements = _judged(session, cell_of(session)[0], trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
-    return cause_of(judgements[0], session.battery.segments) if judgements else None
+    to_s = _due_s(session, group)
+    asked = trip if _is_trip(trip) else None
+    judgements = _judged(session, cell or cell_of(session)[0], asked, trip.at_s - BACK_S, to_s)
+    about = [each for each in judgements if asked is not None or trip.cell in (None, each.ranked[0].cell)]
+    return cause_of(about[0], session.battery.segments, min(to_s, _end_s(session))) if about else None
 
 
 def _judged(
-    session: SessionFile, model: CellModel, trip: Trigger | None, from_s: float, to_s: float
+    session: SessionFile,
+    model: CellModel,
+    trip: Trigger | None,
+    from_s: float,
+    to_s: float,
 ) -> list[Judgement]:
     recording = read_recording(session, from_s, to_s)
     if trip is None:
@@ -92,11 +130,24 @@ def _judged(
     return judge([trip], _hypotheses(recording, model, trip.at_s), recording.segments)
 
 
-def _trips(events: Sequence[Trigger]) -> list[Trigger]:
-    """One trip an incident, the master's own where there is one; what only says that the circuit is open is none."""
-    trips = [event for event in events if event.severity == "trip" and trip_kind(event.code) is not None]
-    groups = incidents(trips)
-    return [next((each for each in group if each.code.startswith("trip-")), main_trigger(group)) for group in groups]
+def _due_s(session: SessionFile, group: Sequence[Trigger]) -> float:
+    """Up to when an incident is looked at: then its black box is made."""
+    return session.unix_s(round(group[-1].mono_s * 1e9)) + SETTLED_S
+
+
+def _end_s(session: SessionFile) -> float:
+    return session.info.started_wall_ns / 1e9 + session.info.duration_s
+
+
+def _explained(group: Sequence[Trigger]) -> Trigger:
+    """What of an incident is explained: its trip, the master's own where there is one, else the warning."""
+    trips = [each for each in group if _is_trip(each)]
+    return next((each for each in trips if each.code.startswith("trip-")), main_trigger(trips or group))
+
+
+def _is_trip(event: Trigger) -> bool:
+    """A trip that is of its own; what only says that the circuit is open is none."""
+    return event.severity == "trip" and trip_kind(event.code) is not None
 
 
 def _places(judgements: Sequence[Judgement]) -> set[tuple[str, int | None, int | None]]:
@@ -142,7 +193,8 @@ def found_live(recording: Recording) -> Iterator[Hypothesis]:
             found[event.cell] = event
     for cell, event in found.items():
         evidence = () if isinstance(event.message, str) else (event.message,)
-        yield Hypothesis(event.code.removeprefix(FINDING), event.at_s - FOUND_WITHIN_S, FOUND_LIVE, evidence, cell)
+        code, since_s = event.code.removeprefix(FINDING), event.at_s - FOUND_WITHIN_S
+        yield Hypothesis(code, since_s, FOUND_LIVE, evidence, cell, size=event.value, unit=event.unit)
 
 
 def _of_cell(found: CellFinding) -> Hypothesis:
@@ -151,7 +203,10 @@ def _of_cell(found: CellFinding) -> Hypothesis:
     if np.isfinite(found.warmer_k):
         warmer, heat = Quantity(found.warmer_k, "K", 0), Quantity(found.heat_w, "W", 0)
         evidence = (*evidence, Message("seen-warmer", cell=Cell(found.cell), warmer=warmer, heat=heat))
-    return Hypothesis(found.code, found.since_s, found.log_odds, evidence, found.cell)
+    cause = Hypothesis(found.code, found.since_s, found.log_odds, evidence, found.cell)
+    if not np.isfinite(found.sigma):
+        return cause
+    return replace(cause, size=found.size, sigma=found.sigma, unit=found.unit)
 
 
 def _seen(found: CellFinding) -> Message:

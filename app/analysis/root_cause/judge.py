@@ -10,8 +10,9 @@ import numpy as np
 
 from app.analysis.incidents import Trigger
 from app.analysis.root_cause.recording import Hypothesis, pack_of
+from app.estimation.health.cell_finding import BAND_SIGMAS
 from app.telemetry import PossibleCause, TripCause
-from app.telemetry.cell_findings import Finding
+from app.telemetry.cell_findings import size_of
 from app.words import Cell, Message, Pack, RenderedMessage, condition, condition_of, rendered_from_json, sentence
 
 LATE_S: Final = 1.5  # what is seen first after a trip may have been there before it
@@ -157,8 +158,13 @@ def _key(each: Hypothesis) -> tuple[str, int | None, int | None]:
 def _strongest_each(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
     best: dict[tuple[str, int | None, int | None], Hypothesis] = {}
     for each in hypotheses:
-        if _key(each) not in best or each.weight > best[_key(each)].weight:
+        known = best.get(_key(each))
+        if known is None:
             best[_key(each)] = each
+            continue
+        stronger, other = (each, known) if each.weight > known.weight else (known, each)
+        sized = other if stronger.sigma is None and other.size is not None else stronger  # the size with a band counts
+        best[_key(each)] = replace(stronger, size=sized.size, sigma=sized.sigma, unit=sized.unit)
     return list(best.values())
 
 
@@ -227,6 +233,9 @@ class Cause:
         same: what the recording cannot distinguish, where `code` stands for several.
         evidence: what was seen.
         others: what else it could be, the likelier first.
+        size, low, high: how much, and the ends of its band, in `unit`; None where it has no size.
+        judged: up to when the recording was looked at; unix time [s], None in verdicts of earlier versions.
+        revised: it takes the place of an earlier verdict.
     """
 
     at: float
@@ -240,16 +249,23 @@ class Cause:
     same: list[RenderedMessage]
     evidence: list[RenderedMessage]
     others: list[OtherCause]
+    size: float | None = None
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    judged: float | None = None
+    revised: bool = False
 
 
-def cause_of(judgement: Judgement, segments: Sequence[int]) -> Cause:
-    """Return a judgement in words; `segments` are the cells of each pack."""
+def cause_of(judgement: Judgement, segments: Sequence[int], judged_s: float) -> Cause:
+    """Return a judgement in words; `segments` are the cells of each pack, `judged_s`: by what there was then."""
+    judged_s = round(judged_s, 3)
     trip = None if judgement.trip is None else judgement.trip.code
     if not judgement.ranked:
         message = sentence(Message("cause-unknown"))
-        return Cause(judgement.at_s, trip, "unknown", message, None, None, None, 0.0, [], [], [])
+        return Cause(judgement.at_s, trip, "unknown", message, None, None, None, 0.0, [], [], [], judged=judged_s)
     main = judgement.ranked[0]
-    cell, pack = main.place
+    (cell, pack), (low, high) = main.place, _band(main)
     pairs = list(zip(judgement.ranked, judgement.confidence, strict=True))[1:]
     return Cause(
         at=judgement.at_s,
@@ -263,7 +279,19 @@ def cause_of(judgement: Judgement, segments: Sequence[int]) -> Cause:
         same=[sentence(condition(code)) for code in SAME.get(main.code, ())],
         evidence=[sentence(message, segments) for message in main.evidence],
         others=[_other(each, share, segments) for each, share in pairs if share >= LEAST_OTHER][:MOST_OTHERS],
+        size=main.size,
+        low=low,
+        high=high,
+        unit="" if main.size is None else main.unit,
+        judged=judged_s,
     )
+
+
+def _band(each: Hypothesis) -> tuple[float | None, float | None]:
+    """The ends of its size's band, as `CellFinding.band`."""
+    if each.size is None or each.sigma is None:
+        return None, None
+    return max(each.size - BAND_SIGMAS * each.sigma, 0.0), each.size + BAND_SIGMAS * each.sigma
 
 
 def trip_cause(cause: Cause) -> TripCause:
@@ -271,13 +299,21 @@ def trip_cause(cause: Cause) -> TripCause:
     others = tuple(
         PossibleCause(each.code, each.message.message, each.cell, each.pack, each.confidence) for each in cause.others
     )
-    return TripCause(cause.code, cause.message.message, cause.cell, cause.pack, cause.confidence, others)
-
-
-def agreeing(found: Sequence[Finding], causes: Sequence[Cause]) -> list[Finding]:
-    """Return the findings without those of a cell that a cause explains by another condition."""
-    explained = {cause.cell: cause.code for cause in reversed(causes) if cause.cell is not None}
-    return [each for each in found if explained.get(each.cell, each.code) == each.code]
+    return TripCause(
+        cause.code,
+        cause.message.message,
+        cause.cell,
+        cause.pack,
+        cause.confidence,
+        others,
+        size=cause.size,
+        low=cause.low,
+        high=cause.high,
+        unit=cause.unit,
+        since=cause.since,
+        judged=cause.judged,
+        revised=cause.revised,
+    )
 
 
 def cause_from_json(body: dict[str, Any] | None) -> Cause | None:
@@ -308,7 +344,10 @@ def _message(each: Hypothesis) -> Message:
     """Return a cause with its place."""
     name, (cell, pack) = condition(each.code), each.place
     if cell is not None:
-        return Message("cause-at-cell", cause=name, cell=Cell(cell))
+        size = None if each.size is None else size_of(each.code, each.size)
+        if size is None:
+            return Message("cause-at-cell", cause=name, cell=Cell(cell))
+        return Message("cause-of-size", cause=name, cell=Cell(cell), size=size)
     return name if pack is None else Message("cause-in-pack", cause=name, pack=Pack(pack))
 
 

@@ -93,6 +93,7 @@ class Hypothesis:
         weight: log of the odds against nothing being wrong with it.
         evidence: what was seen, the strongest first.
         cell, pack: where, by index from 0; `judge` completes the pack of a cell.
+        size, sigma: how much of it there is, in `unit`, and its standard deviation; None: it has no size.
     """
 
     code: str
@@ -101,6 +102,9 @@ class Hypothesis:
     evidence: tuple[Message, ...] = ()
     cell: int | None = None
     pack: int | None = None
+    size: float | None = None
+    sigma: float | None = None
+    unit: str = ""
 
     @property
     def place(self) -> tuple[int | None, int | None]:

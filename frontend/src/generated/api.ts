@@ -372,6 +372,12 @@ export interface Cause {
   same: RenderedMessage[];
   evidence: RenderedMessage[];
   others: OtherCause[];
+  size?: number | null;
+  low?: number | null;
+  high?: number | null;
+  unit: string;
+  judged?: number | null;
+  revised: boolean;
 }
 
 /** A cell whose resistance changed against the others' change. */
@@ -2118,6 +2124,13 @@ export interface TripCause {
   pack: number | null;
   confidence: number;
   others: PossibleCause[];
+  size: number | null;
+  low: number | null;
+  high: number | null;
+  unit: string;
+  since: number | null;
+  judged: number | null;
+  revised: boolean;
 }
 
 /** Seconds until a limit is met at a constant current, with their band; inf = not within an hour. */

@@ -209,6 +209,7 @@ def test_the_cause_of_a_trip_stays_with_its_alarm_while_it_holds(pipeline, maste
     master.set("v", [*[37000] * 40, 23000, *[37000] * 55])
     snapshot, _ = run(pipeline, master, 2)
     assert [alarm.cause for alarm in snapshot.alarms if alarm.severity == "trip"] == [cause]
+    assert [(each.code, each.cell) for each in snapshot.findings] == [("joint-resistance-high", 40)]
 
 
 def test_a_master_that_restarts_is_told_with_the_reason_for_a_minute(pipeline, master):

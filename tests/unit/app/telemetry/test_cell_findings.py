@@ -3,8 +3,9 @@ from typing import get_args
 import pytest
 
 from app.estimation.health.cell_finding import CellFinding, FindingCode
-from app.telemetry.cell_findings import finding_of, findings_in_words, sensors_of
-from app.words import render
+from app.telemetry import TripCause
+from app.telemetry.cell_findings import agreeing, finding_of, findings_in_words, sensors_of
+from app.words import condition, render
 from app.words.render import languages
 
 NAN = float("nan")
@@ -70,3 +71,38 @@ def test_where_each_cell_has_its_own_sensor_the_cell_is_named():
     sensors = sensors_of(tuple((cell,) for cell in range(96)), 96)
     (found,) = findings_in_words([sensor_off(13)], sensors)
     assert render(found.message, [12] * 8).startswith("pack 2, cell 2: ")
+
+
+def verdict(code="joint-resistance-high", cell=63, size=13.6e-3):
+    name = condition(code)
+    return TripCause(
+        code, name, cell, 5, 0.84, (), size=size, low=12e-3, high=15.2e-3, unit="ohm", since=1e9, judged=1e9 + 5
+    )
+
+
+def test_a_finding_of_the_tripped_cell_has_the_size_of_the_verdict_and_its_confidence():
+    other = finding_of(CellFinding("capacity-low", 3, 0.2, 0.01, "1", 1e9, 1e9, 30.0, 50.0, 1.0, 1.0, (), 0.9))
+    found = agreeing([told("joint-resistance-high", 14e-3, "ohm"), other], [verdict()])
+    assert [(each.code, each.cell, each.size, each.low, each.high, each.confidence) for each in found] == [
+        ("joint-resistance-high", 63, 13.6e-3, 12e-3, 15.2e-3, 0.84),
+        ("capacity-low", 3, 0.2, other.low, other.high, 0.9),
+    ]
+    assert "13.60 mΩ (12.00 to 15.20 mΩ)" in render(found[0].message)
+    assert "84 % sure" in render(found[0].evidence)
+
+
+def test_a_finding_that_a_verdict_contradicts_is_replaced_by_the_verdict():
+    (found,) = agreeing([told("capacity-low", 0.2, "1")], [verdict()])
+    assert (found.code, found.size, found.since, found.seen) == ("joint-resistance-high", 13.6e-3, 1e9, 1e9 + 5)
+    assert "13.60 mΩ" in render(found.message)
+
+
+@pytest.mark.parametrize(("code", "cell"), [("unknown", 63), ("overload", None), ("slave-lost", None)])
+def test_a_verdict_on_no_cell_adds_no_finding_and_takes_none(code, cell):
+    known = told("joint-resistance-high", 14e-3, "ohm")
+    assert agreeing([known], [TripCause(code, condition("overload"), cell, None, 0.5)]) == (known,)
+
+
+def test_a_verdict_without_a_size_leaves_the_size_of_the_finding():
+    (found,) = agreeing([told("cell-voltage-stuck", 0.05, "V")], [verdict("cell-voltage-stuck", size=None)])
+    assert (found.code, found.size, found.low, found.confidence) == ("cell-voltage-stuck", 0.05, 0.048, 0.84)

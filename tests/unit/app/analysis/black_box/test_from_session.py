@@ -10,7 +10,7 @@ import pytest
 from app.analysis.black_box import recorder
 from app.analysis.black_box.from_session import black_boxes, explained, keep_black_boxes, stored_box
 from app.analysis.black_box.recorder import TRIES, BlackBoxRecorder
-from app.analysis.root_cause.from_session import cause_of_trip
+from app.analysis.root_cause.from_session import verdict_of
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
@@ -40,10 +40,10 @@ class Car:
         self.boxes = BlackBoxRecorder(folder / "boxes.sqlite", lambda: self.info.id, self.made.append, self.explain)
         self.take(master.config())
 
-    def explain(self, session_id, trigger):
+    def explain(self, session_id, group):
         self.recorder.flush()
         with SessionFile(self.info.path) as session:
-            return cause_of_trip(session, trigger)
+            return verdict_of(session, group)
 
     def take(self, item):
         self.recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, item.frame.raw, True)
@@ -126,7 +126,7 @@ def test_a_loose_wire_that_reads_high_first_is_named_in_the_box(car):
 
 
 def test_a_box_is_kept_when_the_search_for_its_cause_fails(car, monkeypatch):
-    monkeypatch.setattr(car.boxes, "_explain", lambda session_id, trip: {}["a fault of ours"])
+    monkeypatch.setattr(car.boxes, "_explain", lambda session_id, group: {}["a fault of ours"])
     car.run(15)
     car.set_cell(2.3)
     car.run(8)
@@ -137,8 +137,8 @@ def test_a_box_is_kept_when_the_search_for_its_cause_fails(car, monkeypatch):
 def refusing(code, searches):
     """A search that meets a recording of which the end is not on the disk."""
 
-    def search(session_id, trip):
-        searches.append(trip.code)
+    def search(session_id, group):
+        searches.append(group[0].code)
         raise RecordingFailed(Message(code, time=Quantity(5.0, "s")))
 
     return search
@@ -242,7 +242,7 @@ def test_what_is_not_written_in_time_at_the_end_is_left_to_its_session(master, t
     monkeypatch.setattr(recorder, "CLOSE_S", 0.05)
     car, begun, released = Car(master, tmp_path), threading.Event(), threading.Event()
 
-    def explain(session_id, trigger):
+    def explain(session_id, group):
         begun.set()
         released.wait(30)
 

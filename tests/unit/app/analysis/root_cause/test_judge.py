@@ -20,6 +20,7 @@ from app.words import Message
 from app.words.conditions import CONDITIONS
 
 SEGMENTS = (12,) * 8
+JUDGED_S = 1_790_000_100.0
 
 
 def trip(code="trip-cell-undervoltage", cell=75, at_s=100.0):
@@ -33,7 +34,7 @@ def test_the_strongest_suspicion_of_the_tripped_cell_is_its_cause():
     (of_trip, other) = judge([trip()], [capacity, joint, elsewhere], SEGMENTS)
     assert [each.code for each in of_trip.ranked] == ["joint-resistance-high", "capacity-low"]
     assert (other.trip, other.ranked[0].cell) == (None, 3)
-    cause = cause_of(of_trip, SEGMENTS)
+    cause = cause_of(of_trip, SEGMENTS, JUDGED_S)
     assert (cause.code, cause.cell, cause.pack, cause.trip) == (
         "joint-resistance-high",
         75,
@@ -48,14 +49,14 @@ def test_a_cell_of_another_pack_is_no_cause_of_what_one_cell_did():
     elsewhere = Hypothesis("capacity-low", 0.0, 90.0, (), cell=3)
     told = judge([trip()], [elsewhere], SEGMENTS)
     assert told[0].ranked == ()
-    assert cause_of(told[0], SEGMENTS).code == "unknown"
+    assert cause_of(told[0], SEGMENTS, JUDGED_S).code == "unknown"
     neighbour = Hypothesis("capacity-low", 0.0, 9.0, (), cell=74)
     assert judge([trip()], [elsewhere, neighbour], SEGMENTS)[0].ranked == (replace(neighbour, pack=6),)
 
 
 def test_what_began_after_a_trip_did_not_cause_it():
     (told,) = judge([trip(at_s=50.0)], [Hypothesis("joint-resistance-high", 60.0, 5.0, (), cell=75)], SEGMENTS)
-    assert cause_of(told, SEGMENTS).code == "unknown"
+    assert cause_of(told, SEGMENTS, JUDGED_S).code == "unknown"
 
 
 def test_a_sensor_does_not_explain_what_it_does_not_measure():
