@@ -35,6 +35,7 @@ LOST_MIN: Final = 0.06
 LOST_SIGMAS: Final = 4.0
 THERMAL_S: Final = 1.0  # between two looks at the thermistors
 CHANNEL_S: Final = 0.15  # and at the voltage channels
+VOLTAGE_S: Final = 4.0  # after so long without a new one a cell has no voltage; sooner than a sensor is found open
 AT_ONCE: Final = 0.4  # share of the cells that must be measured in one sample to be compared with each other
 THERMISTOR_K: Final = 1.0  # resolution of a temperature
 CHANNEL_V: Final = 1e-3
@@ -78,8 +79,9 @@ class CellWatch:
         before = memory or CellWatchMemory(np.full(n_cells, np.nan))
         self._joint_watch = JointWatch(self._segments, before.joint_baseline_ohm, before.loose)
         self._charge_watch = ChargeWatch(cell, self._segments, before.charge)
-        self._thermistors = ThermistorWatch(self._segments)
-        self._channels = ChannelWatch(self._segments)
+        self._thermistors = ThermistorWatch(self._segments, (e for e in before.findings if e.code in _TEMPERATURE))
+        self._channels = ChannelWatch(self._segments, (e for e in before.findings if e.code in _VOLTAGE))
+        self._unmeasured_s = np.full(n_cells, np.inf)  # since each cell had a voltage
         self._measured = np.zeros(n_cells, dtype=np.bool_)  # since the channels were looked at
         self._findings = {(each.code, each.cell): each for each in before.findings}
         self._time_s = -np.inf
@@ -135,9 +137,10 @@ class CellWatch:
         """
         check_step(dt_s)
         self._time_s = time_s
+        self._unmeasured_s = np.where(np.isfinite(voltages_v), 0.0, self._unmeasured_s + dt_s)
         self._thermal_s += dt_s
         if self._thermal_s >= THERMAL_S:
-            self._thermistors.step(time_s, self._thermal_s, temperatures_degc)
+            self._thermistors.step(time_s, self._thermal_s, temperatures_degc, self._unmeasured_s < VOLTAGE_S)
             self._thermal_s = 0.0
         self._channel_s += dt_s
         self._measured |= np.isfinite(voltages_v)  # messages of a battery take turns

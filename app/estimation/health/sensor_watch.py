@@ -6,12 +6,14 @@ temperature or its voltage while those around it move.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.segments import Segments
 
 JUMP_K: Final = 8.0  # against the pack within JUMP_S; 50 W warm a cell by 1 K in that time
@@ -27,6 +29,7 @@ REST_A: Final = 1.0
 MISSING_S: Final = 5.0  # without a value, while the pack has values
 CONFIRM_S: Final = 2.0
 RELEASE_S: Final = 20.0  # of sound values
+SAMPLE_S: Final = 1.0  # a sample counts for no longer: what was not measured neither begins nor ends anything
 GAP_S: Final = 2.0  # over a hole nothing is compared
 PACK_SHARE: Final = 0.5  # of the pack has to be there
 
@@ -61,6 +64,13 @@ class _Verdicts:
         self.size, self.value, self.usual, self.seen_s, self.since_s = np.full((5, n_cells), np.nan)
         self._suspect_s, self._sound_s = np.zeros((2, n_cells))
 
+    def remember(self, findings: Iterable[CellFinding]) -> None:
+        """Go on with what an earlier session found: only sound values end it."""
+        for each in findings:
+            self.is_dead[each.cell] = True
+            self.size[each.cell], self.value[each.cell], self.usual[each.cell] = each.size, each.value, each.usual
+            self.seen_s[each.cell], self.since_s[each.cell] = each.seen_s, each.since_s
+
     def add(
         self,
         time_s: float,
@@ -71,6 +81,7 @@ class _Verdicts:
         shown: tuple[FloatArray, FloatArray, FloatArray],
     ) -> None:
         """Take one sample: which look faulty, which sound, how long either lasts before it counts, what shows it."""
+        dt_s = min(dt_s, SAMPLE_S)
         self._suspect_s = np.where(suspect, self._suspect_s + dt_s, 0.0)
         self._sound_s = np.where(suspect, 0.0, self._sound_s + dt_s * sound)
         counts = suspect & (self._suspect_s >= delay_s)
@@ -88,16 +99,29 @@ class _Verdicts:
 class ThermistorWatch:
     """Call `step` every second or so."""
 
-    def __init__(self, segments: Segments) -> None:
+    def __init__(self, segments: Segments, findings: Iterable[CellFinding] = ()) -> None:
+        """Start, or go on with what an earlier session found of thermistors."""
         n_cells = segments.n_cells
         self._segments = segments
         self._verdicts = _Verdicts(n_cells)
+        self._verdicts.remember(findings)
         self._apart_k = np.full(n_cells, np.nan)  # slow mean of the distance from the pack
         self._jumped_k = np.zeros(n_cells)
         self._frozen_at = np.full((2, n_cells), np.nan)  # value, and the pack's when it last changed
 
-    def step(self, time_s: float, dt_s: float, temperatures_degc: FloatArray) -> None:
-        """Take one sample: when [s], since the last [s], (n_cells,) [degC]; NaN = missing."""
+    def step(
+        self, time_s: float, dt_s: float, temperatures_degc: FloatArray, has_voltage: BoolArray | None = None
+    ) -> None:
+        """Take one sample.
+
+        Args:
+            time_s: when it was measured [s].
+            dt_s: since the last one taken [s].
+            temperatures_degc: (n_cells,) [degC]; NaN = missing.
+            has_voltage: (n_cells,) which cells have a voltage; None: all. An open sense wire takes the voltages of the
+                cells next to it and the temperatures that are read through its input, which may be other cells': in
+                its pack a missing temperature says nothing of its sensor.
+        """
         t = temperatures_degc
         pack, is_there = self._segments.median(t), self._segments.has_more_than(PACK_SHARE, np.isfinite(t))
         apart = t - pack
@@ -116,6 +140,8 @@ class ThermistorWatch:
         moved_k = pack - self._frozen_at[1]
         is_frozen = np.nan_to_num(np.abs(moved_k)) >= FROZEN_K
         is_missing = np.isnan(t) & is_there
+        if has_voltage is not None and not has_voltage.all():
+            is_missing &= ~self._segments.has_more_than(0.0, ~has_voltage)
         suspect = (has_jumped | is_cold | is_frozen | is_missing) & is_there
         is_back = np.abs(apart) < BACK_K
         size = np.where(is_missing, np.nan, np.abs(np.where(is_frozen & ~has_jumped & ~is_cold, moved_k, apart)))
@@ -131,10 +157,12 @@ class ThermistorWatch:
 class ChannelWatch:
     """Call `step` some times a second."""
 
-    def __init__(self, segments: Segments) -> None:
+    def __init__(self, segments: Segments, findings: Iterable[CellFinding] = ()) -> None:
+        """Start, or go on with what an earlier session found of voltage channels."""
         n_cells = segments.n_cells
         self._segments = segments
         self._verdicts = _Verdicts(n_cells)
+        self._verdicts.remember(findings)
         self._still_v = np.full(n_cells, np.nan)  # where each cell last moved to
         self._others_v = np.full((2, n_cells), np.nan)  # lowest and highest median of all since
         self._before = (np.full(n_cells, np.nan), np.nan, np.inf)  # voltages, median, current

@@ -307,3 +307,66 @@ def test_cells_that_are_not_told_for_seconds_are_missing_whenever_the_channels_a
         voltages_v[5] = np.nan
         watch.step(k * DT_S, DT_S, 0.0, voltages_v, WARM)
     assert {each.cell for each in watch.judge() if each.code == "cell-voltage-missing"} == {5}
+
+
+FIRST = 36  # cell of the fourth pack
+
+
+def sense(watch, seconds, spoil, begin_s=0.0, first_s=DT_S):
+    """Drive with a healthy battery that warms; `spoil(voltages, temperatures)` takes away what is not measured."""
+    rng = np.random.default_rng(4)
+    for k in range(round(seconds / DT_S)):
+        current_a = 60.0 + 50.0 * np.sin(k / 20)
+        voltages_v, degc = 3.7 - 2e-3 * current_a + rng.normal(0, 1e-3, N), WARM.copy()
+        spoil(voltages_v, degc)
+        watch.step(begin_s + k * DT_S, first_s if k == 0 else DT_S, current_a, voltages_v, degc)
+    return {(each.code, each.cell) for each in watch.judge()}
+
+
+def open_wire(voltages_v, degc):
+    voltages_v[FIRST + 6 : FIRST + 8] = np.nan
+    degc[[FIRST + 3, FIRST + 9]] = np.nan  # read through its input, of other cells
+
+
+def stuck_channel(voltages_v, _):
+    voltages_v[FIRST] = 3.5
+
+
+def no_voltage(voltages_v, _):
+    voltages_v[FIRST] = np.nan
+
+
+def cold_thermistor(_, degc):
+    degc[FIRST] = -20.0
+
+
+def no_thermistor(_, degc):
+    degc[FIRST] = np.nan
+
+
+def nothing_wrong(voltages_v, degc):
+    pass
+
+
+def test_temperatures_that_go_with_a_sense_wire_are_no_faults_of_their_sensors(cell):
+    missing = {("cell-voltage-missing", FIRST + 6), ("cell-voltage-missing", FIRST + 7)}
+    watch = new_watch(cell)
+    sense(watch, 20, nothing_wrong)
+    assert sense(watch, 60, open_wire, 20) == missing
+
+
+@pytest.mark.parametrize("spoil", [stuck_channel, no_voltage, cold_thermistor, no_thermistor])
+def test_neither_restart_nor_silence_ends_a_finding_of_a_sensor(cell, spoil):
+    watch = new_watch(cell)
+    (found,) = sense(watch, 30, spoil)
+    before = watch.findings
+    watch = new_watch(cell, watch.memory)
+    assert repr(watch.judge()) == repr(before)  # nan is not nan
+    assert sense(watch, 1, nothing_wrong, 3600, first_s=3600) == {found}  # the first sound second after an hour
+    assert sense(watch, 30, nothing_wrong, 3601) == set()
+
+
+def test_the_first_sample_after_silence_begins_no_finding(cell):
+    watch = new_watch(cell)
+    assert sense(watch, 30, nothing_wrong) == set()
+    assert sense(watch, DT_S, no_thermistor, 3600, first_s=3600) == set()
