@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
 from app.estimation.arrays import BoolArray
 from app.estimation.health.cell_finding import FindingCode
-from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
+from app.telemetry import AlarmSeverity, LinkStatus, ProtectionLimits, Snapshot
 from app.telemetry.events import LATE, SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
 from app.words import Cell, Message, Pack, Quantity, condition
@@ -17,6 +18,7 @@ NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
 T_WATCH_DEGC = 5.0
 SUM_SLACK = 0.002  # of the limit of a voltage of many cells
 SLAVES_AWAY = (0, 255)  # absent, at fault
+WIRE_CELLS = 2  # that an open sense wire leaves without a voltage; a pack without any has more
 CHARGER_REPORTS = {
     "hardware": Message("charger-hardware-fault"),
     "over-temperature": Message("charger-over-temperature"),
@@ -54,46 +56,19 @@ def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]
             well inside its limit.
     """
     yield from _links(snapshot)
-    if snapshot.limits is not None and _has_limits(snapshot):
+    if snapshot.limits is not None and has_limits(snapshot):
         yield from _limits(snapshot, snapshot.limits, slack)
     yield from _master(snapshot)
     yield from _cells(snapshot)
 
 
-def is_judged(code: str, snapshot: Snapshot) -> bool:
-    """True where the snapshot knows what a condition is about; where not, that it is not yielded says nothing."""
-    total, master = snapshot.accumulator, snapshot.master
-    if code.startswith(("cell-undervoltage", "cell-overvoltage")):
-        return _has_limits(snapshot) and total.voltage_min_v is not None
-    if code == "accumulator-voltage-high":
-        return _has_limits(snapshot) and total.voltage_v is not None
-    if code == "pack-voltage-high":
-        return _has_limits(snapshot) and any(pack.voltage_v is not None for pack in snapshot.packs)
-    if code in ("cell-overtemperature", "cell-overtemperature-near", "cell-undertemperature"):
-        return _has_limits(snapshot) and total.temperature_max_degc is not None
-    if code.endswith("-overcurrent"):
-        return _has_limits(snapshot) and total.current_a is not None
-    if code.startswith(("charger", "charging")):
-        return snapshot.charger.state is not None
-    known: dict[str, bool] = {
-        "master-fault": master.state != "unknown",
-        "bms-fault": master.state != "unknown",
-        "map-mismatch": master.map_matches is not None,
-        "cell-voltage-missing": _is_recent(snapshot),
-        "value-implausible": _is_recent(snapshot),
-        "slave-lost": all(pack.slave_status is not None for pack in snapshot.packs),
-        "slaves-too-few": master.n_slaves is not None,
-        "model-not-valid": snapshot.cells.model_valid is not None,
-    }
-    return known.get(code, True)
-
-
-def _has_limits(snapshot: Snapshot) -> bool:
+def has_limits(snapshot: Snapshot) -> bool:
+    """Limits apply: in any state, or in one that is known."""
     limits = snapshot.limits
     return limits is not None and (limits.in_any_state or snapshot.master.state != "unknown")
 
 
-def _is_recent(snapshot: Snapshot) -> bool:
+def is_recent(snapshot: Snapshot) -> bool:
     """Voltages arrive, whatever they say."""
     age_s = snapshot.age_s.voltage
     return age_s is not None and age_s <= BLANK_S
@@ -101,11 +76,13 @@ def _is_recent(snapshot: Snapshot) -> bool:
 
 def _links(snapshot: Snapshot) -> Iterator[Condition]:
     for name, status in snapshot.links.items():
+        if not has_trouble(status):
+            continue
         if status.state == "lost":
             yield Condition("warning", link_lost(name, status.error))
-        elif status.state == "silent" and status.frames:
+        elif status.state == "silent":
             yield Condition("warning", SILENT[name], value=status.age_s, limit=1.0, unit="s")
-        elif status.state == "late":
+        else:
             yield Condition("warning", LATE[name], value=status.age_s, limit=1.0, unit="s")
 
     can = snapshot.links.can
@@ -121,6 +98,11 @@ def _links(snapshot: Snapshot) -> Iterator[Condition]:
         by_rs232 = Quantity(first.rs232, first.unit)
         disagree = Message("links-disagree", name=first.name, n=len(snapshot.disagreements), by_rs232=by_rs232)
         yield Condition("warning", disagree, value=first.can, unit=first.unit)
+
+
+def has_trouble(link: LinkStatus) -> bool:
+    """It is lost, late, or silent after it had sent."""
+    return link.state in ("lost", "late") or (link.state == "silent" and link.frames > 0)
 
 
 def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
@@ -186,7 +168,7 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
         yield Condition("warning", Message("map-mismatch"))
     if master.implausible:
         yield Condition("warning", Message("value-implausible", fields=master.implausible))
-    missing = tuple(Pack(index) for index, pack in enumerate(snapshot.packs) if pack.slave_status in SLAVES_AWAY)
+    missing = tuple(Pack(index) for index in lost_packs(snapshot))
     if missing:
         message = Message("slave-lost-in-packs", n=len(missing), packs=missing)
         yield Condition("warning", message, of="slave-lost")
@@ -200,35 +182,53 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
 
 def _fault(why: Message, segments: tuple[int, ...]) -> Condition:
     """The master's trip, with the cell, the value and the limit that its reason names."""
-    what, cell, value, limit = (why.args.get(name) for name in ("what", "cell", "value", "limit"))
-    index = cell.index if isinstance(cell, Cell) else None
-    is_slave = isinstance(what, Message) and what.code == "slave-lost"  # the cell is the first of its pack
+    what, cell, value, limit, packs = (why.args.get(name) for name in ("what", "cell", "value", "limit", "packs"))
     return Condition(
         "trip",
         Message("master-fault", why=what if isinstance(what, Message) else why),
-        index,
+        cell.index if isinstance(cell, Cell) else None,
         value.value if isinstance(value, Quantity) else None,
         limit.value if isinstance(limit, Quantity) else None,
         value.unit if isinstance(value, Quantity) else "",
-        _pack_from(index, segments) if is_slave and index is not None else (),
+        tuple(each for pack in packs if isinstance(pack, Pack) for each in _cells_of(pack.pack, segments))
+        if isinstance(packs, tuple)
+        else (),
     )
 
 
-def _pack_from(first: int, segments: tuple[int, ...]) -> tuple[int, ...]:
-    """The cells of the pack that begins with this one."""
-    at = 0
-    for n_cells in segments:
-        if at == first:
-            return tuple(range(at, at + n_cells))
-        at += n_cells
-    return (first,)
+def is_reason_lost(condition: Condition) -> bool:
+    """The circuit is open, and the master's reason came before the service listened: what is known of it stays."""
+    why = condition.message.args.get("why")
+    return condition.code == "master-fault" and isinstance(why, Message) and why.code == "shutdown-circuit-open"
+
+
+def _cells_of(pack: int, segments: tuple[int, ...]) -> range:
+    """The cells of a pack."""
+    end = sum(segments[: pack + 1])
+    return range(end - segments[pack], end) if pack < len(segments) else range(0)
+
+
+def lost_packs(snapshot: Snapshot) -> list[int]:
+    """Packs whose slave board is lost: by its status, or because no cell has a voltage while other packs have."""
+    segments, packs = snapshot.segments, snapshot.packs
+    has_any = any(pack.min_v is not None for pack in packs)
+    firsts = accumulate(segments, initial=0)
+    lost = []
+    for index, (pack, n_cells, first) in enumerate(zip(packs, segments, firsts, strict=False)):
+        is_awaited = snapshot.awaited is not None and bool(snapshot.awaited[first : first + n_cells].any())
+        is_blank = has_any and pack.min_v is None and n_cells > WIRE_CELLS and not is_awaited
+        if pack.slave_status in SLAVES_AWAY or is_blank:
+            lost.append(index)
+    return lost
 
 
 def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     voltage_v = snapshot.cells.voltage_v
     is_missing = np.isnan(voltage_v)
+    for pack in lost_packs(snapshot):
+        is_missing[list(_cells_of(pack, snapshot.segments))] = False  # that the slave is lost is an alarm of its own
     missing = _indices(is_missing if snapshot.awaited is None else is_missing & ~snapshot.awaited)
-    if missing and (len(missing) < len(voltage_v) or _is_recent(snapshot)):
+    if missing and (len(missing) < len(voltage_v) or is_recent(snapshot)):
         yield Condition("warning", Message("cell-voltage-missing", n=len(missing)), missing[0], cells=missing)
     yield from _findings(snapshot)
     if snapshot.cells.model_valid is not None:

@@ -1,8 +1,10 @@
 """Conditions with memory: raised after they persist, ended with hysteresis, kept until acknowledged."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from app.live.alarm_rules import Condition, conditions, is_judged
+from app.live.alarm_rules import Condition, conditions, is_reason_lost
+from app.live.alarm_visibility import is_judged
 from app.telemetry import Alarm, Event, Severity, Snapshot, TripCause
 from app.telemetry.cell_findings import Finding
 from app.words import Message, Quantity
@@ -26,12 +28,13 @@ class _Pending:
 class AlarmTracker:
     """Feeds on snapshots; returns the alarms to show and the events to log."""
 
-    def __init__(self) -> None:
+    def __init__(self, alarms: Iterable[Alarm] = ()) -> None:
+        """Start, or go on with the alarms that were open when the service ended."""
         self._pending: dict[str, _Pending] = {}
-        self._alarms: dict[str, Alarm] = {}
+        self._alarms = {alarm.code: alarm for alarm in alarms}
         self._seen_ns: dict[str, int] = {}
         self._raised_ns: dict[str, int] = {}
-        self._next_id = 1
+        self._next_id = 1 + max((alarm.id for alarm in self._alarms.values()), default=0)
 
     def step(self, snapshot: Snapshot) -> tuple[tuple[Alarm, ...], list[Event]]:
         """Judge one snapshot. A single sample raises nothing: a condition has to persist over at least two."""
@@ -51,10 +54,12 @@ class AlarmTracker:
         for key in set(self._pending) - set(raised):
             del self._pending[key]
         for key, alarm in list(self._alarms.items()):
+            raised_ns = self._raised_ns.setdefault(key, now_ns - max(snapshot.t_wall_ns - alarm.since_ns, 0))
+            seen_ns = self._seen_ns.setdefault(key, now_ns)
             now_held = held.get(key) or raised.get(key)
             if now_held is not None:
                 self._seen_ns[key] = now_ns
-                if alarm.active:
+                if alarm.active and not (alarm.message != now_held.message and is_reason_lost(now_held)):
                     self._alarms[key] = replace(
                         alarm,
                         value=now_held.value,
@@ -64,12 +69,11 @@ class AlarmTracker:
                         message=now_held.message,
                         cells=now_held.cells,
                     )
-            elif not is_judged(key, snapshot):
+            elif not is_judged(alarm, snapshot):
                 self._seen_ns[key] = now_ns  # what cannot be seen has not ended
-            elif alarm.active and now_ns - self._seen_ns.get(key, now_ns) >= END_AFTER_NS:
-                since_seen_ns = now_ns - self._seen_ns[key]
-                self._alarms[key] = replace(alarm, active=False, ended_ns=snapshot.t_wall_ns - since_seen_ns)
-                seconds = (now_ns - self._raised_ns[key]) / 1e9
+            elif alarm.active and now_ns - seen_ns >= END_AFTER_NS:
+                self._alarms[key] = replace(alarm, active=False, ended_ns=snapshot.t_wall_ns - (now_ns - seen_ns))
+                seconds = (now_ns - raised_ns) / 1e9
                 ended = Message("alarm-ended", after=Quantity(seconds, "s", 1), alarm=alarm.message)
                 events.append(_event(alarm, snapshot.t_wall_ns, ended, severity="info"))
         self._drop_finished()

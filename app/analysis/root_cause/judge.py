@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from app.analysis.incidents import Trigger
-from app.analysis.root_cause.recording import Hypothesis, pack_of
+from app.analysis.root_cause.recording import Hypothesis, pack_of, pack_of_event
 from app.estimation.health.cell_finding import BAND_SIGMAS
 from app.telemetry import PossibleCause, TripCause
 from app.telemetry.cell_findings import size_of
@@ -134,7 +134,7 @@ def judge(trips: Sequence[Trigger], hypotheses: Iterable[Hypothesis], segments: 
         if kind is None:
             continue
         able = [each for each in left if each.code in EXPLAINS.get(kind, ()) and each.at_s <= trip.at_s + LATE_S]
-        pack = pack_of(trip.cell, segments)
+        pack = pack_of_event(trip, segments)
         named = [each for each in able if _fits_place(each, trip.cell, pack)]
         ranked = _ranked(named or [each for each in able if pack is None or each.pack in (None, pack)])
         found.append(Judgement(trip.at_s, trip, ranked, confidences(ranked)))
@@ -181,9 +181,9 @@ def _without_consequences(found: list[Hypothesis]) -> list[Hypothesis]:
 
 def _fits_place(each: Hypothesis, cell: int | None, pack: int | None) -> bool:
     """The hypothesis is about the cell that tripped, or about its pack, or about no place."""
-    if cell is None or each.pack is None:
+    if pack is None or each.pack is None:
         return True
-    return each.cell == cell if each.cell is not None else each.pack == pack
+    return each.cell == cell if cell is not None and each.cell is not None else each.pack == pack
 
 
 def _places(rest: list[Hypothesis]) -> list[list[Hypothesis]]:

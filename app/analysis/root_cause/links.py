@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Hypothesis, Recording, pack_of
+from app.analysis.root_cause.recording import Hypothesis, Recording, pack_of_event
 from app.estimation.arrays import BoolArray, FloatArray
 from app.words import Message, Pack, Quantity
 from firmware_protocol.elcon import ChargerFlags
@@ -175,12 +175,12 @@ def _self_tests(recording: Recording) -> Iterator[Hypothesis]:
 def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Hypothesis]:
     if not recording.time_s.size:
         return
-    lost = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
+    lost = [event for event in recording.events if event.code == "trip-slave-lost"]
     missing: BoolArray = np.logical_and.reduceat(np.isnan(recording.voltage_v), recording.pack_starts, axis=1)
     if not recording.is_together:  # what comes later in the first round is awaited
         missing &= np.logical_or.accumulate(~missing, axis=0) | missing.all(axis=0)
     tested = (np.nan_to_num(recording.boards.failed_tests) != 0).any(axis=0)
-    packs = {pack for event in lost if (pack := pack_of(event.cell, recording.segments)) is not None}
+    packs = {pack for event in lost if (pack := pack_of_event(event, recording.segments)) is not None}
     if not missing.all(axis=1).any():
         packs |= {int(pack) for pack in np.flatnonzero(missing.sum(axis=0) >= 5) if not tested[pack]}
     for pack in sorted(packs):

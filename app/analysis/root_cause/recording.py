@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from app.analysis.incidents import Trigger
 from app.estimation.arrays import FloatArray
 from app.estimation.health.stretch import Stretch
-from app.words import Message
+from app.words import Message, Pack
 
 IntArray = NDArray[np.int64]
 UNKNOWN = -1  # of a byte that was not received
@@ -110,6 +110,13 @@ class Hypothesis:
     def place(self) -> tuple[int | None, int | None]:
         """Cell and pack."""
         return self.cell, self.pack
+
+
+def pack_of_event(event: Trigger, segments: Sequence[int]) -> int | None:
+    """Return the pack that an event is about: the one it names, as that of a lost slave, or that of its cell."""
+    packs = () if isinstance(event.message, str) else event.message.args.get("packs")
+    first = packs[0] if isinstance(packs, tuple) and packs else None
+    return first.pack if isinstance(first, Pack) else pack_of(event.cell, segments)
 
 
 def pack_of(cell: int | None, segments: Sequence[int]) -> int | None:

@@ -1,8 +1,8 @@
 """The master's EVENT frames in words."""
 
 from app.telemetry import Event, Flags, MasterState, Severity
-from app.words import Cell, Message, Quantity
-from firmware_protocol.memory_map import CHARGER_STATES, N_CELLS
+from app.words import Cell, Message, Pack, Quantity
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHARGER_STATES, N_CELLS
 from firmware_protocol.messages import EventCode, EventMessage
 
 _TRIPS: dict[int, tuple[Message, float, str]] = {
@@ -39,6 +39,9 @@ def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | No
     code = EventCode(message.code).name.lower().replace("_", "-") if known else "master-event"
     if message.code in _TRIPS:
         what, scale, unit = _TRIPS[message.code]
+        if message.code == EventCode.TRIP_SLAVE_LOST and cell is not None:  # the first of its pack
+            reason = Message("slave-lost-in-packs", n=1, packs=(Pack(cell // CELLS_PER_PACK),))
+            return Event(t_wall_ns, "trip", f"trip-{what.code}", reason), reason
         value, limit = message.value * scale, message.limit * scale
         reason = _reason(what, cell, Quantity(value, unit), Quantity(limit, unit))
         return Event(t_wall_ns, "trip", f"trip-{what.code}", reason, cell, value, limit, unit), reason

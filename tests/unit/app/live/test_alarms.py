@@ -237,3 +237,94 @@ def test_the_first_start_that_is_heard_is_no_restart(pipeline, master):
     boot = EventMessage(EventCode.BOOT, 0, 255, 0, 0)
     pipeline.feed(master.item(MessageType.EVENT, boot.to_body()))
     assert "master-restarted" not in codes(run(pipeline, master, 20)[0])
+
+
+ALL_WELL = {"v": [37000] * 96, "t": [25] * 96, "i_fs": [1000], "soc": [8000], "status.flags": [0b100000001]}
+TROUBLE = {
+    "cell-undervoltage": {"v": [*[37000] * 40, 24000, *[37000] * 55]},
+    "cell-overvoltage": {"v": [*[37000] * 40, 43000, *[37000] * 55]},
+    "cell-overtemperature": {"t": [70, *[25] * 95]},
+    "cell-undertemperature": {"t": [-40, *[25] * 95]},
+    "discharge-overcurrent": {"i_fs": [60_000]},
+    "charge-overcurrent": {"i_fs": [-60_000]},
+    "cell-voltage-missing": {"v": [*[37000] * 50, 0, 0, *[37000] * 44]},
+    "slave-lost": {"v": [*[37000] * 12, *[0] * 12, *[37000] * 72]},
+    "value-implausible": {"i_fs": [2_100_000_000]},
+    "master-fault": {"status.flags": [0]},
+}
+
+
+def tick_for(pipeline, master, seconds):
+    """Nothing arrives: the last snapshot, and all events."""
+    events, snapshot = [], None
+    for _ in range(round(2 * seconds)):
+        master.advance(500)
+        output = pipeline.tick(master.t_ns, 1_700_000_000_000_000_000 + master.t_ns)
+        events += output.events
+        snapshot = output.snapshot
+    return snapshot, events
+
+
+@pytest.mark.parametrize("code", TROUBLE)
+def test_silence_ends_no_alarm_and_a_measurement_does(pipeline, master, code):
+    for name, counts in TROUBLE[code].items():
+        master.set(name, counts)
+    assert code in codes(run(pipeline, master, 4)[0])
+    snapshot, events = tick_for(pipeline, master, 120)
+    assert code in codes(snapshot)
+    assert "alarm-ended" not in {event.message.code for event in events}
+    for name, counts in ALL_WELL.items():
+        master.set(name, counts)
+    assert code not in codes(run(pipeline, master, 5)[0])
+
+
+def test_a_restart_is_shown_until_the_master_is_there_again(pipeline, master):
+    run(pipeline, master, 5)
+    master.uptime_ms = 0
+    run(pipeline, master, 5)
+    assert "master-restarted" in codes(tick_for(pipeline, master, 120)[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "bad"), [("v", "cell-undervoltage", 24000), ("t", "cell-overtemperature", 70)]
+)
+def test_a_cell_that_is_not_measured_any_more_has_not_ended_its_alarm(pipeline, master, name, code, bad):
+    good, missing = (37000, 0) if name == "v" else (25, -128)
+    master.set(name, [*[good] * 40, bad, *[good] * 55])
+    run(pipeline, master, 3)
+    master.set(name, [*[good] * 40, missing, *[good] * 55])
+    (alarm,) = (each for each in run(pipeline, master, 20)[0].alarms if each.code == code)
+    assert (alarm.active, alarm.cell) == (True, 40)
+    master.set(name, [good] * 96)
+    assert code not in codes(run(pipeline, master, 5)[0])
+
+
+@pytest.mark.parametrize("state", ["connecting", "open"])
+def test_a_port_that_is_tried_again_has_not_ended_its_alarm(pipeline, master, state):
+    pipeline.feed(LinkChange(master.t_ns, 0, "rs232", "lost"))
+    assert "rs232-lost" in codes(tick_for(pipeline, master, 3)[0])
+    pipeline.feed(LinkChange(master.t_ns, 0, "rs232", state))
+    assert {"rs232-lost", "rs232-silent"} & codes(tick_for(pipeline, master, 20)[0])
+
+
+def test_a_lost_slave_is_its_pack_and_no_cells_without_a_voltage(pipeline, master):
+    master.set("v", [*[37000] * 36, *[0] * 12, *[37000] * 48])
+    master.set("t", [*[25] * 36, *[-128] * 12, *[25] * 48])
+    snapshot, events = run(pipeline, master, 10)
+    (alarm,) = (each for each in snapshot.alarms if each.active)
+    assert (alarm.code, alarm.cell, alarm.message.args["packs"]) == ("slave-lost", None, (Pack(3),))
+    assert render(alarm.message, [12] * 8) == "slave board of pack 4 lost"
+    assert {event.cell for event in events} == {None}
+
+
+def test_a_trip_by_a_lost_slave_names_its_pack_and_no_cell(pipeline, master):
+    event = pipeline.feed(
+        master.item(MessageType.EVENT, EventMessage(EventCode.TRIP_SLAVE_LOST, 0, 36, 0, 0).to_body())
+    )
+    assert [(each.code, each.cell, render(each.message, [12] * 8)) for each in event.events] == [
+        ("trip-slave-lost", None, "slave board of pack 4 lost")
+    ]
+    master.set("status.flags", [0])
+    (alarm,) = (each for each in run(pipeline, master, 1)[0].alarms if each.code == "master-fault")
+    assert render(alarm.message, [12] * 8) == "shutdown circuit open: slave board of pack 4 lost"
+    assert (alarm.cell, alarm.cells) == (None, tuple(range(36, 48)))

@@ -16,7 +16,7 @@ from app.analysis.root_cause.judge import (
     trip_kind,
 )
 from app.analysis.root_cause.recording import Hypothesis
-from app.words import Message
+from app.words import Cell, Message, Pack
 from app.words.conditions import CONDITIONS
 
 SEGMENTS = (12,) * 8
@@ -80,6 +80,20 @@ def test_a_consequence_in_another_pack_is_told():
     lost = Hypothesis("slave-lost", 10.0, 60.0, (), pack=2)
     here, there = (Hypothesis("joint-resistance-high", 0.0, 30.0, (), cell=cell) for cell in (25, 75))
     assert {each.ranked[0].place for each in judge([], [lost, here, there], SEGMENTS)} == {(None, 2), (75, 6)}
+
+
+@pytest.mark.parametrize(
+    ("message", "cell"),
+    [
+        (Message("slave-lost-in-packs", n=1, packs=(Pack(2),)), None),
+        (Message("trip-at", what=Message("slave-lost"), cell=Cell(24)), 24),  # as an earlier version recorded it
+    ],
+)
+def test_a_lost_slave_explains_the_trip_of_its_pack_and_no_other(message, cell):
+    tripped = replace(trip("trip-slave-lost", cell), message=message)
+    here, there = (Hypothesis("slave-lost", 99.0, 60.0, (), pack=pack) for pack in (2, 4))
+    (of_trip, _) = judge([tripped], [there, here], SEGMENTS)
+    assert [each.pack for each in of_trip.ranked] == [2]
 
 
 def test_weak_evidence_without_a_trip_is_no_cause():

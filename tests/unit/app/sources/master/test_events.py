@@ -45,12 +45,17 @@ def test_a_trip_tells_value_and_limit_in_the_unit_of_what_tripped(code, cell, co
     assert all(f"{number:g} {unit if unit != 'degC' else ''}".strip() in said for number in value)
 
 
-@pytest.mark.parametrize("code", [EventCode.TRIP_SLAVE_LOST, EventCode.TRIP_SENSOR_LOST])
-def test_what_is_lost_has_a_place_and_no_value(code):
+@pytest.mark.parametrize(
+    ("code", "cell", "text"),
+    [
+        (EventCode.TRIP_SLAVE_LOST, None, "slave board of pack 3 lost"),
+        (EventCode.TRIP_SENSOR_LOST, 24, "sensor lost, pack 3, cell 1"),
+    ],
+)
+def test_what_is_lost_has_a_place_and_no_value(code, cell, text):
     event, reason = described(code, cell=24)
-    assert (event.severity, event.cell) == ("trip", 24)
-    assert "limit" not in render(reason)
-    assert "pack 3, cell 1" in render(reason, SEGMENTS)
+    assert (event.severity, event.cell) == ("trip", cell)
+    assert render(reason, SEGMENTS) == text
     assert "pack" not in render(described(code)[1], SEGMENTS)
 
 
