@@ -26,7 +26,7 @@ from app.live.prediction import Assessment, Predictor
 from app.live.prediction_conditions import as_of
 from app.sources.items import Item
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource
-from app.telemetry import Estimator, Event, FloatArray, ProtectionLimits, Snapshot, Source, TripCause
+from app.telemetry import Alarm, Estimator, Event, FloatArray, ProtectionLimits, Snapshot, Source, TripCause
 from app.telemetry.cell_findings import agreeing
 from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
@@ -68,6 +68,7 @@ class Pipeline:
         stopwatch_ns: Callable[[], int] | None = None,
         predictor: Predictor | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
+        alarms: tuple[Alarm, ...] = (),
     ) -> None:
         self._source = source
         self._make_estimator = make_estimator
@@ -75,7 +76,7 @@ class Pipeline:
         self._spare: SocEstimator | None = None
         self._skipped = 0  # measurements without a current, without any voltage, or on which the estimator failed
         self.filter_name, self.cell_name = filter_name, cell_name
-        self._watch = AlarmTracker()
+        self._watch = AlarmTracker(alarms)  # those that were open in an earlier run
         self._watch_lock = threading.Lock()
         self._news = FindingChanges()
         self._driver = DriverSoc(source.battery.n_cells)

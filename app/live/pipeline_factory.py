@@ -16,7 +16,7 @@ from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
 from app.sources.source import MeasurementSource
 from app.sources.table_source import TableSource
-from app.telemetry import FloatArray, Source
+from app.telemetry import Alarm, FloatArray, Source
 from app.telemetry.cell_findings import sensors_of
 from app.words import Message
 
@@ -108,6 +108,7 @@ class PipelineFactory:
         predictor: Predictor | None = None,
         watch: CellWatch | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
+        alarms: tuple[Alarm, ...] = (),
         looks_ahead: bool = True,
     ) -> Pipeline:
         """Return a fresh pipeline; without `predictor` nothing was learned before but what `watch` has seen.
@@ -122,6 +123,7 @@ class PipelineFactory:
             stopwatch_ns=self._stopwatch_ns,
             predictor=predictor or self.predictor(watch=watch, looks_ahead=looks_ahead),
             start_soc=start_soc,
+            alarms=alarms,
         )
 
     def predictor(

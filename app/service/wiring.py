@@ -151,6 +151,7 @@ def make_service(
             config.in_force.on_output,
             *(() if mqtt is None else (mqtt.on_output,)),
             black_boxes.on_output,
+            learned_state.on_alarms,
         ),
         after_publishing=(learned_state.on_output,),
     )
