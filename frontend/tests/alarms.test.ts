@@ -1,7 +1,15 @@
 import { describe, expect, it } from 'vitest';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Alarm } from '../src/link/types';
-import { activeTrips, openAlarms, trippedCells, when } from '../src/store/alarms.svelte';
+import {
+  activeTrips,
+  alarmCounts,
+  countText,
+  mostImportant,
+  openAlarms,
+  trippedCells,
+  when,
+} from '../src/store/alarms.svelte';
 
 const alarm = (id: number, over: Partial<Alarm>): Alarm => ({
   ...makeSnapshot('fault', 0, 0, 0).alarms[0]!,
@@ -58,6 +66,42 @@ describe('trips', () => {
 
   it('marks the cells of trips that hold, and no others', () => {
     expect([...trippedCells(snapshot)].sort()).toEqual([30, 63]);
+  });
+});
+
+describe('the count of alarms', () => {
+  const seven = [
+    alarm(1, { severity: 'trip' }),
+    alarm(2, { severity: 'warning' }),
+    alarm(3, { severity: 'warning', acknowledged_by: 'kari' }),
+    ...[4, 5, 6, 7].map((id) => alarm(id, { severity: id === 4 ? 'trip' : 'warning', active: false })),
+  ];
+
+  it('names each severity, and counts none that ended', () => {
+    expect(countText(alarmCounts(seven))).toBe('1 trip, 2 warnings');
+    expect(alarmCounts(seven).map(({ severity, n }) => [severity, n])).toEqual([
+      ['trip', 1],
+      ['warning', 2],
+    ]);
+    expect(countText(alarmCounts([alarm(1, { severity: 'watch' }), alarm(2, { severity: 'trip' })]))).toBe(
+      '1 trip, 1 to watch',
+    );
+  });
+
+  it('is empty where nothing holds', () => {
+    expect(countText(alarmCounts([alarm(1, { active: false })]))).toBe('');
+  });
+
+  it('never cuts a trip that holds, seen or not', () => {
+    const listed = [
+      ...[1, 2, 3, 4].map((id) => alarm(id, { severity: 'warning', active: id > 1 })),
+      alarm(5, { severity: 'trip', acknowledged_by: 'kari' }),
+    ];
+    expect(mostImportant(listed, 3).map((a) => a.id)).toEqual([5, 2, 3]);
+    const trips = [1, 2, 3, 4].map((id) => alarm(id, { severity: 'trip' }));
+    expect(mostImportant([...trips, alarm(5, { severity: 'warning' })], 3).map((a) => a.id)).toEqual([
+      1, 2, 3, 4,
+    ]);
   });
 });
 

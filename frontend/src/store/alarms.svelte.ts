@@ -3,7 +3,7 @@
 /* eslint-disable svelte/prefer-svelte-reactivity -- made again with every snapshot */
 import { get, Problem } from '../link/rest';
 import type { BoxList, Maybe, CellFinding, Snapshot, Alarm, Severity } from '../link/types';
-import { messageText, t } from '../words/words.svelte';
+import { messageText, t, type Text } from '../words/words.svelte';
 import { clock, quantity } from '../format';
 
 const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
@@ -17,6 +17,42 @@ export function openAlarms(snapshot: Maybe<Snapshot>): Alarm[] {
       (a, b) =>
         Number(b.active) - Number(a.active) || RANK[b.severity] - RANK[a.severity] || b.since - a.since,
     );
+}
+
+const NOUNS: Record<Severity, readonly [one: Text, other: Text]> = {
+  trip: ['trip', 'trips'],
+  warning: ['warning', 'warnings'],
+  watch: ['to watch', 'to watch'],
+};
+
+interface Counted {
+  active: boolean;
+  severity: string;
+}
+
+export interface AlarmCount {
+  severity: Severity;
+  n: number;
+  noun: string;
+}
+
+/** How many alarms hold, by severity, worst first; one that ended does not count. */
+export const alarmCounts = (alarms: readonly Counted[]): AlarmCount[] =>
+  (['trip', 'warning', 'watch'] as const).flatMap((severity) => {
+    const n = alarms.filter((a) => a.active && a.severity === severity).length;
+    return n ? [{ severity, n, noun: t(NOUNS[severity][n === 1 ? 0 : 1]) }] : [];
+  });
+
+/** The counts as a text: "1 trip, 2 warnings"; empty where nothing holds. */
+export const countText = (counts: readonly AlarmCount[]): string =>
+  counts.map(({ n, noun }) => `${n} ${noun}`).join(', ');
+
+/** The first of a list that is cut at `most`: every trip that holds, then the others in their order. */
+export function mostImportant<A extends Counted>(alarms: readonly A[], most: number): A[] {
+  const isTrip = (a: A): boolean => a.active && a.severity === 'trip';
+  const trips = alarms.filter(isTrip);
+  const others = alarms.filter((a) => !isTrip(a)).sort((a, b) => Number(b.active) - Number(a.active));
+  return [...trips, ...others.slice(0, Math.max(0, most - trips.length))];
 }
 
 /** The trips that hold, the master's own first: it is the one that opened the circuit. */
