@@ -226,7 +226,8 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     voltage_v = snapshot.cells.voltage_v
     is_missing = np.isnan(voltage_v)
     for pack in lost_packs(snapshot):
-        is_missing[list(_cells_of(pack, snapshot.segments))] = False  # that the slave is lost is an alarm of its own
+        if snapshot.packs[pack].min_v is None:  # that the slave is lost is an alarm of its own
+            is_missing[list(_cells_of(pack, snapshot.segments))] = False
     missing = _indices(is_missing if snapshot.awaited is None else is_missing & ~snapshot.awaited)
     if missing and (len(missing) < len(voltage_v) or is_recent(snapshot)):
         yield Condition("warning", Message("cell-voltage-missing", n=len(missing)), missing[0], cells=missing)

@@ -29,7 +29,7 @@ REST_A: Final = 1.0
 MISSING_S: Final = 5.0  # without a value, while the pack has values
 CONFIRM_S: Final = 2.0
 RELEASE_S: Final = 20.0  # of sound values
-SAMPLE_S: Final = 1.0  # a sample counts for no longer: what was not measured neither begins nor ends anything
+SAMPLE_S: Final = 1.5  # a sample counts for no longer: what was not measured neither begins nor ends anything
 GAP_S: Final = 2.0  # over a hole nothing is compared
 PACK_SHARE: Final = 0.5  # of the pack has to be there
 
