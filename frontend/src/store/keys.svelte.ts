@@ -42,7 +42,8 @@ const worstUnseen = (): Alarm | undefined => openAlarms(live.snapshot).find((a) 
 
 function acknowledgeWorst(): void {
   const first = worstUnseen();
-  if (first && user.me?.role && live.answers) void post(`alarms/${first.id}/acknowledge`).catch(() => undefined);
+  if (first && user.me?.role && live.answers)
+    void post(`alarms/${first.id}/acknowledge`).catch(() => undefined);
 }
 
 function fullScreen(): void {
