@@ -94,7 +94,8 @@ class Connection(asyncio.Protocol):
         self._handshakes = handshakes
         self._context = context
         self._loop = _loop or asyncio.get_running_loop()
-        self._http = partial(H11Protocol, config, server_state, app_state | {CONNECTION: self}, self._loop)
+        self._app_state = app_state
+        self._http = partial(H11Protocol, config, server_state, _loop=self._loop)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Count it, or close it before anything is made for it."""
@@ -139,7 +140,7 @@ class Connection(asyncio.Protocol):
             self._wait(REQUEST_S, self._no_request)
         if plain and not upper.is_closing():
             if self._protocol is None:
-                http = self._http()
+                http = self._http(self._app_state | {CONNECTION: self})  # earlier, it would wait for garbage collection
                 upper.set_protocol(http)
                 http.connection_made(upper)
             cast(asyncio.Protocol, self._protocol).data_received(plain)

@@ -2,9 +2,11 @@
 
 import asyncio
 import contextlib
+import gc
 import socket
 import ssl
 import threading
+import weakref
 
 import httpx
 import uvicorn
@@ -28,12 +30,25 @@ class Loop(asyncio.SelectorEventLoop):
         return super().time() + self.skipped_s
 
 
+class Tracked(ClientConnections):
+    """Knows those that are still in memory, open or not."""
+
+    def __init__(self, most):
+        super().__init__(most)
+        self.n_added, self.kept = 0, weakref.WeakSet()
+
+    def add(self, connection):
+        self.n_added += 1
+        self.kept.add(connection)
+        return super().add(connection)
+
+
 class Served:
     """Answers with the body of a request, once it may; websockets are kept in `readers` until they end."""
 
     def __init__(self, most, certificate=None):
         self.context = None if certificate is None else trusting_all()
-        self.connections = ClientConnections(most)
+        self.connections = Tracked(most)
         self.readers, self.n_taken, self.answer = [], 0, None
         self.may_take = asyncio.Event()
         self.may_take.set()
@@ -63,6 +78,7 @@ class Served:
             self.readers.append((scope["state"][CONNECTION], send))
             while (await receive())["type"] != "websocket.disconnect":
                 pass
+            self.readers.remove((scope["state"][CONNECTION], send))
             return
         if scope["path"] == "/refused":
             await send({"type": "http.response.start", "status": 401, "headers": [(b"content-length", b"0")]})
@@ -129,6 +145,16 @@ class Served:
         made.connect(self.address)
         made.sendall(first)
         return made
+
+    @contextlib.contextmanager
+    def all_freed(self):
+        """Check that connections closed within are freed without garbage collection: it would let a flood pile up."""
+        gc.disable()
+        try:
+            yield
+            until(lambda: self.connections.n_added and not self.connections.kept)
+        finally:
+            gc.enable()
 
     def post(self, body=b"well"):
         return httpx.post(self.url, content=body, verify=False, timeout=20)

@@ -57,6 +57,16 @@ def test_silent_connections_keep_nobody_out(served):
 
 @pytest.mark.parametrize(
     ("sent", "answer"),
+    [(b"", b""), (GET[:-1], b""), (GET, b"HTTP/1.1 200 "), (WEBSOCKET, b"HTTP/1.1 101 ")],
+    ids=["nothing", "half of a request", "a request", "a websocket"],
+)
+def test_a_closed_connection_is_freed(served, sent, answer):
+    with served.all_freed(), served.open(sent) as made:
+        assert not answer or made.recv(4096).startswith(answer)
+
+
+@pytest.mark.parametrize(
+    ("sent", "answer"),
     [(b"", b""), (b"GET / HT", b"HTTP/1.1 408 "), (POST + b"slow", b"")],
     ids=["nothing", "half of a header", "half of a body"],
 )

@@ -33,9 +33,9 @@ def served(certificate):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.002, 0.5, 1.0], ids=["nothing", "a byte", "half a hello", "a hello"])
-def test_who_does_not_end_the_handshake_in_time_is_cut_off(served, share):
+def test_who_does_not_end_the_handshake_in_time_is_cut_off_and_freed(served, share):
     hello = client_hello()
-    with served.open_plain(hello[: int(share * len(hello))]) as made:
+    with served.all_freed(), served.open_plain(hello[: int(share * len(hello))]) as made:
         until(lambda: len(served.connections))
         served.skip(HANDSHAKE_S + 1.0)
         rest_of(made)
