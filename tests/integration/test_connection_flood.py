@@ -32,7 +32,7 @@ def test_more_silent_connections_than_descriptors(tmp_path):
     try:
         until(lambda: "Voltwall: http" in output.read_text())
         service.base_url = output.read_text().partition("Voltwall: ")[2].split()[0]
-        service.wait_for(lambda snapshot: snapshot["links"]["rs232"]["state"] == "live")
+        service.wait_for(lambda snapshot: all(snapshot["links"][name]["state"] == "live" for name in ("rs232", "can")))
         address = urlsplit(service.base_url)
         with contextlib.ExitStack() as stack:
             for _ in range(SILENT):
