@@ -145,5 +145,7 @@ def test_cells_that_were_not_heard_yet_are_no_alarm_until_the_first_round_is_ove
     pipeline = PipelineFactory("coulomb", None, battery).pipeline("can")
     assert codes(drive(pipeline, 2.5, np.full(12, 3.7))) == set()  # 17 cells are still to come
     found = drive(pipeline, 4, np.full(12, 3.7), from_s=3)
-    assert codes(found) == {"cell-voltage-missing"}
-    assert found[-1].alarms[0].cells == tuple(range(12, 29))
+    assert codes(found) == {"cell-voltage-missing", "slave-lost"}
+    by_code = {alarm.code: alarm for alarm in found[-1].alarms}
+    assert by_code["cell-voltage-missing"].cells == tuple(range(12, 21))
+    assert by_code["slave-lost"].message.args["packs"] == (Pack(2),)  # none of its eight cells has a voltage
