@@ -36,6 +36,7 @@ EVENT_INTERVAL_NS = 60 * 10**9  # at least, between two events of one kind of wh
 UPTIME_WRAP_MS = 1 << 32
 RESTART_SHOWN_NS = 60 * 10**9  # a restart is shown for so long
 MAX_STEP_S = 3600.0
+WARM_RESETS = (1, 2, 3)  # causes of a boot in which the accumulator and the master stay together: not power on
 _BUS_STATES: dict[BusState, tuple[Severity, Message]] = {
     "active": ("info", Message("can-active")),
     "warning": ("watch", Message("can-warning")),
@@ -61,6 +62,7 @@ class MasterSource:
         self._uptime_ms: int | None = None
         self._uptime_clock = UptimeClock()
         self._restart: tuple[int, Message] | None = None  # when and why
+        self._booted: int | None = None  # the cause of a boot since the last measurement
         self._last_can_snapshot_ns = 0
         self._can_errors = (0, 0)  # when last looked at, and how many there were
         self._last_trip: Message | None = None
@@ -144,6 +146,7 @@ class MasterSource:
                 self._config_from_ns = measured_ns
             if message.code == EventCode.BOOT and self._uptime_ms is not None:  # else it is the first one received
                 self._restart = item.t_mono_ns, boot_cause(message)
+                self._booted = message.value
             event, trip = describe(message, item.t_wall_ns)
             if trip is not None or message.code == EventCode.FAULTS_CLEARED:
                 self._last_trip = trip
@@ -177,13 +180,13 @@ class MasterSource:
         self._rs232.on_snapshot(item.t_mono_ns)
         before_ms = self._uptime_ms
         dt_s = self._dt_s(uptime_ms)
-        if (
-            before_ms is not None
-            and 0 < before_ms - uptime_ms < UPTIME_WRAP_MS // 2
-            and self._restarted(item.t_mono_ns) is None
-        ):
+        is_reset = before_ms is not None and 0 < before_ms - uptime_ms < UPTIME_WRAP_MS // 2
+        if is_reset and self._restarted(item.t_mono_ns) is None:
             self._restart = item.t_mono_ns, Message("boot-not-told")
-        return Received(self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True))
+        was_off = is_reset if self._booted is None else self._booted not in WARM_RESETS
+        self._booted = None
+        found = self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True)
+        return Received(replace(found, was_off=was_off))
 
     def _restarted(self, t_mono_ns: int) -> Message | None:
         """Why the master restarted, for RESTART_SHOWN_NS."""
@@ -276,13 +279,16 @@ class MasterSource:
         state, why = state_of(flags, charger.state, self._last_trip)
         identity = self.identity
         map_hash = self._recorded_map if identity is None else identity.map_hash
+        soc, drawn_ah = decoder.number("soc"), decoder.number("dod", fields_of(map_hash))
+        if soc == 0.0 and drawn_ah == 0.0:  # empty and full: the count has not begun
+            soc = drawn_ah = None
         return Master(
             state=state,
             why=why,
             fit=None if flags is None else flags.fit,
             flags=flags,
-            soc=decoder.number("soc"),
-            charge_drawn_ah=decoder.number("dod", fields_of(map_hash)),
+            soc=soc,
+            charge_drawn_ah=drawn_ah,
             n_slaves=decoder.integer("n_slaves"),
             can_tx_enabled=decoder.integer("status.can_tx_msg_en"),
             can_rx_enabled=decoder.integer("status.can_rx_msg_en"),

@@ -279,3 +279,29 @@ def test_error_frames_on_can_are_told_every_few_seconds_and_single_ones_not(n, a
     assert [(event.code, event.severity) for event in events if event.code == "can-error-frames"] == [
         ("can-error-frames", "watch")
     ] * told
+
+
+def boot(master, cause):
+    """The event of a boot; the master's clock begins anew."""
+    master.uptime_ms = 0
+    return master.item(MessageType.EVENT, EventMessage(EventCode.BOOT, 0, 255, cause, 0).to_body())
+
+
+@pytest.mark.parametrize(("cause", "was_off"), [(0, True), (1, False), (2, False), (3, False), (9, True), (None, True)])
+def test_a_master_may_have_been_without_power_unless_its_boot_says_otherwise(source, master, cause, was_off):
+    assert not source.feed(master.frame()).measurement.was_off, "the first measurement has none before it"
+    if cause is None:
+        master.uptime_ms = 0
+    else:
+        source.feed(boot(master, cause))
+    found = [source.feed(master.frame()).measurement.was_off for _ in range(3)]
+    assert found == [was_off, False, False]
+
+
+def test_a_count_that_has_not_begun_is_missing_and_not_empty(source, master):
+    master.set("soc", [0])
+    master.set("dod", [0])
+    found = source.feed(master.frame()).measurement.master
+    assert (found.soc, found.charge_drawn_ah) == (None, None)
+    master.set("dod", [25_000_000])
+    assert source.feed(master.frame()).measurement.master.soc == 0.0
