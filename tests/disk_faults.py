@@ -28,6 +28,7 @@ from app.configuration.profile_store import Profiles
 from app.errors import AppError
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.prediction import LearnedCells
+from app.live.remembered_charge import RememberedCharge
 from app.sessions.catalogue import Catalogue
 from app.sessions.event_log import EventLog
 from app.sessions.reading.reader import SessionFile
@@ -235,7 +236,7 @@ def stores(folder: Path, said: list[str]) -> Iterator[Step]:
     path = folder / "learned.npz"
     for charge in (0.5, 0.6):
         cells = LearnedCells(np.zeros((6, 96)), np.zeros(96))
-        save_learned_state(path, LearnedState(10, np.full(96, charge), np.full(96, 0.01), cells))
+        save_learned_state(path, LearnedState(RememberedCharge(10, np.full(96, charge), np.full(96, 0.01)), cells))
     found = load_learned_state(path, 96)
     must(found is not None or said, "what was learned is lost without a word")
 

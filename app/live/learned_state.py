@@ -3,7 +3,7 @@
 import json
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from io import BytesIO
 from math import isnan
 from pathlib import Path
@@ -19,14 +19,12 @@ from app.estimation.health.cell_watch import CellWatchMemory
 from app.estimation.health.charge_watch import STATES, ChargeMemory
 from app.estimation.health.joint_watch import LooseJoints
 from app.live.prediction import LearnedCells
+from app.live.remembered_charge import MasterCount, RememberedCharge
 from app.sources.data_file import replace_file
 from app.telemetry import FloatArray
 from app.words import condition_of
 
 log = logging.getLogger(__name__)
-REST_SIGMA = 0.01  # of a charge that was known when the service ended: what happened since is not
-SELF_DISCHARGE_SIGMA_PER_DAY = 0.001
-DAY_NS = 86_400_000_000_000
 NOTHING = np.empty((2, 0))
 
 
@@ -34,16 +32,8 @@ NOTHING = np.empty((2, 0))
 class LearnedState:
     """The state of charge when the service last ran, and what does not change from day to day."""
 
-    saved_wall_ns: int
-    soc: FloatArray  # (n_cells,)
-    soc_sigma: FloatArray
+    charge: RememberedCharge
     cells: LearnedCells
-
-    def start(self, now_wall_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Return (soc, sigma) as far as they can be believed now; a clock that ran backwards counts as no time."""
-        days = max(0, now_wall_ns - self.saved_wall_ns) / DAY_NS
-        grown = REST_SIGMA**2 + (SELF_DISCHARGE_SIGMA_PER_DAY * days) ** 2
-        return self.soc, np.sqrt(self.soc_sigma**2 + grown)
 
 
 def learned_file(battery: str, *, is_team: bool) -> str:
@@ -58,9 +48,7 @@ def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
     try:
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             state = LearnedState(
-                int(file["saved_wall_ns"]),
-                file["soc"],
-                file["soc_sigma"],
+                RememberedCharge(int(file["saved_wall_ns"]), file["soc"], file["soc_sigma"], _counted(file)),
                 LearnedCells(
                     file["capacity_state"],
                     file["joint_baseline_ohm"],
@@ -71,7 +59,7 @@ def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
     except (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
         return None
-    shapes = {state.soc.shape, state.soc_sigma.shape, state.cells.joint_baseline_ohm.shape}
+    shapes = {state.charge.soc.shape, state.charge.soc_sigma.shape, state.cells.joint_baseline_ohm.shape}
     if shapes != {(n_cells,)} or state.cells.capacity_state.shape != (6, n_cells):
         log.warning("%s is of another accumulator and is ignored", path)
         return None
@@ -89,16 +77,24 @@ def save_learned_state(path: Path, state: LearnedState) -> None:
 
 
 def _arrays(state: LearnedState) -> dict[str, ArrayLike]:
-    cells = state.cells
+    cells, charge = state.cells, state.charge
     return {
-        "saved_wall_ns": state.saved_wall_ns,
-        "soc": state.soc,
-        "soc_sigma": state.soc_sigma,
+        "saved_wall_ns": charge.t_wall_ns,
+        "soc": charge.soc,
+        "soc_sigma": charge.soc_sigma,
+        **{f"count_{name}": value for name, value in asdict(charge.count).items() if value is not None},
         "capacity_state": cells.capacity_state,
         "joint_baseline_ohm": cells.joint_baseline_ohm,
         "resistance": NOTHING if cells.resistance is None else cells.resistance,
         **_watch_arrays(cells.watch),
     }
+
+
+def _counted(file: Mapping[str, FloatArray]) -> MasterCount:
+    """The master's count; older versions saved none."""
+    stored = ((each.name, file.get(f"count_{each.name}")) for each in fields(MasterCount))
+    known: dict[str, Any] = {name: value.item() for name, value in stored if value is not None}
+    return MasterCount(**known)
 
 
 def _watch_arrays(watch: CellWatchMemory | None) -> dict[str, FloatArray]:

@@ -16,7 +16,7 @@ from app.estimation.filters.first_minutes import FirstMinutes
 from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.energy_target import RacePlan
-from app.estimation.recording.gaps import GapWatch
+from app.estimation.recording.gaps import SHORT_GAP_S, Gap, GapWatch
 from app.live.accumulator import EnergyCount, accumulator_of, total_voltage
 from app.live.alarms import AlarmTracker, FindingChanges
 from app.live.cells import cells_of, packs_of
@@ -24,6 +24,7 @@ from app.live.estimator_start import start_estimator
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
 from app.live.prediction_conditions import as_of
+from app.live.remembered_charge import MasterCount, RememberedCharge
 from app.sources.items import Item
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource
 from app.telemetry import Alarm, Estimator, Event, FloatArray, ProtectionLimits, Snapshot, Source, TripCause
@@ -32,6 +33,7 @@ from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
 
 MIN_CURRENT_LIMIT_A = 1.0
+SAME_V = 0.02  # cells that read what they should by so much are the same, and at the same charge
 UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
 MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
 
@@ -67,7 +69,7 @@ class Pipeline:
         cell_name: str,
         stopwatch_ns: Callable[[], int] | None = None,
         predictor: Predictor | None = None,
-        start_soc: tuple[FloatArray, FloatArray] | None = None,
+        remembered: RememberedCharge | None = None,
         alarms: tuple[Alarm, ...] = (),
     ) -> None:
         self._source = source
@@ -87,7 +89,7 @@ class Pipeline:
         self._energy = EnergyCount()
         self._stopwatch_ns = stopwatch_ns
         self._predictor = predictor
-        self._start_soc = start_soc  # (soc, sigma) of an earlier run
+        self._remembered = remembered  # of before a restart or a silence
         self._limits: ProtectionLimits | None = None
         self._measured: tuple[float, FloatArray, int] | None = None  # current, temperatures, time: not yet judged
         self._judged_ns: int | None = None  # time of what the prediction was judged by
@@ -96,7 +98,7 @@ class Pipeline:
         self._gaps = GapWatch()
         self._first_minutes = FirstMinutes()
         self._started_with: tuple[Measurement, float] | None = None
-        self._stepped_ns: int | None = None  # when the estimator last stepped
+        self._stepped: Measurement | None = None  # with which the estimator last stepped
 
     def warm_up(self) -> None:
         """Make the estimator before it is needed: compiling it takes longer than frames can wait. From any thread."""
@@ -135,6 +137,14 @@ class Pipeline:
         """The estimator's latest."""
         return self._estimates
 
+    @property
+    def charge(self) -> RememberedCharge | None:
+        """What is known of the SOC of the cells, to go on from after a restart."""
+        known, measured = self._estimates, self._stepped
+        if known is None or measured is None:
+            return None
+        return RememberedCharge(measured.t_wall_ns, known.soc, known.soc_sigma, MasterCount.of(measured))
+
     def mark_lap(self, ago_s: float = 0.0) -> None:
         """The car crosses the line now, or did so long ago [s]. From any thread."""
         if self._predictor is not None:
@@ -166,7 +176,7 @@ class Pipeline:
         def restart() -> SocEstimator:
             estimator = self._make_estimator()
             predictor.apply_learned(estimator)
-            start_estimator(estimator, measured, current_a, self._start_soc)
+            start_estimator(estimator, measured, current_a, self._remembered)
             return estimator
 
         found = self._first_minutes.again(predictor.factors_in_use, predictor.learned.has_resistance, restart)
@@ -242,22 +252,25 @@ class Pipeline:
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
         voltages_v, degc = measured.new_voltage_v, measured.temperature_degc
         try:
+            if dt_s is None and self._stepped is not None:  # the master was reset, or silent for long
+                dt_s = max(measured.t_mono_ns - self._stepped.t_mono_ns, 0) / 1e9
+            dt_s = dt_s or 0.0
+            if self._estimator is not None:
+                dt_s = self._go_on(self._estimator, measured, dt_s, current_a)
             if self._estimator is None:
                 estimator, self._spare = self._spare or self._make_estimator(), None
                 factors: FloatArray | float = 1.0
                 if self._predictor is not None:
                     self._predictor.apply_learned(estimator)
                     factors = self._predictor.factors_in_use
-                start_estimator(estimator, measured, current_a, self._start_soc)
+                start_estimator(estimator, measured, current_a, self._remembered)
                 self._started_with, self._first_minutes = (measured, current_a), FirstMinutes(factors)
                 self._estimator, dt_s = estimator, 0.0
-            if dt_s is None and self._stepped_ns is not None:  # the master was reset, or silent for long
-                dt_s = max(measured.t_mono_ns - self._stepped_ns, 0) / 1e9
-            dt_s = self._bridge(self._estimator, dt_s or 0.0, current_a, degc)
-            self._stepped_ns = measured.t_mono_ns
+            self._stepped = measured
             self._first_minutes.keep(dt_s, current_a, voltages_v, degc)
             self._estimates = self._estimator.step(dt_s, current_a, voltages_v, degc)
         except (EstimatorError, ArithmeticError, ValueError) as error:
+            self._remembered = self.charge or self._remembered
             self._estimator = self._estimates = None
             is_news, self._estimator_error = self._estimator_error is None, str(error)
             message = Message("estimator-failed", error=str(error))
@@ -270,17 +283,37 @@ class Pipeline:
             self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
         return self._estimates, ()
 
-    def _bridge(self, estimator: SocEstimator, dt_s: float, current_a: float, degc: FloatArray) -> float:
-        """Let the estimator know of a gap before this measurement; return what is left of the step [s]."""
-        capacity_ah = estimator.capacity()[0] if self._gaps.is_gap(dt_s) else np.ones(1)
+    def _go_on(self, estimator: SocEstimator, measured: Measurement, dt_s: float, current_a: float) -> float:
+        """Bridge a gap before this measurement; return what is left of the step [s].
+
+        Where anything may have happened meanwhile and a cell reads otherwise than it should, or the master was without
+        power for long, the estimator is to be started again from what is remembered.
+        """
+        is_off = measured.was_off
+        capacity_ah = estimator.capacity()[0] if is_off or self._gaps.is_gap(dt_s) else np.ones(1)
         gap = self._gaps.step(dt_s, current_a, float(capacity_ah.mean()))
-        if gap is None:
+        if (gap is None and not is_off) or (charge := self.charge) is None:
             return dt_s
         self._first_minutes.drop()
-        left_s = self._gaps.usual_step_s
-        estimator.step(dt_s - left_s, gap.current_a, np.full_like(degc, np.nan), degc)
-        estimator.widen(np.minimum(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
-        return left_s
+        voltages_v, degc = measured.new_voltage_v, measured.temperature_degc
+        left_s, nothing = min(self._gaps.usual_step_s, dt_s), np.full_like(voltages_v, np.nan)
+        is_sure = not is_off
+        if gap is None or is_off:
+            gap = Gap(current_a, 0.0)
+        elif dt_s > SHORT_GAP_S or charge.drawn_ah(measured, dt_s) is not None:
+            charge = charge.after(gap, dt_s, float(capacity_ah.mean()))
+            is_sure = charge.drawn_ah(measured, dt_s) is not None
+            gap = charge.gap(measured, dt_s, capacity_ah, estimator.tuning)
+        if not is_off or dt_s <= BLANK_S:
+            estimator.step(dt_s - left_s, gap.current_a, nothing, degc)
+            estimator.widen(np.minimum(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
+            if is_sure:
+                return left_s
+            predicted_v = estimator.step(left_s, current_a, nothing, degc).voltage_v
+            if np.nanmax(np.abs(voltages_v - predicted_v)) < SAME_V:
+                return 0.0
+        self._remembered, self._estimator = charge, None
+        return 0.0
 
     def _publish(self, measured: Measurement) -> Output:
         age_s = measured.age_s.voltage

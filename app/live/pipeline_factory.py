@@ -11,12 +11,13 @@ from app.estimation.filters.estimators import FILTERS, SocEstimator, make_estima
 from app.estimation.health.cell_watch import CellWatch
 from app.live.pipeline import Pipeline
 from app.live.prediction import LearnedCells, Predictor
+from app.live.remembered_charge import RememberedCharge
 from app.sources.dbc.source import DbcSource
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
 from app.sources.source import MeasurementSource
 from app.sources.table_source import TableSource
-from app.telemetry import Alarm, FloatArray, Source
+from app.telemetry import Alarm, Source
 from app.telemetry.cell_findings import sensors_of
 from app.words import Message
 
@@ -107,7 +108,7 @@ class PipelineFactory:
         *,
         predictor: Predictor | None = None,
         watch: CellWatch | None = None,
-        start_soc: tuple[FloatArray, FloatArray] | None = None,
+        remembered: RememberedCharge | None = None,
         alarms: tuple[Alarm, ...] = (),
         looks_ahead: bool = True,
     ) -> Pipeline:
@@ -122,7 +123,7 @@ class PipelineFactory:
             cell_name=self._cell_name,
             stopwatch_ns=self._stopwatch_ns,
             predictor=predictor or self.predictor(watch=watch, looks_ahead=looks_ahead),
-            start_soc=start_soc,
+            remembered=remembered,
             alarms=alarms,
         )
 

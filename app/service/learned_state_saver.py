@@ -96,12 +96,12 @@ class LearnedStateSaver:
         self._saved_ns = self._clock.monotonic_ns()
         if self._state_writer.is_busy:
             return
-        estimates = self._pipeline.estimates
-        if estimates is not None:
+        charge = self._pipeline.charge
+        if charge is not None:
             self._saved_findings = _findings_of(self._predictor)
-            cells = self._predictor.learned_cells
-            state = LearnedState(self._clock.wall_ns(), estimates.soc, estimates.soc_sigma, cells)
-            self._state_writer.begin(save_learned_state, self._path, state)
+            self._state_writer.begin(
+                save_learned_state, self._path, LearnedState(charge, self._predictor.learned_cells)
+            )
 
 
 def _findings_of(predictor: Predictor) -> set[tuple[str, int]]:
@@ -121,8 +121,8 @@ def learning_pipeline(
     path = data / learned_file(battery.name, is_team=battery == team_battery().battery)
     learned = load_learned_state(path, battery.n_cells)
     predictor = factory.predictor(None if learned is None else learned.cells)
-    start_soc = None if learned is None else learned.start(clock.wall_ns())
+    remembered = None if learned is None else learned.charge
     open_path = data / alarm_file(path.name, is_simulated=source == "simulator")
     alarms = load_open_alarms(open_path, battery.n_cells)
-    pipeline = factory.pipeline(source, serial_url, can_url, predictor=predictor, start_soc=start_soc, alarms=alarms)
+    pipeline = factory.pipeline(source, serial_url, can_url, predictor=predictor, remembered=remembered, alarms=alarms)
     return pipeline, LearnedStateSaver(path, pipeline, predictor, clock, open_path)

@@ -37,10 +37,8 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
     assert car.snapshot.cells.joint_excess_ohm[CELL] > 0.012
     assert car.snapshot.estimator.resistance_age_s > 60.0
 
-    estimates, predictor = car.pipeline.estimates, car.predictor
-    save_learned_state(
-        tmp_path / "past.npz", LearnedState(0, estimates.soc, estimates.soc_sigma, predictor.learned_cells)
-    )
+    predictor = car.predictor
+    save_learned_state(tmp_path / "past.npz", LearnedState(car.pipeline.charge, predictor.learned_cells))
     again = Predictor(predictor.cell, (12,) * 8, load_learned_state(tmp_path / "past.npz", 96).cells)
     assert [(each.code, each.cell, each.size) for each in again.findings] == [
         ("joint-resistance-high", CELL, live.size)

@@ -82,9 +82,9 @@ def test_every_cell_is_estimated_judged_and_kept_whatever_the_shape(segments, tm
     assert trend.read(n - 1)["balanced_s"] == 0
     path = tmp_path / learned_file("made", is_team=False)
     predictor = PipelineFactory("coulomb", None, battery).predictor()
-    state = LearnedState(1, snapshot.cells.soc, snapshot.cells.soc_sigma, predictor.learned_cells)
+    state = LearnedState(pipeline.charge, predictor.learned_cells)
     save_learned_state(path, state)
-    assert load_learned_state(path, n).soc.shape == (n,)
+    assert load_learned_state(path, n).charge.soc.shape == (n,)
     assert load_learned_state(path, n + 1) is None
 
 

@@ -10,16 +10,18 @@ from app.estimation.health.charge_watch import STATES, ChargeMemory
 from app.estimation.health.joint_watch import LooseJoints
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.prediction import Predictor
+from app.live.remembered_charge import MasterCount, RememberedCharge
 from firmware_protocol.memory_map import N_CELLS
 
 CELL = load_cell("samsung-25r-10p")
 NAN = float("nan")
+COUNT = MasterCount(uptime_ms=5000, drawn_ah=7.5, soc=0.7)
 FACTOR = np.linspace(0.9, 1.7, N_CELLS)
 
 
 def state(resistance):
     cells = replace(Predictor(CELL, (12,) * 8).learned_cells, resistance=resistance)
-    return LearnedState(10, np.full(N_CELLS, 0.7), np.full(N_CELLS, 0.01), cells)
+    return LearnedState(RememberedCharge(10, np.full(N_CELLS, 0.7), np.full(N_CELLS, 0.01), COUNT), cells)
 
 
 def test_learned_resistances_survive_a_restart_and_are_counted_with_at_once(tmp_path):
@@ -37,8 +39,16 @@ def test_a_file_of_an_older_version_knows_no_resistances_and_is_read(tmp_path):
         old = {name: new[name] for name in new if name != "resistance"}
     np.savez(file, **old)
     found = load_learned_state(file, 96)
-    assert found.soc[0] == 0.7
+    assert found.charge.soc[0] == 0.7
     assert not Predictor(CELL, (12,) * 8, found.cells).learned.has_resistance.any()
+
+
+@pytest.mark.parametrize("count", [COUNT, MasterCount(soc=0.6), MasterCount()])
+def test_the_master_s_count_survives_a_restart(tmp_path, count):
+    file = tmp_path / "past.npz"
+    before = state(None)
+    save_learned_state(file, replace(before, charge=replace(before.charge, count=count)))
+    assert load_learned_state(file, 96).charge.count == count
 
 
 def test_what_was_found_of_cells_and_their_charge_survives_a_restart(tmp_path):

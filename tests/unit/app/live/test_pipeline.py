@@ -277,11 +277,14 @@ def test_measurements_that_cannot_be_estimated_are_counted(pipeline, master):
     assert pipeline.feed(master.frame()).snapshot.estimator.skipped == 1
 
 
-def soc_after_a_gap(pipeline, master, gap_ms):
-    """Return the mean SOC and sigma before and after a gap in a drive at some 10 A."""
+def soc_after_a_gap(pipeline, master, gap_ms, drawn_ah=None):
+    """Return the mean SOC and sigma before and after a gap in a drive at some 10 A; without `drawn_ah` none counted."""
     master.set("i_fs", [1000])
+    if drawn_ah is None:
+        master.set("soc", [0])
     for _ in range(50):
         before = pipeline.feed(master.frame()).snapshot.accumulator
+    master.set("dod", [round(1e6 * (drawn_ah or 0.0))])
     after = pipeline.feed(master.frame(gap_ms)).snapshot.accumulator
     return before, after
 
@@ -289,6 +292,12 @@ def soc_after_a_gap(pipeline, master, gap_ms):
 def test_after_a_gap_the_charge_is_less_sure_by_what_may_have_flowed(pipeline, master):
     before, after = soc_after_a_gap(pipeline, master, 600_000)
     assert after.soc_sigma > before.soc_sigma + 0.01
+
+
+def test_after_a_gap_in_which_the_master_counted_on_the_charge_is_as_sure_as_its_count(pipeline, master):
+    before, after = soc_after_a_gap(pipeline, master, 600_000, drawn_ah=2.5)
+    assert after.soc_sigma < before.soc_sigma + 0.003
+    assert after.soc - before.soc == pytest.approx(-0.1, abs=0.003)
 
 
 def test_after_a_missing_frame_it_is_not(pipeline, master):

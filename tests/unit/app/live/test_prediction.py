@@ -9,6 +9,7 @@ from app.estimation.health.capacity import REST_S, CapacityBetweenRests, Capacit
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.pipeline import Pipeline
 from app.live.prediction import Predictor
+from app.live.remembered_charge import RememberedCharge
 from app.sources.master.source import MasterSource
 
 CELL = load_cell("samsung-25r-10p")
@@ -156,14 +157,14 @@ def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(t
     remembered = estimate.soc + 0.02
     remembered[5] += 0.4
     path = tmp_path / "cells.npz"
-    save_learned_state(path, LearnedState(10, remembered, np.full(96, 0.001), Predictor(CELL, (12,) * 8).learned_cells))
-    start = load_learned_state(path, 96).start(10)
+    charge = RememberedCharge(10, remembered, np.full(96, 0.001))
+    save_learned_state(path, LearnedState(charge, Predictor(CELL, (12,) * 8).learned_cells))
     second = Pipeline(
         MasterSource("serial"),
         lambda: make_estimator("fused", CELL, 96),
         filter_name="f",
         cell_name="c",
-        start_soc=start,
+        remembered=load_learned_state(path, 96).charge,
     )
     soc = second.feed(master.frame()).estimates.soc
     closer = np.abs(soc - remembered) < np.abs(estimate.soc - remembered)

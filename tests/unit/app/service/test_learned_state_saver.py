@@ -39,8 +39,8 @@ def test_it_is_saved_after_five_minutes_and_not_before(tmp_path, pipeline, predi
     saver.on_output(output, clock.monotonic_ns())
     until(path.exists)
     found = load_learned_state(path, 96)
-    assert found.saved_wall_ns == clock.wall_ns()
-    assert found.soc == pytest.approx(pipeline.estimates.soc)
+    assert found.charge.t_wall_ns == output.snapshot.t_wall_ns, "when it was measured, not when it was saved"
+    assert found.charge.soc == pytest.approx(pipeline.estimates.soc)
     path.unlink()
     clock.advance(1)
     saver.on_output(output, clock.monotonic_ns())
