@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 
 from app.sessions.errors import NotASession, SchemaTooNew, SessionError
+from app.sources.data_file import LOGS
 from app.words import Message
 
 
@@ -228,7 +229,8 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
 def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
     """Open a file without changing it; one of an older schema is brought up to date first, where it can be written.
 
-    A file on a read-only medium is opened too, provided that it was closed; an older one stays at its schema.
+    A file on a read-only medium is opened too, provided that it was closed; an older one stays at its schema. One whose
+    log is beside it is never read without it: whatever refused it, an open file too many or a disk, may be over soon.
 
     Raises:
         NotASession: missing, no SQLite file, damaged, or of another kind.
@@ -240,8 +242,8 @@ def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
     try:
         return _open_at(f"{location}?mode=ro", path, schema)
     except sqlite3.DatabaseError as error:
-        # A log left behind by another process cannot be read where nothing may be written beside the file.
-        if code_of(error) not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
+        has_log = any(path.with_name(path.name + end).exists() for end in LOGS)
+        if has_log or code_of(error) not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
             raise NotASession(str(path), str(error)) from error
     try:
         return _open_at(f"{location}?mode=ro&immutable=1", path, schema)

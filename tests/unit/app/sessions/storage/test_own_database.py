@@ -5,6 +5,7 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,7 @@ from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.errors import RecordingFailed, SchemaTooNew
 from app.sessions.event_log import EventLog
 from app.sessions.storage.database import BLACKBOXES, EVENTS
+from app.sessions.storage.own_database import nobody_asks
 from app.telemetry import Event
 from app.words import Message, rendered
 from tests.fake_clock import FakeClock
@@ -147,3 +149,26 @@ def test_one_that_cannot_be_set_aside_is_refused(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(Path, "rename", refuse)
     with pytest.raises(RecordingFailed, match="refused"):
         BlackBoxStore(path)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_file_that_is_refused_once_is_read_with_its_log(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by one open file too many while the service starts."""
+    path = tmp_path / f"{name}.sqlite"
+    TABLES[name](path, nobody_asks).close()
+    connect, refused = sqlite3.connect, []
+
+    def refuse_once(database: object, **options: Any) -> sqlite3.Connection:
+        if "mode=ro" in str(database) and not refused:
+            refused.append(database)
+            error = sqlite3.OperationalError("unable to open database file")
+            error.sqlite_errorcode = sqlite3.SQLITE_CANTOPEN
+            raise error
+        return connect(database, **options)
+
+    monkeypatch.setattr(sqlite3, "connect", refuse_once)
+    with closing(TABLES[name](path, nobody_asks)) as store:
+        assert [use(store, number) for number in range(3)] == [1, 2, 3]
+    assert refused
