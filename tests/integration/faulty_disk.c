@@ -1,7 +1,8 @@
 /* Preloaded into a process: makes one call on the files of a folder fail, or writes down what reaches them.
  *
  * FAULT_FOLDER names the folder; what lies elsewhere passes. fault_arm(n, ops, error) lets the n-th of the chosen calls
- * from now on fail once: with errno `error`, or where that is 0 a write of half of its bytes. fault_calls() counts.
+ * from now on fail once: with errno `error`, or where that is 0 a write of half of its bytes. fault_calls() counts, and
+ * fault_fired() names the call that failed last.
  * WRITE_LOG names a file that gets a record of every change: op u8 (1 write, 2 truncate, 3 sync, 4 unlink, 5 note,
  * 6 rename, 7 create), offset u64, length u32, length of the path u16, path, bytes (of a rename the new path).
  * FAULT_SWITCH names a file: while it begins with "h" every change waits until it does not, with "f" it is refused as by
@@ -37,7 +38,7 @@ void fault_arm(long n, unsigned ops, int error)
     chosen = ops;
     failure = error;
     calls = 0;
-    fired[0] = 0;
+    if (n) fired[0] = 0;
     pthread_mutex_unlock(&lock);
 }
 
