@@ -42,7 +42,7 @@ class Station:
         self.recorder = Recorder(folder, clock, version=version, keeps_empty=False)
         self._link = SerialLink(url, self._take, clock)
         self.client = MasterClient(self._link.write, clock)
-        self._link.on_frame = self.client.on_frame
+        self._link.on_frame, self._link.on_lost = self.client.on_frame, self.client.on_lost
         self._news = threading.Condition()
         self._newest: Look | None = None
         self._lost: LinkChange | None = None

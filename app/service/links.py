@@ -44,7 +44,7 @@ class Links:
         self.can_sender = CanSender(self.send_can, clock)
         self.master = MasterClient(self.serial.write if self.serial else _refuse, clock)
         if self.serial is not None:
-            self.serial.on_frame = self.master.on_frame
+            self.serial.on_frame, self.serial.on_lost = self.master.on_frame, self.master.on_lost
         self._clock = clock
         self._lock = threading.Lock()
         self._is_closed = False

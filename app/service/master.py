@@ -97,7 +97,7 @@ class MasterIdentification:
         """Look at what the RS232 link delivered."""
         if isinstance(item, SerialItem) and not isinstance(item.frame, BadFrame):
             self._on_frame(item.frame)
-        elif isinstance(item, LinkChange) and item.link == "rs232" and item.state != "open":
+        elif isinstance(item, LinkChange) and item.link == "rs232":
             self._start_over()  # the next frame may be another master's
 
     def stop(self) -> None:

@@ -77,6 +77,7 @@ class SerialLink:
         self.url = url
         self.streams = True  # false: the crew asked for silence, `x` is not repeated
         self.on_frame: Callable[[Frame | BadFrame], bool] = lambda frame: True  # False: a reply nobody asked for
+        self.on_lost: Callable[[], None] = lambda: None  # nothing is sent over the connection any more
         self._sink = sink
         self._clock = clock
         self._backoff = backoff or Backoff()
@@ -141,6 +142,7 @@ class SerialLink:
                     self._port = None
                 with contextlib.suppress(Exception):
                     port.close()
+                self.on_lost()
             self._stopping.wait(self._backoff.next_s())
 
     def _read_until_lost(self, port: serial.Serial, on_data: Callable[[], None]) -> None:

@@ -1,7 +1,8 @@
 """Requests to the master over the RS232 link: one at a time, tried again. Thread-safe, blocking.
 
 A request that stays unanswered is sent again, byte for byte; the master knows a repeated one by its type, sequence and
-body and answers it without doing it twice, so any request may be repeated. Replies come from the link's own thread.
+body and answers it without doing it twice, so any request may be repeated, but not over another connection: another
+master, at its end, would do it. Replies come from the link's own thread.
 """
 
 import secrets
@@ -39,14 +40,14 @@ class MasterClient:
     """Sends requests through `send` and waits for the replies that `on_frame` is given."""
 
     def __init__(self, send: Callable[[bytes], None], clock: Clock) -> None:
-        self.identity: Identity | None = None  # as the master last answered `identify`
+        self.identity: Identity | None = None  # as the connected master last answered `identify`
         self._send = send
         self._clock = clock
         self._one_at_a_time = threading.Lock()
         self._places = threading.BoundedSemaphore(1 + MAX_WAITING)
         self._changed = threading.Condition()  # guards what follows; never held while sending
         self._sequence = secrets.randbelow(256)
-        self._awaited: MessageType | None = None  # the newest request's type, until its reply came
+        self._awaited: MessageType | None = None  # the newest request's type, until its reply came or the link was lost
         self._reply: Reply | None = None
         self._is_closed = False
 
@@ -54,6 +55,13 @@ class MasterClient:
         """End every request that waits, and refuse further ones."""
         with self._changed:
             self._is_closed = True
+            self._changed.notify_all()
+
+    def on_lost(self) -> None:
+        """End the request that waits: its connection is no more, and at the end of the next may be another master."""
+        self.identity = None
+        with self._changed:
+            self._awaited = None
             self._changed.notify_all()
 
     def on_frame(self, frame: Frame | BadFrame) -> bool:
@@ -76,7 +84,7 @@ class MasterClient:
 
         Raises:
             EncodeError: the request does not fit its frame.
-            LinkLost: the port is not open.
+            LinkLost: the port is not open, or was lost before the reply; a write may or may not have been done.
             NotNow: too many requests are waiting already.
             MasterSilent: no reply after all tries; a write may or may not have been done.
             MasterRefused: the master answered with another result than DONE; nothing was changed.
@@ -96,12 +104,14 @@ class MasterClient:
                     if not self._is_closed:
                         self._send(frame)
                     with self._changed:
-                        while self._reply is None and (left_s := deadline_s - self._clock.monotonic_s()) > 0:
+                        while self._awaited and (left_s := deadline_s - self._clock.monotonic_s()) > 0:
                             if self._is_closed:
                                 raise LinkLost(Message("service-stopping"))
                             self._changed.wait(left_s)
                         if (reply := self._reply) is not None:
                             break
+                        if self._awaited is None:
+                            raise LinkLost(Message("lost-before-reply", request=name))
         finally:
             self._places.release()
         if reply is None:

@@ -1,11 +1,18 @@
-"""Links that are not configured refuse; which are stuck."""
+"""Links that are not configured refuse; which are stuck; whom a request reaches."""
+
+import os
+import queue
+import tty
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from app.clock import Clock
 from app.errors import LinkLost
 from app.service.links import STUCK_S, Links
+from app.sources.items import LinkChange
 from app.words import Message
+from firmware_protocol.framing import START_STREAM, STOP_STREAM, FrameDecoder
 from tests.fake_clock import FakeClock
 
 
@@ -57,3 +64,41 @@ def test_links_are_stuck_whose_thread_their_driver_keeps():
     assert [found.code for found in made.stuck()] == ["rs232-stuck"]
     clock.advance(STUCK_S)
     assert [found.code for found in made.stuck()] == ["rs232-stuck", "can-stuck"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+def test_another_master_on_the_same_port_gets_nothing_of_what_the_first_was_asked(tmp_path):
+    """As by an adapter that is plugged into the next car while a reply is awaited."""
+    port, items = tmp_path / "port", queue.SimpleQueue()
+
+    def plug_in() -> int:
+        ours, theirs = os.openpty()
+        tty.setraw(theirs)
+        port.symlink_to(os.ttyname(theirs))
+        os.close(theirs)
+        return ours
+
+    def wait_until_open() -> None:
+        while not isinstance(item := items.get(timeout=10), LinkChange) or item.state != "open":
+            pass
+
+    first = plug_in()
+    made = Links(str(port), None, items.put, Clock(), may_transmit=False)
+    with ThreadPoolExecutor() as pool:
+        made.open()
+        wait_until_open()
+        asked, decoder = pool.submit(made.master.identify), FrameDecoder()
+        while not decoder.feed(os.read(first, 4096)):
+            pass
+        port.unlink()
+        second = plug_in()
+        os.close(first)
+        wait_until_open()
+        with pytest.raises(LinkLost, match="lost before the reply"):
+            asked.result(timeout=10)
+    made.close()
+    received = b""
+    while not received.endswith(bytes([STOP_STREAM])):
+        received += os.read(second, 4096)
+    os.close(second)
+    assert received == bytes([START_STREAM, STOP_STREAM])

@@ -197,6 +197,22 @@ def test_a_reply_to_something_else_is_not_asked_for():
     assert [line.client.on_frame(frame) for frame in others] == [True, True], "what is no reply concerns nobody"
 
 
+def test_a_request_is_not_sent_again_over_another_connection(line):
+    line.client.identify()
+
+    def lose(frame):
+        line.client.on_lost()
+        return []
+
+    line.answer, line.silence_s = lose, 1.0
+    with pytest.raises(LinkLost, match="lost before the reply to WRITE"):
+        line.client.request(Write(0, b"\0"))
+    assert line.client.identity is None
+    assert len(line.frames) == 2
+    line.answer = done
+    line.client.request(Store())
+
+
 @pytest.mark.parametrize("is_unplugged", [True, False], ids=["the port is lost", "the request does not fit"])
 def test_a_request_that_was_not_sent_leaves_the_line_free(is_unplugged):
     line = Line()
