@@ -36,11 +36,11 @@ class FailingCar:
 
 
 class FailingEeprom(eeprom.Eeprom):
-    """Loses its power when so many bytes of the configuration have been written."""
+    """Loses its power when so many bytes of the configuration have been written; its port is gone with it."""
 
-    def __init__(self, path: Path | None = None, *, cut_after: int) -> None:
+    def __init__(self, path: Path | None = None, *, cut_after: int, link: Path) -> None:
         super().__init__(path)
-        self._left = cut_after
+        self._left, self._link = cut_after, link
 
     def write(self, address: int, data: bytes) -> None:
         """Write a page, or what of it can be."""
@@ -50,6 +50,7 @@ class FailingEeprom(eeprom.Eeprom):
         super().write(address, data[: self._left])
         self._left -= len(data)
         if self._left < 0:
+            self._link.unlink()  # another test's car may get its terminal's number
             os._exit(POWER_LOST)
 
 
@@ -69,11 +70,13 @@ def main(arguments: list[str]) -> int:
     """Be the process: what `voltwall simulate` takes, and how it fails."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--cut-after", type=int)
+    parser.add_argument("--serial")
     parser.add_argument("--other-map", action="store_true")
     fault, others = parser.parse_known_args(arguments)
     if fault.cut_after is not None:
-        eeprom.Eeprom = partial(FailingEeprom, cut_after=fault.cut_after)
+        link = Path(fault.serial.removeprefix("pty:"))
+        eeprom.Eeprom = partial(FailingEeprom, cut_after=fault.cut_after, link=link)
     if fault.other_map:
         next_frame = VirtualMaster.next_frame
         VirtualMaster.next_frame = lambda master, now_s: of_another_map(next_frame, master, now_s)
-    return cli.main(others)
+    return cli.main(["--serial", fault.serial, *others])
