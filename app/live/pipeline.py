@@ -21,6 +21,7 @@ from app.live.accumulator import EnergyCount, accumulator_of, total_voltage
 from app.live.alarms import AlarmTracker, FindingChanges
 from app.live.cells import cells_of, packs_of
 from app.live.estimator_start import start_estimator
+from app.live.last_known import LastValues
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
 from app.live.prediction_conditions import as_of
@@ -87,6 +88,7 @@ class Pipeline:
         self._sequence = 0
         self._driver_percent: int | None = None
         self._energy = EnergyCount()
+        self._last = LastValues(source.battery.n_cells, len(source.battery.segments))
         self._stopwatch_ns = stopwatch_ns
         self._predictor = predictor
         self._remembered = remembered  # of before a restart or a silence
@@ -351,6 +353,7 @@ class Pipeline:
             awaited=measured.awaited,
             segments=self.battery.segments,
         )
+        snapshot = replace(snapshot, last_known=self._last.step(snapshot))
         news = self._news.step(snapshot)
         with self._watch_lock:
             snapshot = replace(snapshot, findings=agreeing(snapshot.findings, self._watch.causes))

@@ -15,6 +15,7 @@ from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.cell_findings import Finding
 from app.telemetry.events import Alarm, Disagreement, Links
 from app.telemetry.fields import INTERNAL, LEFT_OUT, TREND, Kept, SentAs, Unit
+from app.telemetry.last_known import LastKnown
 from app.words import Message, Text
 
 Source = Literal["simulator", "serial", "can", "replay"]
@@ -269,6 +270,7 @@ class Snapshot:
     plausibility: Plausibility
     alarms: tuple[Alarm, ...] = ()
     findings: tuple[Finding, ...] = ()  # of single cells, the surest first; kept until evidence ends them
+    last_known: LastKnown | None = None  # of what is missing above; None where nothing is that ever was measured
     config_hash: str | None = None
     limits: Annotated[ProtectionLimits | None, INTERNAL] = None
     config: Annotated[bytes | None, INTERNAL] = None  # in force, as last received as a whole

@@ -1,5 +1,6 @@
 """Links that come and go: processes are killed, lines carry noise, nobody listens."""
 
+import json
 import os
 import signal
 import threading
@@ -7,6 +8,7 @@ import tty
 from collections.abc import Iterator
 
 import pytest
+from websockets.sync.client import connect
 
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
@@ -126,9 +128,48 @@ def test_silence_ages_and_then_blanks_every_value(make_service, line):
     service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
     stale = service.wait_for(lambda s: s["age"]["voltage"] and s["age"]["voltage"] > 1)
     assert stale["cells"]["voltage_v"] == [3.7] * 96
+    assert stale["last_known"] is None
     blank = service.wait_for(lambda s: s["age"]["voltage"] and s["age"]["voltage"] > 10)
     assert blank["cells"]["voltage_v"] == [None] * 96
     assert blank["accumulator"]["voltage_v"] is None
+
+
+def test_a_silent_cars_last_values_are_in_rest_and_stream_and_in_no_row_of_the_recording(make_service, line):
+    ours, path = line
+    service = make_service("--serial", path)
+    service.wait_for(lambda s: s["links"]["rs232"]["state"] == "silent")
+    with service.client() as client:
+        session = client.post("/sessions", json={"name": "silence"}).raise_for_status().json()["id"]
+        for number in range(3):
+            os.write(ours, frame(number, 1000 + 100 * number))
+            service.wait_for(lambda s, n=number: s["links"]["rs232"]["frames"] == n + 1)
+        with connect(f"{service.base_url.replace('http', 'ws')}/api/v1/live") as stream:
+            streamed = json.loads(stream.recv(timeout=30))
+            while streamed["last_known"] is None:
+                streamed = json.loads(stream.recv(timeout=30))
+        asked = client.get("/snapshot").json()
+        for snapshot in (streamed, asked):
+            assert snapshot["cells"]["voltage_v"] == [None] * 96
+            assert snapshot["last_known"]["cells"]["voltage_v"]["values"] == [3.7] * 96
+            assert snapshot["time"] - snapshot["last_known"]["cells"]["voltage_v"]["time"] > 9.9
+            assert snapshot["accumulator"]["voltage_v"] is None
+        history = client.get("/history", params={"seconds": 900}).json()
+        client.post(f"/sessions/{session}/stop").raise_for_status()
+        rows = client.get(f"/sessions/{session}/export", params={"format": "csv", "signal": "v[0]"}).text.split("\n")
+    assert len(history["time"]) == 3
+    assert len([row for row in rows[1:] if row.strip()]) == 3
+
+
+def test_the_last_values_are_none_in_a_service_that_was_restarted(make_service, line):
+    ours, path = line
+    service = make_service("--serial", path)
+    service.wait_for(lambda s: s["links"]["rs232"]["state"] == "silent")
+    os.write(ours, frame(0, 1000))
+    service.wait_for(lambda s: s["last_known"] is not None)
+    service.stop()
+    service.start()
+    again = service.wait_for(lambda s: s["links"]["rs232"]["state"] in ("silent", "lost"))
+    assert (again["last_known"], again["age"]["voltage"]) == (None, None)
 
 
 def test_can_alone_shows_what_its_messages_carry(make_service, simulator, tmp_path):

@@ -30,6 +30,15 @@ class CarAlarmOut(BaseModel):
     active: bool
 
 
+class LastOut(BaseModel):
+    """A number that a car does not measure now, as it last was; `age_s` is null where only the car's clock dates it."""
+
+    value: float
+    cell: int | None
+    age_s: Number
+    since: float
+
+
 class CarOut(BaseModel):
     """A car as it was last heard; `since` is the unix time of its last values, null and missing are never 0."""
 
@@ -47,6 +56,7 @@ class CarOut(BaseModel):
     voltage_min_cell: int | None
     temperature_max_degc: Number
     temperature_max_cell: int | None
+    last_known: dict[str, LastOut]
     links: dict[str, CarLinkOut]
     master: str | None
     alarms: list[CarAlarmOut]

@@ -146,6 +146,9 @@ class Car:
             "since": wall_s - age_s if age_s is not None else self._measured_unix_s(),
             "age_s": age_s,
             **{name: self._values.get(name) for name in (*_NUMBERS, *_CELLS)},
+            "last_known": {
+                name: self._last(last, now_s, wall_s) for name, last in self._values.get("last", {}).items()
+            },
             "links": self.kept.get("links", {}),
             "master": self.kept.get("master"),
             "alarms": self._name_conflict(now_s) + self.kept.get("alarms", []),
@@ -157,6 +160,14 @@ class Car:
     def _values(self) -> Mapping[str, Any]:
         values: Mapping[str, Any] = self.kept.get("accumulator", {})
         return values
+
+    def _last(self, last: Mapping[str, Any], now_s: float, wall_s: float) -> dict[str, Any]:
+        """A value that was missing in the newest message, with its age; None where only the car's clock dates it."""
+        age_s, sent_s = None, self._measured_unix_s()
+        if self.values_s is not None and sent_s is not None:
+            age_s = max(0.0, sent_s - last["time"]) + self.waited_s + (now_s - self.values_s)
+        since = last["time"] if age_s is None else wall_s - age_s
+        return {"value": last["value"], "cell": last["cell"], "age_s": age_s, "since": since}
 
     def _name_conflict(self, now_s: float) -> list[dict[str, Any]]:
         if self.conflict_s is None or now_s - self.conflict_s >= NAME_CONFLICT_S:
@@ -228,9 +239,22 @@ def _sent_s(document: Mapping[str, Any]) -> float | None:
     return _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # of an earlier version
 
 
+def _last_known(document: object) -> dict[str, Any]:
+    """Numbers that have a value and a time."""
+    found = {}
+    for name in _NUMBERS:
+        last = document.get(name) if isinstance(document, dict) else None
+        if isinstance(last, dict):
+            value, time = _number(last.get("value")), _number(last.get("time"))
+            if value is not None and time is not None:
+                found[name] = {"value": value, "time": time, "cell": _cell(last.get("cell"))}
+    return found
+
+
 def _accumulator(document: Mapping[str, Any]) -> dict[str, Any]:
     ages = document.get("age_s")
     return {
+        "last": _last_known(document.get("last_known")),
         "time": _number(document.get("time")),
         "age_s": {part: _number(ages.get(part)) for part in _AGES} if isinstance(ages, dict) else {},
         **{name: _number(document.get(name)) for name in _NUMBERS},

@@ -199,9 +199,13 @@ def messages(snapshot: Snapshot, recording: Recording | None, sent: Mapping[str,
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source} | car
     cells, master, ages = plain(snapshot.cells), snapshot.master, plain(snapshot.age_s)
     stale = {part: is_stale(snapshot, part) for part in ages}
-    yield "accumulator", encode(stamp | {"sent": sent, "age_s": ages, "stale": stale} | plain(snapshot.accumulator))
+    known = snapshot.last_known
+    last: dict[str, Any] = {} if known is None else plain(known.cells)
+    total = plain(snapshot.accumulator) | {"last_known": None if known is None else plain(known.accumulator)}
+    yield "accumulator", encode(stamp | {"sent": sent, "age_s": ages, "stale": stale} | total)
     for name, part in PER_CELL.items():
-        yield f"cells/{name}", encode(stamp | {"age_s": ages[part], "stale": stale[part], "values": cells[name]})
+        of_cells = {"age_s": ages[part], "stale": stale[part], "values": cells[name], "last_known": last.get(name)}
+        yield f"cells/{name}", encode(stamp | of_cells)
     said = {
         "state": master.state,
         "why": rendered(master.why, snapshot.segments),

@@ -350,6 +350,7 @@ export interface Car {
   voltage_min_cell: number | null;
   temperature_max_degc: number | null;
   temperature_max_cell: number | null;
+  last_known: Record<string, Last>;
   links: Record<string, CarLink>;
   master: string | null;
   alarms: CarAlarm[];
@@ -1061,6 +1062,71 @@ export interface Laps {
   lap_energy_wh: number;
   lap_energy_sigma_wh: number;
   period_s: number | null;
+}
+
+/** One value a cell; null where it is measured now, or never was. */
+export interface LastCells {
+  values: (number | null)[];
+  time: number;
+  times?: (number | null)[] | null;
+}
+
+/** What is missing now, as it was last measured since the service started. */
+export interface LastKnown {
+  cells: LastOfCells;
+  packs: LastOfPack[];
+  accumulator: LastOfAccumulator;
+}
+
+/** A number that is missing now, as it was last measured. */
+export interface LastNumber {
+  value: number;
+  time: number;
+  cell?: number | null;
+}
+
+/** Numbers of the accumulator that are missing; what is over all cells is of when all were measured. */
+export interface LastOfAccumulator {
+  voltage_v?: LastNumber | null;
+  current_a?: LastNumber | null;
+  power_w?: LastNumber | null;
+  soc?: LastNumber | null;
+  soc_sigma?: LastNumber | null;
+  driver_soc_percent?: LastNumber | null;
+  soc_min?: LastNumber | null;
+  soc_max?: LastNumber | null;
+  soc_spread?: LastNumber | null;
+  voltage_min_v?: LastNumber | null;
+  voltage_max_v?: LastNumber | null;
+  voltage_mean_v?: LastNumber | null;
+  voltage_delta_v?: LastNumber | null;
+  temperature_min_degc?: LastNumber | null;
+  temperature_max_degc?: LastNumber | null;
+}
+
+/** Arrays of `cells` in which a value is missing. */
+export interface LastOfCells {
+  voltage_v?: LastCells | null;
+  temperature_degc?: LastCells | null;
+  soc?: LastCells | null;
+}
+
+/** Numbers of a pack that are missing; sum and spread of when all its cells were measured. */
+export interface LastOfPack {
+  voltage_v?: LastNumber | null;
+  min_v?: LastNumber | null;
+  max_v?: LastNumber | null;
+  delta_v?: LastNumber | null;
+  temperature_max_degc?: LastNumber | null;
+  temperature_min_degc?: LastNumber | null;
+}
+
+/** A number that a car does not measure now, as it last was; `age_s` is null where only the car's clock dates it. */
+export interface Last {
+  value: number;
+  cell: number | null;
+  age_s: number | null;
+  since: number;
 }
 
 /** A signal that may carry what a line says, and what was heard of it [in the line's unit]. */
@@ -1964,6 +2030,7 @@ export interface Snapshot {
   plausibility: Plausibility;
   alarms: Alarm[];
   findings: CellFinding[];
+  last_known: LastKnown | null;
   config_hash: string | null;
   live_s?: Age | null;
   recording: Recording | null;

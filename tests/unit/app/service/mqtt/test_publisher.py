@@ -49,6 +49,41 @@ def test_a_total_without_all_cells_is_published_as_the_least_it_can_be(bench, ma
     assert (shown["voltage_v"], shown["voltage_at_least_v"]) == (None, pytest.approx(310.8))
 
 
+def test_what_a_silent_car_last_measured_is_published_with_its_time_and_shown_with_its_age(bench, master):
+    bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
+    live = bench.live.snapshot
+    for body in dict(messages(live, None)).values():
+        document = json.loads(body)
+        assert isinstance(document, list) or not document or document.get("last_known") is None
+    t_ns = live.t_mono_ns + 180 * 10**9
+    blank = bench.pipeline.tick(t_ns, live.t_wall_ns + 180 * 10**9).snapshot
+    bodies = dict(messages(blank, None, {"run": "a", "s": t_ns / 1e9}))
+    total, volts = json.loads(bodies["accumulator"]), json.loads(bodies["cells/voltage_v"])
+    assert (total["voltage_v"], total["current_a"], volts["values"]) == (None, None, [None] * 96)
+    assert total["last_known"]["voltage_v"]["value"] == pytest.approx(live.accumulator.voltage_v)
+    assert total["time"] - volts["last_known"]["time"] == pytest.approx(180, abs=0.1)
+    assert volts["last_known"]["values"] == pytest.approx(live.cells.voltage_v.tolist())
+    car = Car("red")
+    car.take("accumulator", bodies["accumulator"], 50.0, is_retained=False)
+    shown = car.shown(52.0, 1000.0)
+    assert (shown["state"], shown["voltage_v"], shown["voltage_min_v"]) == ("silent", None, None)
+    last = shown["last_known"]["voltage_min_v"]
+    assert (last["value"], last["cell"]) == (pytest.approx(3.7), 0)
+    assert (last["age_s"], last["since"]) == (pytest.approx(182, abs=0.1), pytest.approx(818, abs=0.1))
+    late = Car("red")
+    late.take("accumulator", bodies["accumulator"], 50.0, is_retained=True)  # kept by the broker, nobody knows how long
+    last = late.shown(52.0, 1000.0)["last_known"]["voltage_min_v"]
+    assert (last["age_s"], last["since"]) == (None, volts["last_known"]["time"])
+
+
+@pytest.mark.parametrize("last", [None, [], {"voltage_v": 3}, {"voltage_v": {"value": "x", "time": 1}}, {"soc": {}}])
+def test_last_values_that_are_none_are_left_out(last):
+    car = Car("red")
+    body = json.dumps({"time": 1.0, "sent": {"run": "a", "s": 1.0}, "last_known": last}).encode()
+    car.take("accumulator", body, 1.0, is_retained=False)
+    assert car.shown(1.0, 1.0)["last_known"] == {}
+
+
 def test_without_a_recording_its_topic_is_null(bench, master):
     bench.feed(master.frame())
     assert dict(messages(bench.live.snapshot, None))["recording"] == b"null"
