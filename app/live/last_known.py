@@ -13,10 +13,9 @@ from app.telemetry.measurement import BLANK_S, STALE_S
 
 _TOTALS = tuple(each.name for each in fields(LastOfAccumulator))
 _OF_PACK = tuple(each.name for each in fields(LastOfPack))
-_PART: dict[str, Part] = {name: "voltage" for name in (*_TOTALS, *_OF_PACK)} | {
-    **{name: part for name, _, part in history_fields(Accumulator)},
-    **{name: "temperature" for name in _OF_PACK if name.startswith("temperature")},
-}
+_PART: dict[str, Part] = dict.fromkeys((*_TOTALS, *_OF_PACK), "voltage")
+_PART |= {name: part for name, _, part in history_fields(Accumulator)}
+_PART |= {name: "temperature" for name in _OF_PACK if name.startswith("temperature")}
 _CELL = {name: name.removesuffix("_v").removesuffix("_degc") + "_cell" for name in _TOTALS}
 _SOC = ("soc", "driver_soc_percent")  # the master's where the filter's is missing
 _PARTS: tuple[Part, ...] = ("current", "voltage", "temperature", "soc")
@@ -24,7 +23,7 @@ _Wall = Callable[[Any], Any]  # unix seconds of monotonic nanoseconds
 
 
 def _age_s(snapshot: Snapshot, part: Part) -> float:
-    """Age of a part; at most that at which its values go: one that is there while its part is older came another way."""
+    """Age of a part, at most that at which its values go: one that is there while its part is older came elsewhere."""
     age_s = getattr(snapshot.age_s, part)
     live_s = None if snapshot.live_s is None else getattr(snapshot.live_s, part)
     most_s = max(BLANK_S, live_s or 0.0)

@@ -63,7 +63,7 @@ def test_a_restarted_service_finds_the_reader_where_he_was(make_service, open_pa
     expect(page.get_by_test_id("service-lost")).to_be_visible()
     expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "unknown")
     expect(page.get_by_test_id("state")).to_have_attribute("data-state", "unknown")
-    expect(page.get_by_test_id("cell-voltage")).to_have_attribute("data-freshness", "blank")
+    expect(page.get_by_test_id("cell-voltage")).to_have_attribute("data-freshness", "known")
     service.arguments += ["--port", port]
     service.start()
     expect(page.get_by_test_id("cell-voltage")).to_have_attribute("data-freshness", "live")

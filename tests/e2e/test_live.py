@@ -58,7 +58,52 @@ def test_the_overview_shows_what_the_service_says_what_lies_ahead_and_leads_to_a
     expect(page.locator("canvas")).to_have_count(7)  # four of the last minutes, three of the trend
 
 
-def test_old_values_are_shown_as_old_and_then_not_at_all(make_service, open_page):
+COLOURED = """() => [...document.querySelectorAll('[data-last]')]
+  .filter((cell) => cell.style.backgroundColor !== '').map((cell) => cell.dataset.testid)"""
+
+
+def look_at_last_values(page, base_url):
+    """Every page that shows cells has them in grey, none of them coloured or marked."""
+    for name in ("overview", "packs", "charging"):
+        page.goto(f"{base_url}/#/{name}")
+        cells = page.locator('[data-testid^="cell-"][data-last]')
+        expect(cells).to_have_count(96)
+        expect(page.get_by_test_id("cell-30")).to_contain_text(re.compile(r"cell 7: .*\d"))
+        expect(page.get_by_test_id("heatmap")).to_contain_text(re.compile(r"\d+ (s|min) ago"))
+        assert page.evaluate(COLOURED) == [], name
+        expect(page.locator('[data-testid="heatmap"] .cell .mark')).to_have_count(0)
+    page.goto(f"{base_url}/#/judge")
+    expect(page.locator("[data-testid^=judge-] .v.known")).to_have_count(96)
+    expect(page.get_by_test_id("judge-30").locator(".v")).to_have_text(re.compile(r"^[34]\.\d{3}$"))
+    expect(page.locator("td.low, td.high, td .hot")).to_have_count(0)
+    expect(page.get_by_test_id("age-voltage")).to_have_text(re.compile(r"^\d+ (s|min) ago$"))
+    page.goto(f"{base_url}/#/packs/3/7")
+    expect(page.get_by_test_id("cell-voltage")).to_have_attribute("data-freshness", "known")
+    expect(page.get_by_test_id("cell-voltage")).to_have_text(re.compile(r"^[34]\.\d{4}\sV$"))
+
+
+def test_cells_of_a_lost_slave_keep_their_last_values_next_to_live_ones(make_service, open_page):
+    service = make_service("--seed", "2")
+    service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
+    with service.client() as client:
+        client.post("/simulator/faults", json={"fault": "slave-lost", "pack": 4}).raise_for_status()
+    service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 84)
+    page = open_page(f"{service.base_url}/#/packs")
+    lost = page.locator('[data-testid^="cell-"][data-last]')
+    for _ in range(2):
+        expect(lost).to_have_count(12)
+        expect(page.get_by_test_id("cell-40").locator(".text")).to_have_text(re.compile(r"^\d\.\d{3}$"))
+        expect(page.get_by_test_id("heatmap")).to_contain_text(re.compile(r"12 of 96: .* ago"))
+        expect(page.get_by_role("row", name=re.compile("^Pack 4.*ago"))).to_contain_text(re.compile(r"\d\d\.\d\d V"))
+        page.reload()
+    page.goto(f"{service.base_url}/#/judge")
+    expect(page.locator("[data-testid^=judge-] .v.known")).to_have_count(12)
+    expect(page.get_by_test_id("sum")).to_contain_text("≥")  # no sum is made with them
+    page.goto(f"{service.base_url}/#/packs/4/5")
+    expect(page.get_by_test_id("cell-voltage")).to_have_text(re.compile(r"ago\s\d\.\d{4}\sV$"))
+
+
+def test_old_values_are_shown_as_old_and_then_as_last_known(make_service, open_page, violations):
     service = make_service("--seed", "2")
     page = open_page(f"{service.base_url}/#/overview")
     expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")
@@ -69,10 +114,16 @@ def test_old_values_are_shown_as_old_and_then_not_at_all(make_service, open_page
     expect(page.get_by_test_id("age-voltage")).to_contain_text("stale")
     expect(page.get_by_test_id("car-silent")).to_be_visible()
     assert moved(page) == []
-    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "blank")
-    expect(page.get_by_test_id("voltage")).to_have_text(re.compile("^–"))
-    expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(96)
-    expect(page.get_by_test_id("age-voltage")).to_contain_text("none since")
+    expect(page.get_by_test_id("v-min")).to_have_attribute("data-freshness", "known")
+    expect(page.get_by_test_id("v-min")).to_have_text(re.compile(r"^[34]\.\d{4}\sV$"))
+    expect(page.get_by_test_id("age-voltage").first).to_have_text(re.compile(r"^\d+ (s|min) ago$"))
+    expect(page.get_by_test_id("driver-soc")).to_have_text(re.compile(r"^\d\d\s%$"))  # the master's, over CAN
+    for view in (page, open_page(f"{service.base_url}/#/overview", "phone")):
+        look_at_last_values(view, service.base_url)
+        assert violations(view) == {}
+    page.goto(f"{service.base_url}/#/overview")
+    page.reload()  # what is known is the service's, not the page's
+    expect(page.locator('[data-testid^="cell-"][data-last]')).to_have_count(96)
     with service.client() as client:
         client.post("/commands/stream-start", json={}).raise_for_status()
     expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")

@@ -14,7 +14,13 @@ export function grown(car: Car, elapsedS: number): Car {
   if (state !== 'vanished' && elapsedS >= SILENT_S) state = 'vanished';
   else if (state !== 'vanished' && (age_s === null || age_s >= SILENT_S)) state = 'silent';
   else if (state === 'live' && (age_s ?? Infinity) >= LIVE_S) state = 'late';
-  return { ...car, age_s, state };
+  const last_known = Object.fromEntries(
+    Object.entries(car.last_known).map(([name, one]) => [
+      name,
+      { ...one, age_s: one.age_s === null ? null : one.age_s + elapsedS },
+    ]),
+  );
+  return { ...car, age_s, state, last_known };
 }
 
 class FleetStore {

@@ -120,6 +120,11 @@ class Live {
     return (this.snapshot?.time ?? Date.now() / 1000) + (this.snapshot ? this.behind : 0);
   }
 
+  /** Seconds since an instant of the service's clock. */
+  since(time: number): number {
+    return Math.max(0, (this.snapshot?.time ?? time) - time) + this.late;
+  }
+
   private take(snapshot: Snapshot): void {
     this.latest = snapshot;
     this.askFrame();

@@ -1,6 +1,6 @@
 // What the packs page can show for each cell: where the number comes from, how it is written and coloured.
 
-import type { Accumulator, Cells, Part, Snapshot } from '../link/types';
+import type { Accumulator, Cells, LastKnown, Part, Snapshot } from '../link/types';
 import { fixed } from '../format';
 import { t, type Text } from '../words/words.svelte';
 
@@ -25,6 +25,7 @@ export interface Metric {
   diverging: boolean;
   part: Part;
   values: (snapshot: Snapshot) => (number | null)[];
+  last: (known: LastKnown) => (number | null)[]; // of cells that are not measured now; nothing where none is kept
 }
 
 const times = (values: (number | null)[], factor: number): (number | null)[] =>
@@ -50,6 +51,31 @@ function deviation(s: Snapshot): (number | null)[] {
   return s.cells.voltage_v.map((v) => (v === null || mean === null ? null : (v - mean) * 1000));
 }
 
+const SAME_S = 1;
+
+/** Of cells that are not measured now, from the mean of the moment when they were: of all, or of those that went. */
+function lastDeviation({ cells, accumulator }: LastKnown): (number | null)[] {
+  const last = cells.voltage_v;
+  if (!last) return [];
+  const timeOf = (i: number): number => last.times?.[i] ?? last.time;
+  const newest = Math.max(...last.values.map((v, i) => (v === null ? -Infinity : timeOf(i))));
+  const whole = accumulator.voltage_mean_v;
+  const went = accumulator.voltage_max_v // else others are still measured
+    ? meanOfMeasured(last.values.filter((_, i) => newest - timeOf(i) < SAME_S))
+    : null;
+  return last.values.map((v, i) => {
+    if (v === null) return null;
+    const isWhole = whole && Math.abs(whole.time - timeOf(i)) < SAME_S;
+    const mean = isWhole ? whole.value : newest - timeOf(i) < SAME_S ? went : null;
+    return mean === null ? null : (v - mean) * 1000;
+  });
+}
+
+const lastColumn =
+  (name: keyof LastKnown['cells'], factor = 1): Metric['last'] =>
+  (known) =>
+    times(known.cells[name]?.values ?? [], factor);
+
 const metric = (
   id: MetricId,
   name: Text,
@@ -58,13 +84,23 @@ const metric = (
   least: number,
   part: Part,
   values: Metric['values'],
-): Metric => ({ id, name, unit, decimals, least, part, values, diverging: id === 'deviation' });
+  last: Metric['last'] = () => [],
+): Metric => ({ id, name, unit, decimals, least, part, values, last, diverging: id === 'deviation' });
 
 export const METRICS: readonly Metric[] = [
-  metric('voltage', 'Voltage', 'V', 3, 0.02, 'voltage', column('voltage_v')),
-  metric('deviation', 'Deviation', 'mV', 0, 20, 'voltage', deviation),
-  metric('temperature', 'Temperature', '°C', 0, 4, 'temperature', column('temperature_degc')),
-  metric('soc', 'SOC', '%', 1, 2, 'voltage', column('soc', 100)),
+  metric('voltage', 'Voltage', 'V', 3, 0.02, 'voltage', column('voltage_v'), lastColumn('voltage_v')),
+  metric('deviation', 'Deviation', 'mV', 0, 20, 'voltage', deviation, lastDeviation),
+  metric(
+    'temperature',
+    'Temperature',
+    '°C',
+    0,
+    4,
+    'temperature',
+    column('temperature_degc'),
+    lastColumn('temperature_degc'),
+  ),
+  metric('soc', 'SOC', '%', 1, 2, 'voltage', column('soc', 100), lastColumn('soc', 100)),
   metric('sigma', 'Sigma', '%', 2, 0.5, 'voltage', column('soc_sigma', 100)),
   metric('resistance', 'R0', 'mΩ', 2, 0.2, 'voltage', column('resistance_ohm', 1000)),
   metric('joint', 'Joint', 'mΩ', 2, 0.2, 'voltage', column('joint_excess_ohm', 1000)),
