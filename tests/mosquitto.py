@@ -95,6 +95,8 @@ class ToldCar:
         self.publish("links", {"rs232": {"state": "silent", "lost": 0}, "can": {"state": "live", "lost": 0}})
         self._told = dict.fromkeys(VALUES)
         self._told["age_s"] = {"voltage": 30.0, "current": 30.0}
+        last = {"time": time.time() - 3630}
+        self._told["last_known"] = {"soc": last | {"value": 0.61}, "voltage_min_v": last | {"value": 3.651, "cell": 30}}
 
     def vanish(self) -> None:
         """Break the connection without a word, as a radio does."""

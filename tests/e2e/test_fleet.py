@@ -1,5 +1,7 @@
 """The page of several cars: three that are told, one of which vanishes and one falls silent."""
 
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -57,7 +59,10 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     expect(page.get_by_test_id("counts")).to_contain_text("1 of 3 live, 1 silent, 1 vanished")
     for line, state in (("rs232", "silent"), ("can", "live")):  # its service speaks: the links are as it says
         expect(blue.get_by_test_id(line)).to_have_attribute("data-state", state)
-    expect(blue).not_to_contain_text("last SOC")  # it tells none
+    expect(blue).to_contain_text("last SOC")
+    expect(blue.get_by_test_id("soc")).to_contain_text(re.compile(r"61\s%.*\d\d s ago"))
+    expect(blue.get_by_test_id("weakest")).to_contain_text(re.compile(r"3\.651\sV.* ago.*pack 3, cell 7", re.DOTALL))
+    expect(blue).not_to_contain_text("41")  # of the temperature it has none
     expect(red).to_contain_text("last SOC")
     expect(red.get_by_test_id("rs232")).to_have_attribute("data-state", "unknown")
     assert violations(page) == {}

@@ -120,8 +120,9 @@ def snapshots() -> Callable[[], Any]:
     master = FakeMaster()
     master.set("v", [0 if i == 5 else 37000 + i for i in range(96)])
 
-    def make() -> Any:
-        return pipeline.feed(master.frame()).snapshot
+    def make(silent_s: int = 0) -> Any:
+        t_ns = master.t_ns + silent_s * 10**9
+        return (pipeline.tick(t_ns, t_ns) if silent_s else pipeline.feed(master.frame())).snapshot
 
     return make
 
@@ -143,6 +144,24 @@ def test_state_is_retained_and_complete(broker, closing, snapshots):
     assert late.json("pit/links")["rs232"]["state"] == "live"
     assert late.json("pit/alarms") == []
     assert late.json("pit/recording")["session_id"] == "s1"
+
+
+def test_of_a_silent_car_the_last_values_are_published_next_to_null(broker, closing, snapshots):
+    sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}/pit"))
+    listener = closing(Listener(broker.port))
+    sender.offer(snapshots())
+    listener.wait(lambda x: "pit/cells/voltage_v" in x.heard)
+    assert (listener.json("pit/cells/voltage_v")["last_known"], listener.json("pit/accumulator")["last_known"]) == (
+        None,
+        None,
+    )
+    sender.offer(snapshots(60))
+    listener.wait(lambda x: x.json("pit/accumulator")["last_known"] and x.json("pit/cells/voltage_v")["last_known"])
+    volts, total = listener.json("pit/cells/voltage_v"), listener.json("pit/accumulator")
+    assert volts["values"] == [None] * 96
+    assert volts["last_known"]["values"][5:7] == [None, pytest.approx(3.7006)]  # cell 5 was never measured
+    assert volts["time"] - volts["last_known"]["time"] == pytest.approx(60, abs=0.1)
+    assert (total["current_a"], total["last_known"]["current_a"]["value"]) == (None, pytest.approx(10.0))
 
 
 def test_216_cells_of_a_battery_by_dbc_are_published_whole(broker, closing, tmp_path):
