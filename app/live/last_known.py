@@ -85,7 +85,7 @@ class _Numbers:
         self._names = names
         self._kept: dict[str, tuple[float, float, int | None]] = {}  # value, time [ns], cell
 
-    def step(self, source: Any, at_ns: Mapping[str, float], wall_s: _Wall) -> dict[str, LastNumber]:
+    def step(self, source: Any, at_ns: Mapping[Part, float], wall_s: _Wall) -> dict[str, LastNumber]:
         """Take those that are there; return those that are not."""
         by_master = getattr(source, "soc_source", None) == "master"
         missing = {}
