@@ -8,10 +8,12 @@ import numpy as np
 
 from app.estimation.arrays import holds_all
 from app.live.cells import extreme, mean, mean_of_all
-from app.telemetry import Accumulator, Cells, FloatArray
+from app.telemetry import Accumulator, Cells, FloatArray, LowestUnderLoad
 from app.telemetry.measurement import Measurement
 
 LOAD_A = 1.0  # below it, next to nothing flows
+DRAWN_A = 5.0  # the car drives: neither its own supply nor the sensor's offset
+DRIVE_ENDS_NS = 600_000_000_000  # without such a current for longer, the next drive begins; a driver change is shorter
 
 
 @dataclass
@@ -31,6 +33,25 @@ class EnergyCount:
             self.gap_s += dt_s
 
 
+class LowestOfDrive:
+    """The lowest cell voltage under load since the last drive began; it stays until the next one begins."""
+
+    def __init__(self) -> None:
+        self.lowest: LowestUnderLoad | None = None
+        self._drawn_ns: int | None = None  # when current was last drawn
+
+    def step(self, t_mono_ns: int, t_wall_ns: int, current_a: float, new_voltage_v: FloatArray) -> None:
+        """Take the voltages that were measured with a current."""
+        if current_a < DRAWN_A:
+            return
+        if self._drawn_ns is None or t_mono_ns - self._drawn_ns > DRIVE_ENDS_NS:
+            self.lowest = None
+        self._drawn_ns = t_mono_ns
+        voltage_v, cell = extreme(new_voltage_v, highest=False)
+        if voltage_v is not None and cell is not None and (self.lowest is None or voltage_v < self.lowest.voltage_v):
+            self.lowest = LowestUnderLoad(voltage_v, cell, current_a, t_wall_ns)
+
+
 def total_voltage(cells_v: FloatArray, reported_v: float | None) -> float | None:
     """Voltage of all cells: as reported or their sum; None where a cell is missing in both."""
     if reported_v and holds_all(reported_v, cells_v):  # 0 V: no cell was measured
@@ -38,7 +59,13 @@ def total_voltage(cells_v: FloatArray, reported_v: float | None) -> float | None
     return None if math.isnan(total := float(cells_v.sum())) else total
 
 
-def accumulator_of(cells: Cells, measured: Measurement, driver_percent: int | None, energy: EnergyCount) -> Accumulator:
+def accumulator_of(
+    cells: Cells,
+    measured: Measurement,
+    driver_percent: int | None,
+    energy: EnergyCount,
+    lowest: LowestUnderLoad | None = None,
+) -> Accumulator:
     """Voltage, current, power, charge, the extremes with their cell, and the energy that flowed since the start."""
     reported, current_a = measured.reported, measured.current_a
     voltage_v = total_voltage(cells.voltage_v, reported.voltage_v)
@@ -75,6 +102,7 @@ def accumulator_of(cells: Cells, measured: Measurement, driver_percent: int | No
         fan_duty=reported.fan_duty,
         voltage_at_least_v=float(np.nansum(cells.voltage_v)) if is_partial and voltage_v is None else None,
         energy_gap_s=energy.gap_s or None,
+        lowest_under_load=lowest,
         **charge_of(cells.soc, cells.soc_sigma, driver_percent, measured.master.soc),
     )
 

@@ -17,7 +17,7 @@ from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.energy_target import RacePlan
 from app.estimation.recording.gaps import SHORT_GAP_S, Gap, GapWatch
-from app.live.accumulator import EnergyCount, accumulator_of, total_voltage
+from app.live.accumulator import EnergyCount, LowestOfDrive, accumulator_of, total_voltage
 from app.live.alarms import AlarmTracker, FindingChanges
 from app.live.cells import cells_of, packs_of
 from app.live.estimator_start import start_estimator
@@ -89,6 +89,7 @@ class Pipeline:
         self._driver_percent: int | None = None
         self._energy = EnergyCount()
         self._last = LastValues(source.battery.n_cells, len(source.battery.segments))
+        self._drive = LowestOfDrive()
         self._stopwatch_ns = stopwatch_ns
         self._predictor = predictor
         self._remembered = remembered  # of before a restart or a silence
@@ -228,6 +229,7 @@ class Pipeline:
         voltages_v = measured.new_voltage_v
         true_a = current_a if self._predictor is None else current_a - self._predictor.offset_a
         estimates, events = self._estimate(measured, dt_s, true_a)
+        self._drive.step(measured.t_mono_ns, measured.t_wall_ns, current_a, voltages_v)
         cells_v = measured.voltage_v
         total_v = (
             total_voltage(cells_v, measured.reported.voltage_v) if np.isnan(cells_v).any() else float(cells_v.sum())
@@ -334,7 +336,7 @@ class Pipeline:
             age_s=measured.age_s,
             cells=cells,
             packs=packs_of(self.battery, cells, measured.slave_status),
-            accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy),
+            accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy, self._drive.lowest),
             prediction=as_of(assessment.prediction, measured, self._judged_ns),
             findings=() if self._predictor is None else self._predictor.findings,
             master=measured.master,

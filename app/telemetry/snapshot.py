@@ -73,6 +73,16 @@ class Pack:
 
 
 @dataclass(frozen=True, slots=True)
+class LowestUnderLoad:
+    """The lowest cell voltage of the last drive while current was drawn."""
+
+    voltage_v: Annotated[float, Unit("V", "cell voltage")]
+    cell: int
+    current_a: Annotated[float, Unit("A", "current at that instant")]
+    t_wall_ns: Annotated[int, SentAs("time", 1e9)]
+
+
+@dataclass(frozen=True, slots=True)
 class Accumulator:
     """All cells."""
 
@@ -109,6 +119,7 @@ class Accumulator:
     energy_gap_s: Annotated[
         Number, LEFT_OUT, Unit("s", "under load with a cell missing: the energies are at least these")
     ] = None
+    lowest_under_load: LowestUnderLoad | None = None
 
 
 @dataclass(frozen=True, slots=True)

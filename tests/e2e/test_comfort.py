@@ -19,7 +19,7 @@ def test_single_keys_act_and_can_be_switched_off(service, open_page, tell):
     page = open_page(f"{service.base_url}/#/overview")
     expect(page.get_by_test_id("heatmap")).to_be_visible()
     page.evaluate(COUNT_CLICKS)
-    page.get_by_role("row", name="Lowest").get_by_role("link").click()  # the weakest cell, and why
+    page.get_by_role("row", name="Lowest now").get_by_role("link").click()  # the weakest cell, and why
     expect(page.get_by_test_id("cell-sentence")).to_contain_text("joint")
     clicks, told = spent(page)
     assert clicks == 1

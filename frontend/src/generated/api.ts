@@ -37,6 +37,7 @@ export interface Accumulator {
   fan_duty: number | null;
   voltage_at_least_v?: number | null;
   energy_gap_s?: number | null;
+  lowest_under_load: LowestUnderLoad | null;
 }
 
 /** Who saw it. */
@@ -1261,6 +1262,14 @@ export interface Look {
   frames: number;
   error: RenderedMessage | null;
   advice: RenderedMessage | null;
+}
+
+/** The lowest cell voltage of the last drive while current was drawn. */
+export interface LowestUnderLoad {
+  voltage_v: number;
+  cell: number;
+  current_a: number;
+  time: number;
 }
 
 /** How near a recording came to one limit; `margin` in the unit, negative = beyond. */
