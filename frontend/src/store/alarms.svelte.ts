@@ -2,9 +2,10 @@
 
 /* eslint-disable svelte/prefer-svelte-reactivity -- made again with every snapshot */
 import { get, Problem } from '../link/rest';
-import type { BoxList, Maybe, CellFinding, Snapshot, Alarm, Severity } from '../link/types';
+import type { BoxList, Maybe, CellFinding, PossibleCause, Snapshot, Alarm, Severity } from '../link/types';
 import { messageText, t, type Text } from '../words/words.svelte';
-import { clock, quantity } from '../format';
+import { cellName, clock, quantity } from '../format';
+import type { Shape } from './shape.svelte';
 
 const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
 const MASTER = 'master-fault'; // says that the circuit is open; the other trips say what is beyond a limit
@@ -60,6 +61,20 @@ export function activeTrips(snapshot: Maybe<Snapshot>): Alarm[] {
   return openAlarms(snapshot)
     .filter((a) => a.active && a.severity === 'trip')
     .sort((a, b) => Number(b.code === MASTER) - Number(a.code === MASTER));
+}
+
+/** What a trip says in two: that the circuit is open, which the banner's colour says too, and why. */
+export function tripText({ code, message }: Alarm, shape?: Shape): [prefix: string, what: string] {
+  const text = messageText(message, shape);
+  const at = code === MASTER ? text.indexOf(': ') + 1 : 0;
+  return at ? [text.slice(0, at + 1), text.slice(at + 1)] : ['', text];
+}
+
+/** What caused a trip; the cell that the trip itself names is not named again. */
+export function causeText({ message, cell }: PossibleCause, trip: Alarm, shape?: Shape): string {
+  const text = messageText(message, shape).replace(/(\d) (?=[^\d\s])/g, '$1\u00a0'); // no unit leaves its number
+  const isSame = cell !== null && cellsOf(trip).join() === String(cell);
+  return isSame ? text.replace(new RegExp(` \\S+ ${cellName(cell, shape)}`), '') : text;
 }
 
 /** Since when it holds, or when it ended. */
