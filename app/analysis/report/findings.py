@@ -134,11 +134,14 @@ def headline(survey: Survey, n_laps: int) -> Message:
         run.append(Message("report-with-current", length=_length(survey.driving_s)))
     if n_laps:
         run.append(Message("report-laps", n=n_laps))
-    code = "report-energy-out" if survey.has_energies else "report-energy-out-at-least"
-    found: list[Argument] = [Message(code, energy=_kwh(survey.energy_out_wh))]
+    out = _kwh(survey.energy_out_wh)
+    is_whole = survey.has_energies
+    found: list[Argument] = [
+        Message("report-energy-out", energy=out) if is_whole else Message("report-energy-out-at-least", energy=out)
+    ]
     if survey.energy_in_wh >= 1.0:
         energy = _kwh(survey.energy_in_wh)
-        if not survey.has_energies:
+        if not is_whole:
             found.append(Message("report-energy-in-at-least", energy=energy))
         elif survey.energy_out_wh > 1.0:
             share = percent(survey.energy_in_wh / survey.energy_out_wh)
