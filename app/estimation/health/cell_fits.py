@@ -32,6 +32,13 @@ SPACING_S: Final = 1.0  # elsewhere one a second
 ONSETS: Final = 48
 LEAST_NOISE_V: Final = 1.5e-3
 LAG_SHARE: Final = 0.3  # of what a cell moves by from sample to sample: the master's low pass, and when it was measured
+SHOWN_LAG_SHARE: Final = 0.1  # and where the typical cell shows both
+LAGS: Final = (-1, 0, 1, 2)  # samples by which voltages may lead or follow the current
+SHOWN_S: Final = 1.1  # movement within it is taken from the typical cell's voltage, slower one from the current
+QUICK_S: Final = 0.3  # between samples: less often shows no lag
+FEWEST: Final = 100  # steps of the current that show it
+MOVED_A: Final = 3.0
+LIKELY_OHM: Final = (0.3, 3.0)  # of the model's resistance: else something else moved the voltage
 CORRELATED: Final = 0.1  # independent values a sample: errors of one second are alike
 MOST_INDEPENDENT: Final = 15.0  # values of a stretch: drifts of healthy cells last as long as it does
 HEALTHY_OHM: Final = 2.5e-4  # by which sound cells and joints differ
@@ -65,7 +72,7 @@ class CellVoltage:
     """What the laws are fitted to, thinned; arrays are (m,)."""
 
     time_s: FloatArray
-    current_a: FloatArray
+    current_a: FloatArray  # as the voltages show it, where they do: see `shown_current`
     slow_a: FloatArray  # through the cell's slow RC pair
     used: FloatArray  # charge used since the beginning, of the median cell's capacity
     soc: FloatArray
@@ -90,6 +97,47 @@ def slow_current(time_s: FloatArray, current_a: FloatArray, tau_s: float) -> Flo
         held = share * held + (1.0 - share) * amps
         out[k] = held
     return out
+
+
+def shown_current(stretch: Stretch, model: CellModel, branch_a: FloatArray) -> FloatArray | None:
+    """Return the (n,) current at the instants and with the low pass of the voltages; None where nothing shows it.
+
+    The current is a mean over what lies between two samples, a voltage is of one instant and filtered: against the one
+    a drop of the other looks too small. All cells are measured alike, so the typical cell's drop is the clock:
+
+        d(median) = -sum_l b_l d(i(k - l)) - sum_j R_j d(branch_j)        by least squares
+        shown = sum_l b_l i(k - l) / R,  R = sum_l b_l;  its quick part from -(median + sum_j R_j branch_j) / R
+
+    Args:
+        stretch: the samples.
+        model: of the cells.
+        branch_a: (n_rc, n) current through each RC pair [A].
+    """
+    current, median_v = np.nan_to_num(stretch.current_a), stretch.median_v
+    spacing_s = np.diff(stretch.time_s)
+    if not spacing_s.size or not 0.0 < (usual_s := float(np.median(spacing_s))) <= QUICK_S:
+        return None
+    lagged = np.array([np.roll(current, lag) for lag in LAGS])
+    columns = np.diff(np.concatenate((lagged, branch_a)), axis=1)
+    moved_v = np.diff(median_v)
+    known = np.isfinite(moved_v) & (np.abs(spacing_s - usual_s) < 0.5 * usual_s)
+    known[: len(LAGS)] = known[-len(LAGS) :] = False
+    if (known & (np.abs(columns[LAGS.index(0)]) > MOVED_A)).sum() < FEWEST:
+        return None
+    found = -np.linalg.lstsq(columns[:, known].T, moved_v[known], rcond=None)[0]
+    weights, pairs_ohm = found[: len(LAGS)], found[len(LAGS) :]
+    ohm, usual_ohm = float(weights.sum()), float(model.r0_ohm.mean())
+    if not LIKELY_OHM[0] * usual_ohm < ohm < LIKELY_OHM[1] * usual_ohm:
+        return None
+    shifted = weights @ lagged / ohm
+    by_voltage = -(median_v + pairs_ohm @ branch_a) / ohm
+    apart = np.where(np.isfinite(by_voltage), by_voltage - shifted, 0.0)
+    n = 2 * round(0.5 * SHOWN_S / usual_s) + 1
+    if len(apart) < n:
+        return None
+    window = np.ones(n)
+    slow = np.convolve(apart, window, "same") / np.convolve(np.ones(len(apart)), window, "same")
+    return np.asarray(shifted + apart - slow)
 
 
 class UnderLoad:
@@ -127,9 +175,13 @@ class CellVoltages:
         used = np.cumsum(current * dt_s) / (SECONDS_PER_HOUR * model.capacity_ah)
         branches = [slow_current(time_s, current, float(tau_s.mean())) for tau_s in model.tau_s]
         slow = slow_current(time_s, current, float(model.tau_s.max(axis=0).mean()))
+        shown = shown_current(stretch, model, np.array(branches).reshape(-1, len(time_s)))
+        self._lag_share = LAG_SHARE if shown is None else SHOWN_LAG_SHARE
         known = np.isfinite(stretch.soc)
         start = float(stretch.soc[known][0] + used[known][0]) if known.any() else 0.5
-        self._shared = tuple(each[self._rows] for each in (time_s, current, slow, used, start - used))
+        self._shared = tuple(
+            each[self._rows] for each in (time_s, current if shown is None else shown, slow, used, start - used)
+        )
         self._branches = np.array(branches).reshape(-1, len(time_s))[:, self._rows]
         apart = stretch.deviation_v[self._rows]
         usual = 1.4826 * row_median(np.abs(apart - row_median(apart.T)))
@@ -143,7 +195,7 @@ class CellVoltages:
         if known.sum() < 10:
             return None
         time_s, current, slow, used, soc = (each[known] for each in self._shared)
-        noise = np.hypot(self._noise[known], LAG_SHARE * _movement(time_s, voltage[known] - middle[known]))
+        noise = np.hypot(self._noise[known], self._lag_share * _movement(time_s, voltage[known] - middle[known]))
         branches, voltage, middle = self._branches[:, known], voltage[known], middle[known]
         return CellVoltage(time_s, current, slow, used, soc, branches, voltage, middle, noise, self._around_s)
 
