@@ -16,6 +16,7 @@ RAISE_AFTER_NS: dict[Severity, int] = {
     "trip": 300_000_000,
 }
 END_AFTER_NS = 2_000_000_000
+INCIDENT_NS = 15_000_000_000  # from its first trip to its last
 
 
 @dataclass
@@ -89,10 +90,11 @@ class AlarmTracker:
                 return True
         return False
 
-    def explain(self, cause: TripCause) -> None:
-        """Set the cause of the trips that hold."""
+    def explain(self, cause: TripCause, at_ns: int | None = None) -> None:
+        """Set the cause of the trips that hold, with the time of an incident of its own, ended or not."""
         for key, alarm in self._alarms.items():
-            if alarm.active and alarm.severity == "trip":
+            is_of_it = alarm.active if at_ns is None else abs(alarm.since_ns - at_ns) <= INCIDENT_NS
+            if alarm.severity == "trip" and (is_of_it or (alarm.active and alarm.cause is None)):
                 self._alarms[key] = replace(alarm, cause=cause)
 
     @property

@@ -205,10 +205,10 @@ class Pipeline:
         with self._watch_lock:
             return self._watch.acknowledge(alarm_id, who)
 
-    def explain(self, cause: TripCause) -> None:
-        """Tell what caused the trips that hold. From any thread."""
+    def explain(self, cause: TripCause, at_ns: int | None = None) -> None:
+        """Set what caused the trips of an incident, by its wall time; None: those that hold. From any thread."""
         with self._watch_lock:
-            self._watch.explain(cause)
+            self._watch.explain(cause, at_ns)
 
     def _take(self, measured: Measurement, *, publishes: bool = True) -> Output:
         estimates: Estimates | None = None

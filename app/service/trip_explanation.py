@@ -46,11 +46,14 @@ class TripExplanation:
             return make_verdict(session, group, self._cell, self._clock.wall_ns())
 
     def on_black_box(self, box: BlackBox) -> None:
-        """Note that there is a black box, and of a trip its cause, which the alarm then shows."""
-        what = box.message.message
-        made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
-        self._events.add(Event(self._clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
-        if box.cause is not None and box.severity == "trip":
-            message = Message("trip-cause", cause=box.cause.message.message)
-            self._events.add(Event(self._clock.wall_ns(), "info", "trip-cause", message, cell=box.cause.cell))
-            self._pipeline.explain(trip_cause(box.cause))
+        """Note that there is a black box, and of a trip its cause, which the alarm then shows; also where it is new."""
+        what, cause = box.message.message, box.cause
+        is_revision = cause is not None and cause.revised
+        if not is_revision:
+            made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
+            self._events.add(Event(self._clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
+        if cause is not None and box.severity == "trip":
+            code = "trip-cause-revised" if is_revision else "trip-cause"
+            message = Message(code, cause=cause.message.message)
+            self._events.add(Event(self._clock.wall_ns(), "info", "trip-cause", message, cell=cause.cell))
+            self._pipeline.explain(trip_cause(cause), round(box.at * 1e9))

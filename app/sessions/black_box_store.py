@@ -55,8 +55,10 @@ class BlackBoxStore:
         with self._lock:
             self._database.close()
 
-    def add(self, box: StoredBox, body: dict[str, Any]) -> bool:
+    def add(self, box: StoredBox, body: dict[str, Any], *, revises: bool = False) -> bool:
         """Keep a box, `body` is all of it; False where one that is at least as complete is there.
+
+        With `revises` it takes the place of one that is no more complete.
 
         Raises:
             RecordingFailed: the disk does not take it.
@@ -78,7 +80,7 @@ class BlackBoxStore:
             f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"
             " DO UPDATE SET body = excluded.body, is_complete = excluded.is_complete,"
             " session_id = coalesce(excluded.session_id, session_id)"
-            " WHERE excluded.is_complete > blackboxes.is_complete"
+            f" WHERE excluded.is_complete {'>=' if revises else '>'} blackboxes.is_complete"
         )
         with self._lock, self._on_disk():
             return self._database.run(lambda connection: connection.execute(insert, row).rowcount) > 0

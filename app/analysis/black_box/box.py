@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from app.analysis.root_cause.judge import Cause, cause_from_json
+from app.analysis.root_cause.judge import UNEXPLAINED, Cause, cause_from_json
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.telemetry import Severity
 from app.telemetry.cell_findings import Finding
@@ -157,7 +157,7 @@ def cause_findings(cause: Cause | None, segments: Sequence[int]) -> list[Rendere
     """Return the likeliest cause, its evidence, what cannot be distinguished from it, and what else it could be."""
     if cause is None:
         return []
-    if cause.code == "unknown":
+    if cause.code == UNEXPLAINED:
         return [sentence(Message("box-no-cause"))]
     share = Quantity(100 * cause.confidence, "%", 0)
     messages = [Message("box-cause", cause=cause.message.message, share=share)]

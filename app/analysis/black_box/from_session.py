@@ -16,7 +16,7 @@ from app.analysis.cell_findings import CellJudge
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger
 from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.from_session import incidents_of, verdict_of
-from app.analysis.root_cause.judge import Cause, trip_cause
+from app.analysis.root_cause.judge import UNEXPLAINED, Cause, trip_cause
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
 from app.errors import AppError
@@ -77,6 +77,11 @@ def with_cause(box: BlackBox, cause: Cause | None, found: Sequence[Finding]) -> 
     return replace(box, cause=cause, findings=[*findings_of(box, known), *cause_findings(cause, box.segments)])
 
 
+def is_explained(box: BlackBox) -> bool:
+    """It has a cause: an earlier version looked for none, and what is unknown may be known to its session since."""
+    return box.cause is not None and box.cause.code != UNEXPLAINED
+
+
 def explained(session: SessionFile, box: BlackBox) -> BlackBox:
     """Return a box with the verdict by its session; as it is where the session does not hold its event."""
     for group in incidents_of(session):
@@ -117,17 +122,17 @@ def boxes_of(session: SessionFile) -> list[BlackBox]:
             boxes = [stored_box(store, each.id) for each in reversed(keep_black_boxes(session, store))]
     except (RecordingFailed, SchemaTooNew):  # a medium that is read only, or a newer program's
         return black_boxes(session)
-    return [box if box.cause is not None else explained(session, box) for box in boxes if box is not None]
+    return [box if is_explained(box) else explained(session, box) for box in boxes if box is not None]
 
 
-def store_box(store: BlackBoxStore, box: BlackBox) -> bool:
-    """Keep a box; False where one that is at least as complete is there.
+def store_box(store: BlackBoxStore, box: BlackBox, *, revises: bool = False) -> bool:
+    """Keep a box; False where one that is at least as complete is there, or with `revises` more complete.
 
     Raises:
         RecordingFailed: the disk does not take it.
     """
     listed = StoredBox(box.id, box.at, box.session_id, box.code, box.severity, box.cell, box.message, box.is_complete)
-    return store.add(listed, asdict(box))
+    return store.add(listed, asdict(box), revises=revises)
 
 
 def stored_box(store: BlackBoxStore, box_id: str) -> BlackBox | None:

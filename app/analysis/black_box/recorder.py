@@ -16,9 +16,10 @@ import numpy as np
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.excerpt import Window, build
-from app.analysis.black_box.from_session import store_box, with_cause
+from app.analysis.black_box.from_session import is_explained, store_box, with_cause
 from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger
 from app.analysis.limits import known_limits, limits_of
+from app.analysis.root_cause.from_session import LATER_S, SETTLED_S, is_later_evidence
 from app.analysis.root_cause.judge import Cause
 from app.battery.battery import Battery
 from app.errors import AppError
@@ -35,6 +36,7 @@ BUSY_DISK = "not-written-within"  # what the cause is looked for in is not on th
 TRIES = 12  # about a minute
 SLACK_S = 0.2  # the sample after the last second counts too
 CLOSE_S = 3.0  # for what is still to be written at the end, and for the cause that is being looked for then
+MOST_UNEXPLAINED = 12  # boxes that are looked at again
 MAX_SAMPLES = 2000  # 50 Hz for so long, and some
 
 
@@ -47,6 +49,16 @@ class _Sample:
     soc: FloatArray
     fit: float
     load: float
+
+
+@dataclass
+class _Unexplained:
+    """A box of which nothing is the cause yet; `due_s`: when it is looked for again, None: only by later evidence."""
+
+    session_id: str
+    group: Sequence[Trigger]
+    box: BlackBox
+    due_s: float | None
 
 
 class BlackBoxRecorder:
@@ -95,6 +107,7 @@ class BlackBoxRecorder:
         self._limits: ProtectionLimits | None = None  # those that the first trigger was judged by
         self._session: str | None = None
         self._config: tuple[bytes, str | None] | None = None
+        self._unexplained: deque[_Unexplained] = deque(maxlen=MOST_UNEXPLAINED)
         self._is_closing = self._is_late = False
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="blackbox")
 
@@ -119,6 +132,7 @@ class BlackBoxRecorder:
             or now_s - self._triggers[0].mono_s >= LONGEST_S + AFTER_S
         ):
             self._finish()
+        self._look_again(output, now_s)
 
     def close(self) -> None:
         """Write what there is of an incident under way, and close the store.
@@ -130,10 +144,19 @@ class BlackBoxRecorder:
         if self._triggers:
             self._finish()
         with contextlib.suppress(TimeoutError, RuntimeError):  # closed already
-            self._writer.submit(int).result(CLOSE_S)
+            self.wait(CLOSE_S)
         self._is_late = True
         self._writer.shutdown(wait=True)
         self.store.close()
+
+    def wait(self, timeout_s: float | None = None) -> None:
+        """Wait until the incidents that are over have their boxes.
+
+        Raises:
+            TimeoutError: so long was not enough.
+            RuntimeError: the store was closed.
+        """
+        self._writer.submit(int).result(timeout_s)
 
     def _finish(self) -> None:
         triggers, self._triggers = self._triggers, []
@@ -166,11 +189,32 @@ class BlackBoxRecorder:
                 segments=self._battery.segments,
             )
             box = with_cause(box, self._verdict(session_id, group), found)
-            try:
-                if store_box(self.store, box):
-                    self._on_made(box)
-            except AppError as error:
-                log.warning("a black box was not written: %s", error)
+            self._keep(box)
+            if session_id is not None and box.cause is not None and not is_explained(box):
+                due_s = group[-1].mono_s + SETTLED_S + LATER_S
+                self._unexplained.append(_Unexplained(session_id, group, box, due_s))
+
+    def _keep(self, box: BlackBox, *, revises: bool = False) -> None:
+        try:
+            if store_box(self.store, box, revises=revises):
+                self._on_made(box)
+        except AppError as error:
+            log.warning("a black box was not written: %s", error)
+
+    def _look_again(self, output: Output, now_s: float) -> None:
+        """Look again for the cause of what is unexplained: once some time later, and by what is found of its cell."""
+        for each in list(self._unexplained):
+            found = any(is_later_evidence(event.code, event.cell, each.box.cell) for event in output.events)
+            if found or (each.due_s is not None and now_s >= each.due_s):
+                each.due_s = each.due_s if found else None
+                with contextlib.suppress(RuntimeError):  # shutting down
+                    self._writer.submit(self._revise, each, self._findings).add_done_callback(_tell_failure)
+
+    def _revise(self, unexplained: _Unexplained, found: tuple[Finding, ...]) -> None:
+        box = with_cause(unexplained.box, self._verdict(unexplained.session_id, unexplained.group), found)
+        if is_explained(box) and unexplained in self._unexplained:
+            self._unexplained.remove(unexplained)
+            self._keep(box, revises=True)
 
     def _verdict(self, session_id: str | None, group: Sequence[Trigger]) -> Cause | None:
         if session_id is None:

@@ -31,7 +31,7 @@ from app.analysis.report.findings import (
 )
 from app.analysis.report.over_time import OverTime, over_time
 from app.analysis.root_cause.from_session import causes_of
-from app.analysis.root_cause.judge import Cause, trip_cause
+from app.analysis.root_cause.judge import UNEXPLAINED, Cause, trip_cause
 from app.analysis.session_cell import cell_of, judged_by, unlike
 from app.analysis.session_survey import TotalsCollector, survey_session
 from app.analysis.survey import Histogram, Piece, Survey, keep_extreme
@@ -272,7 +272,7 @@ def _cause_findings(causes: Sequence[Cause]) -> list[Message]:
     """Each cause once, with its first evidence."""
     by_place: dict[tuple[str, int | None, int | None], Message] = {}
     for cause in causes:
-        if cause.code == "unknown":
+        if cause.code == UNEXPLAINED:
             continue
         evidence = tuple(each.message for each in cause.evidence)
         same = tuple(each.message for each in cause.same)

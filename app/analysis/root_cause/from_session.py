@@ -13,7 +13,7 @@ import numpy as np
 from app.analysis.incidents import AFTER_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.air import pack_hypotheses
-from app.analysis.root_cause.judge import Cause, Judgement, cause_of, judge, trip_kind
+from app.analysis.root_cause.judge import UNEXPLAINED, Cause, Judgement, cause_of, judge, trip_kind
 from app.analysis.root_cause.kept_verdict import keep_verdict, kept_verdicts
 from app.analysis.root_cause.links import board_hypotheses, charger_hypotheses, link_hypotheses
 from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, Hypothesis, IntArray, LineTraffic, Recording
@@ -37,6 +37,7 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED, CHIP_MISSING, STATUS_F
 log = logging.getLogger(__name__)
 BACK_S = 900.0  # that much before an instant is looked at
 SETTLED_S = AFTER_S + 0.2  # and that much after it: what recovers when the current stops; then a black box is made
+LATER_S = 60.0  # after a black box without a cause: then it is looked for again
 SHORT_S = 1.0  # a verdict that lacks no more is not revised
 FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
 FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
@@ -51,7 +52,7 @@ def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause
     end_s = start_s + info.duration_s
     groups = [group for group in incidents_of(session) if _is_trip(_explained(group))][:MOST_TRIPS]
     found = [cause for group in groups if (cause := verdict_of(session, group, model)) is not None]
-    explained = {(each.code, each.cell, each.pack) for each in found if each.code != "unknown"}
+    explained = {(each.code, each.cell, each.pack) for each in found if each.code != UNEXPLAINED}
     first_s = session.unix_s(round(_explained(groups[0]).mono_s * 1e9)) if groups else end_s
     for from_s, to_s in ((start_s, first_s),) if groups else pairwise(_edges(start_s, end_s)):
         rest = _judged(session, model, None, max(from_s, to_s - BACK_S), to_s)
@@ -75,16 +76,24 @@ def incidents_of(session: SessionFile) -> list[list[Trigger]]:
 def verdict_of(session: SessionFile, group: Sequence[Trigger], cell: CellModel | None = None) -> Cause | None:
     """Return the verdict on an incident: the one that is kept with the session, made now where there is none.
 
-    One that was made before the seconds after the incident were recorded is revised. None: nothing to be explained.
+    One that was made before the seconds after the incident were recorded is revised, one that explains nothing by what
+    came later. None: nothing to be explained.
     """
-    before = kept_verdicts(session, group)
-    if not before:
-        return _verdict(session, group, cell)
-    due_s = min(_due_s(session, group), _end_s(session))
-    if before[-1].judged is None or before[-1].judged >= due_s - SHORT_S:
-        return before[-1]
-    made = _verdict(session, group, cell)
-    return None if made is None else replace(made, revised=True)
+    kept = kept_verdicts(session, group)
+    verdict, end_s = kept[-1] if kept else None, _end_s(session)
+    for k, to_s in enumerate(_looks_s(session, group)):
+        if verdict is not None and (verdict.judged is None or verdict.judged >= min(to_s, end_s) - SHORT_S):
+            continue
+        if k and verdict is not None and verdict.code != UNEXPLAINED:
+            break
+        made = _verdict(session, group, cell, to_s)
+        if made is None:
+            return None
+        if verdict is None:
+            verdict = made
+        elif k == 0 or made.code != UNEXPLAINED:
+            verdict = replace(made, revised=True)
+    return verdict
 
 
 def make_verdict(session: SessionFile, group: Sequence[Trigger], cell: CellModel, t_wall_ns: int) -> Cause | None:
@@ -105,12 +114,11 @@ def cause_at(session: SessionFile, at_s: float) -> Cause | None:
     return verdict_of(session, begun[-1]) if begun else None
 
 
-def _verdict(session: SessionFile, group: Sequence[Trigger], cell: CellModel | None) -> Cause | None:
+def _verdict(session: SessionFile, group: Sequence[Trigger], cell: CellModel | None, to_s: float) -> Cause | None:
     trigger = _explained(group)
     trip = replace(trigger, at_s=session.unix_s(round(trigger.mono_s * 1e9)))
     if trip.severity == "trip" and not _is_trip(trip):
         return None
-    to_s = _due_s(session, group)
     asked = trip if _is_trip(trip) else None
     judgements = _judged(session, cell or cell_of(session)[0], asked, trip.at_s - BACK_S, to_s)
     about = [each for each in judgements if asked is not None or trip.cell in (None, each.ranked[0].cell)]
@@ -130,9 +138,23 @@ def _judged(
     return judge([trip], _hypotheses(recording, model, trip.at_s), recording.segments)
 
 
-def _due_s(session: SessionFile, group: Sequence[Trigger]) -> float:
-    """Up to when an incident is looked at: then its black box is made."""
-    return session.unix_s(round(group[-1].mono_s * 1e9)) + SETTLED_S
+def _looks_s(session: SessionFile, group: Sequence[Trigger]) -> list[float]:
+    """Up to when an incident is looked at, in order: for its black box, and later while nothing explains it."""
+    end_s = _end_s(session)
+    due_s = session.unix_s(round(group[-1].mono_s * 1e9)) + SETTLED_S
+    cell = _explained(group).cell
+    found = [
+        session.unix_s(event["t_mono_ns"])
+        for event in session.events()
+        if is_later_evidence(event["code"], event["cell"], cell)
+    ]
+    later = sorted(each for each in (due_s + LATER_S, *found) if due_s < each <= end_s)
+    return [due_s, *later]
+
+
+def is_later_evidence(code: str, cell: int | None, tripped: int | None) -> bool:
+    """An event may explain a trip that nothing explained: what was found of the cell that tripped."""
+    return code.startswith(FINDING) and code != FINDING_ENDED and cell is not None and cell == tripped
 
 
 def _end_s(session: SessionFile) -> float:

@@ -20,6 +20,7 @@ ENOUGH: Final = 6.0  # log odds from which a hypothesis without a trip is report
 SURE_WHEN_EMPTY: Final = 40.0
 CONFIDENT: Final = 0.99
 TEMPER: Final = 4.0  # the odds are products of models; they count by so much less
+UNEXPLAINED: Final = "unknown"  # code of a cause that is none
 MOST_OTHERS: Final = 4
 LEAST_OTHER: Final = 0.02
 
@@ -263,7 +264,7 @@ def cause_of(judgement: Judgement, segments: Sequence[int], judged_s: float) -> 
     trip = None if judgement.trip is None else judgement.trip.code
     if not judgement.ranked:
         message = sentence(Message("cause-unknown"))
-        return Cause(judgement.at_s, trip, "unknown", message, None, None, None, 0.0, [], [], [], judged=judged_s)
+        return Cause(judgement.at_s, trip, UNEXPLAINED, message, None, None, None, 0.0, [], [], [], judged=judged_s)
     main = judgement.ranked[0]
     (cell, pack), (low, high) = main.place, _band(main)
     pairs = list(zip(judgement.ranked, judgement.confidence, strict=True))[1:]

@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse
 from pydantic import Field
 
 from app.analysis.black_box.box import BlackBox
-from app.analysis.black_box.from_session import explained, keep_black_boxes, stored_box
+from app.analysis.black_box.from_session import explained, is_explained, keep_black_boxes, stored_box
 from app.analysis.document import Subject, document
 from app.analysis.evidence.evidence import Evidence, NoEvidence, evidence_of
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
@@ -200,10 +200,10 @@ def black_box(box_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart
     box = stored_box(black_boxes.store, box_id)
     if box is None:
         raise not_found("black box", box_id)
-    if box.cause is not None or box.session_id is None:
+    if is_explained(box) or box.session_id is None:
         return box
     try:
-        with catalogue.open(box.session_id) as file:  # one of an earlier version: its session tells the cause
+        with catalogue.open(box.session_id) as file:
             return explained(file, box)
     except AppError:
         return box

@@ -265,3 +265,33 @@ def test_what_is_not_written_in_time_at_the_end_is_left_to_its_session(master, t
     with SessionFile(car.info.path) as session:
         assert len(keep_black_boxes(session, store)) == 3
     store.close()
+
+
+def test_a_box_that_nothing_explained_is_looked_at_again_and_revised(master, tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder, "LATER_S", 3.0)
+    car, asked = Car(master, tmp_path), []
+
+    def explain(session_id, group):
+        asked.append(session_id)
+        cause = car.explain(session_id, group)
+        if len(asked) == 1:
+            return replace(cause, code="unknown", cell=None, pack=None)
+        return replace(cause, code="joint-resistance-high", cell=30, pack=2, revised=True)
+
+    car.boxes = BlackBoxRecorder(tmp_path / "again.sqlite", lambda: car.info.id, car.made.append, explain)
+    car.run(5)
+    car.set_cell(2.3)
+    car.run(1)
+    car.set_cell(3.6)
+    car.run(7)
+    car.boxes.wait()
+    assert [box.cause.code for box in car.made] == ["unknown"]
+    car.run(20)
+    car.boxes.wait()
+    assert [box.cause.code for box in car.made] == ["unknown", "joint-resistance-high"]
+    assert len(asked) == 2  # what has a cause is asked about no more
+    (kept,) = car.boxes.store.stored()
+    assert stored_box(car.boxes.store, kept.id) == car.made[1]
+    assert "box-no-cause" not in [found.code for found in car.made[1].findings]
+    car.boxes.close()
+    car.recorder.close()

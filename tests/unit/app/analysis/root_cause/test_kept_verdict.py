@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from app.analysis.root_cause.from_session import causes_of, incidents_of, make_verdict, verdict_of
+from app.analysis.root_cause.from_session import causes_of, incidents_of, is_later_evidence, make_verdict, verdict_of
 from app.analysis.root_cause.kept_verdict import keep_verdict, kept_verdicts
 from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.errors import RecordingFailed
@@ -83,3 +83,35 @@ def test_a_file_that_takes_nothing_costs_the_note_and_not_the_verdict(tripped, m
     keep_verdict(tripped, group, verdict, (), t_wall_ns=WALL_NS)
     with SessionFile(tripped) as session:
         assert kept_verdicts(session, group) == [verdict]
+
+
+def test_a_trip_that_nothing_explained_is_explained_by_driving_on(make_session):
+    """The joint parts as the current ends: only the drive after the trip shows it."""
+    time_s = np.arange(0.0, 110.0, 0.2)
+    is_driving = (time_s < 30.0) | (time_s > 50.0)
+    current_a = np.where((time_s // 4) % 2 == 0, 90.0, 10.0) * is_driving
+    voltage_v = np.repeat((3.8 - 2e-3 * current_a)[:, None], 96, axis=1)
+    voltage_v[:, 3] -= np.where(time_s > 29.9, 3e-3 * current_a, 0.0)
+    trip = {"severity": "trip", "code": "trip-cell-undervoltage", "text": "under", "cell": 3, "at_s": 30.5}
+    mean = {"i_fc": np.round(100 * current_a).astype(int)[:, None]}
+    path = make_session(time_s, current_a, voltage_v, 25, 0.8, events=[trip], fields=mean, closed=False)
+    with SessionFile(path) as session:
+        (group,) = incidents_of(session)
+        verdict = verdict_of(session, group)
+    assert (verdict.code, verdict.cell, verdict.revised) == ("joint-resistance-high", 3, True)
+    assert verdict.judged - verdict.at > 60.0
+    assert verdict.low <= 3e-3 <= verdict.high
+
+
+@pytest.mark.parametrize(
+    ("code", "cell", "counts"),
+    [
+        ("finding-joint-resistance-high", 3, True),
+        ("finding-joint-resistance-high", 4, False),
+        ("finding-ended", 3, False),
+        ("joint-resistance-high", 3, False),
+        ("finding-joint-resistance-high", None, False),
+    ],
+)
+def test_what_is_found_of_the_cell_that_tripped_is_later_evidence(code, cell, counts):
+    assert is_later_evidence(code, cell, 3) == counts

@@ -1,4 +1,4 @@
-"""Current is a mean over the last samples, a voltage is of one instant and filtered: sizes follow from what both show."""
+"""A current is a mean over some time, a voltage of one instant and filtered: sizes follow from what both show."""
 
 import numpy as np
 import pytest
