@@ -1,94 +1,118 @@
-"""Runs with a hidden fault for `benchmarks.root_cause`: drawn at random, simulated, recorded into a real session file.
-
-The simulated car's bytes go through the service's own decoder, pipeline and recorder, in one process and in virtual
-time: RS232 and CAN as a pit laptop hears them. What the fault was is kept by the caller, never in the file.
-"""
+"""Runs with a hidden fault for `benchmarks.root_cause`: cell, time and size drawn at random, and their scenarios."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from app.live.pipeline_factory import PipelineFactory
-from app.sessions.recording.auto_recorder import AutoRecorder
-from app.sources.items import CanFault, CanItem, Item, LinkChange, SerialItem
-from app.telemetry import BusState
 from firmware_protocol.config_image import default_image
-from firmware_protocol.framing import FrameDecoder
-from firmware_protocol.memory_map import CAN_ID_EXTENDED, N_CELLS, N_PACKS
-from simulator.can_bus import PASSIVE, WARNING, CanFrame
+from firmware_protocol.memory_map import N_CELLS, N_PACKS
 from simulator.fault_kinds import FAULTS, Target
 from simulator.scenario import ActionPlan, FaultPlan, PhasePlan, Scenario, Start
-from simulator.scenario_player import ScenarioPlayer
 from simulator.slave import THESIS_SENSOR_INPUTS
-from tests.fake_clock import FunctionClock
 
-EPOCH_NS = 1_790_000_000 * 10**9
-START_NS = 1000 * 10**9
-STEP_S = 0.05  # of the physics
-STREAM_S = 0.2  # then the service asks for telemetry
-JUDGE_NS = 5 * 10**9  # between two predictions, which nothing here reads and which cost the most
-TURN_S = 0.05  # of virtual time between two looks at the lines
-HEALTHY = ("clean race", "clean acceleration", "clean charging", "clean rest", "clean pit stop")
+JOINT: Final = "joint-resistance-high"
+LARGE_MOHM: Final = (11.0, 20.0)  # opens the shutdown circuit within seconds
+A_MINUTE_S: Final = 60.0
+HALF_HOUR_S: Final = 1800.0
 ABUSES = ("overload", "accumulator-cold", "accumulator-empty")  # what trips without any fault
 
 
 @dataclass(frozen=True)
 class Case:
-    """One run: what is wrong (`fault`), where and how much, and the scenario that plays it."""
+    """One run: what is wrong (`fault`), since when, where and how much."""
 
+    part: str
     fault: str
     seed: int
-    cell: int | None
-    pack: int | None
-    value: float | None
     at_s: float
-    scenario: Scenario
+    cell: int | None = None
+    pack: int | None = None
+    value: float | None = None
 
     @property
     def name(self) -> str:
-        """A name for the file."""
-        return f"{self.fault.replace(' ', '-')}-{self.seed}"
+        """A name for its folder."""
+        return f"{self.part}-{self.fault.replace(' ', '-')}-{self.seed}"
+
+    @property
+    def where(self) -> int | None:
+        """Cell, or pack, or neither."""
+        return self.pack if self.cell is None else self.cell
 
 
-def cases(seed: int) -> Iterator[Case]:
-    """Yield a run of every fault, of every abuse, and of a healthy car in every situation."""
-    for k, fault in enumerate((*FAULTS, *ABUSES, *HEALTHY)):
-        yield draw(fault, seed, np.random.default_rng((seed, k)))
+Drawn = tuple[Case, Scenario]
 
 
-def draw(fault: str, seed: int, rng: np.random.Generator) -> Case:
+def faults(seed: int) -> Iterator[Drawn]:
+    """Yield a run of every fault and of every abuse."""
+    for k, fault in enumerate((*FAULTS, *ABUSES)):
+        yield draw("faults", fault, seed, np.random.default_rng((seed, k)))
+
+
+def large_joint(seed: int) -> Drawn:
+    """Return a run in which a joint parts a minute into the race, and the car trips within seconds."""
+    rng = np.random.default_rng((seed, 1001))
+    cell, mohm = int(rng.integers(N_CELLS)), float(rng.uniform(*LARGE_MOHM))
+    case = Case("joints", JOINT, seed, A_MINUTE_S, cell, cell // (N_CELLS // N_PACKS), mohm)
+    start = Start(float(rng.uniform(0.7, 0.95)), ambient_degc=float(rng.uniform(18.0, 30.0)))
+    return case, _scenario(case, start, [PhasePlan("endurance", for_s=A_MINUTE_S + 30.0)], None)
+
+
+def any_joint(seed: int) -> Drawn:
+    """Return a run with a joint of any size at any time."""
+    return draw("sizes", JOINT, seed, np.random.default_rng((seed, 1002)))
+
+
+def half_hour(seed: int) -> Drawn:
+    """Return half an hour of a healthy car: a race for the most part, also charging and standing."""
+    rng = np.random.default_rng((seed, 1003))
+    load = ("endurance", "endurance", "endurance", "charge-by-hand", "rest")[seed % 5]
+    soc = 0.97 if load == "endurance" else float(rng.uniform(0.3, 0.6))
+    start = Start(soc, ambient_degc=float(rng.uniform(15.0, 32.0)))
+    actions = [ActionPlan(4.0, "charge-start", None)] if load == "charge-by-hand" else []
+    case = Case("healthy", "clean half-hour", seed, 0.0)
+    return case, _scenario(case, start, [PhasePlan(load, for_s=HALF_HOUR_S)], None, actions)
+
+
+def draw(part: str, fault: str, seed: int, rng: np.random.Generator) -> Drawn:
     """Draw cell, time and magnitude of one run."""
     kind = FAULTS.get(fault)
     value = None if kind is None else _value(fault, rng)
-    target = 0
     cell = pack = None
     if kind is not None and kind.target is Target.CELL:
-        target = cell = int(rng.integers(N_CELLS))
-        pack = target // (N_CELLS // N_PACKS)
+        cell = int(rng.integers(N_CELLS))
+        pack = cell // (N_CELLS // N_PACKS)
     elif kind is not None and kind.target is Target.PACK:
-        target = pack = int(rng.integers(N_PACKS))
+        pack = int(rng.integers(N_PACKS))
     start, phases, at_s, for_s, actions = _situation(fault, rng)
-    faults = () if kind is None else (FaultPlan(at_s, fault, target, value, None if kind.is_instant else for_s),)
-    scenario = Scenario(
-        fault,
-        fault,
+    case = Case(part, fault, seed, at_s, cell, pack, value)
+    return case, _scenario(case, start, phases, for_s, actions)
+
+
+def _scenario(
+    case: Case, start: Start, phases: list[PhasePlan], for_s: float | None, actions: list[ActionPlan] | None = None
+) -> Scenario:
+    kind = FAULTS.get(case.fault)
+    plan = [] if kind is None else [(case.where or 0, case.value, None if kind.is_instant else for_s)]
+    return Scenario(
+        case.fault,
+        case.fault,
         "",
-        seed * 100 + 1,
+        case.seed * 100 + 1,
         False,
         start,
         "passive",
         THESIS_SENSOR_INPUTS,
         default_image(),
         tuple(phases),
-        faults,
-        tuple(actions),
+        tuple(FaultPlan(case.at_s, case.fault, *each) for each in plan),
+        tuple(actions or ()),
         (),
     )
-    return Case(fault, seed, cell, pack, value, at_s, scenario)
 
 
 def _value(fault: str, rng: np.random.Generator) -> float | None:
@@ -182,108 +206,4 @@ def _situation(fault: str, rng: np.random.Generator) -> _Situation:
         case "accumulator-empty":
             phase = PhasePlan("constant", for_s=600.0, current_a=float(rng.uniform(60.0, 140.0)))
             return Start(float(rng.uniform(0.05, 0.15)), ambient_degc=degc), [phase], 0.0, None, []
-        case "clean acceleration":
-            return Start(soc, ambient_degc=degc), [PhasePlan("acceleration"), PhasePlan("rest", for_s=60.0)], 0.0, None, []  # fmt: skip  # noqa: E501
-        case "clean charging":
-            return Start(soc, ambient_degc=degc), charge(150.0), 0.0, None, [started]
-        case "clean rest":
-            return Start(soc, ambient_degc=degc), [PhasePlan("rest", for_s=300.0)], 0.0, None, []
-        case "clean pit stop":
-            stop = PhasePlan("rest", for_s=30.0)
-            laps = PhasePlan("endurance", laps=1)
-            return Start(soc, ambient_degc=degc), [laps, stop, laps, stop], 0.0, None, []
-        case "clean race":
-            return Start(0.95, ambient_degc=degc), [PhasePlan("endurance", for_s=500.0)], 0.0, None, []
     return Start(soc, ambient_degc=degc), [drive], at_s, None, []
-
-
-class _Listener:
-    """The pit laptop's CAN adapter: one that hands on data frames and error frames, as SocketCAN does."""
-
-    is_listening_only = False
-    bit_rate = 500_000
-
-    def __init__(self, take: Callable[[CanFrame, float], None]) -> None:
-        self._take = take
-
-    def can_received(self, frame: CanFrame, now_s: float) -> None:
-        """Hand a frame on."""
-        self._take(frame, now_s)
-
-
-def record(case: Case, folder: Path, factory: PipelineFactory) -> Path:
-    """Play the run and return its session file; what is there already is not made anew."""
-    target = folder / f"{case.name}.sqlite"
-    if target.exists():
-        return target
-    player = ScenarioPlayer(case.scenario, seed=case.scenario.seed, step_s=STEP_S)
-    simulation = player.simulation
-    clock = FunctionClock(
-        lambda: START_NS + round(simulation.now_s * 1e9), lambda: EPOCH_NS + round(simulation.now_s * 1e9)
-    )
-    work = folder / f".{case.name}"
-    recorder = AutoRecorder(work / "sessions", automatic=True, on_event=lambda event: None, clock=clock)
-    pipeline = factory.pipeline("simulator", "recorded", "recorded")
-    decoder = FrameDecoder()
-
-    def take(item: Item) -> None:
-        recorder.on_item(item)
-        output = pipeline.feed(item)
-        recorder.on_output(output)
-        for event in output.events:
-            recorder.on_event(event)
-        if output.snapshot is not None:
-            published[0] = item.t_mono_ns
-            if item.t_mono_ns - judged[0] >= JUDGE_NS:
-                judged[0] = item.t_mono_ns
-                pipeline.predict()
-
-    def serial(data: bytes) -> None:
-        for frame in decoder.feed(data):
-            take(SerialItem(clock.monotonic_ns(), clock.wall_ns(), frame))
-
-    def can(frame: CanFrame, now_s: float) -> None:
-        can_id = frame.can_id | (CAN_ID_EXTENDED if frame.is_extended else 0)
-        take(CanItem(clock.monotonic_ns(), clock.wall_ns(), can_id, frame.data))
-
-    def can_error() -> None:
-        station = simulation.bus.station(listener)
-        errors = max(station.transmit_errors, station.receive_errors)
-        state: BusState = "passive" if errors >= PASSIVE else "warning" if errors >= WARNING else "active"
-        error_frames[0] += 1
-        take(CanFault(clock.monotonic_ns(), clock.wall_ns(), state, error_frames[0]))
-
-    error_frames = [0]
-    listener = _Listener(can)
-    published, judged = [clock.monotonic_ns()], [0]
-    simulation.bus.attach(listener)
-    simulation.bus.error_listeners.append(can_error)
-    simulation.serial_out = serial
-    for link in ("rs232", "can"):
-        take(LinkChange(clock.monotonic_ns(), clock.wall_ns(), link, "open"))
-    simulation.run_until(STREAM_S)
-    simulation.receive(b"x")
-    asked_s, flushed_s = simulation.now_s, simulation.now_s
-    while not player.is_over:
-        player.run(TURN_S)
-        now_ns = clock.monotonic_ns()
-        if now_ns - published[0] >= 10**9:
-            published[0] = now_ns
-            output = pipeline.tick(now_ns, clock.wall_ns())
-            recorder.on_output(output)
-            for event in output.events:
-                recorder.on_event(event)
-            if simulation.now_s - asked_s > 1.0:  # like the RS232 link: silence is answered with `x`
-                asked_s = simulation.now_s
-                simulation.receive(b"x")
-        if simulation.now_s - flushed_s > 60.0:
-            flushed_s = simulation.now_s
-            recorder.flush()
-    recorder.stop()
-    recorder.close()
-    made = sorted((work / "sessions").glob("*.sqlite"))
-    made[0].replace(target)
-    for left in sorted(work.rglob("*"), reverse=True):
-        left.rmdir() if left.is_dir() else left.unlink()
-    work.rmdir()
-    return target
