@@ -51,6 +51,9 @@ LOWER_SIZES: Final = np.geomspace(0.02, 0.3, 16)
 FINER, FINER_POINTS = 2, 7  # searches around the best of a grid: a grid's steps cost more than laws differ by
 SOC_GRID: Final = np.linspace(0.0, 1.0, 51)
 USUAL_DEGC: Final = 25.0
+CHARGE_RANGE: Final = (-0.05, 1.05)
+CHARGE_STEP: Final = 0.005
+LESS_CHARGE: Final = np.arange(-220, 221) * CHARGE_STEP
 LEAK_SIZES_A: Final = np.geomspace(0.5, 60.0, 28)
 SIZE_SHARE: Final = 0.05  # of a size: the model's error, which more samples do not take away
 STEP_SHARE: Final = 0.05  # of a size, by which the likelihood's curvature is taken
@@ -141,25 +144,30 @@ def shown_current(stretch: Stretch, model: CellModel, branch_a: FloatArray) -> F
 
 
 class UnderLoad:
-    """What a cell's voltage would be with another charge, at the recorded current; resistances by SOC_GRID."""
+    """What a cell's voltage would be with another charge, at the recorded current; resistances by SOC_GRID.
+
+    The searches ask for it some hundred times a cell: it is made once for each step of charge, and read between them.
+    """
 
     def __init__(self, cell: CellVoltage, model: CellModel) -> None:
         tables = model.parameters(SOC_GRID, USUAL_DEGC)
-        self._model, self._soc = model, cell.soc
-        self._drops = [(cell.current_a, tables[0])]
-        self._drops += list(zip(cell.branch_a, tables[2 : 2 + model.n_rc], strict=True))
-        self._usual_v = self._voltage(cell.soc)
+        drops = [(cell.current_a, tables[0]), *zip(cell.branch_a, tables[2 : 2 + model.n_rc], strict=True)]
+        self._soc, self._columns = cell.soc, np.arange(cell.soc.size)
+        soc = np.clip(cell.soc - LESS_CHARGE[:, None], *CHARGE_RANGE)
+        self._voltage_v = np.asarray(model.ocv.voltage(soc), dtype=np.float64)
+        for amps, ohm in drops:
+            self._voltage_v -= np.interp(soc, SOC_GRID, ohm) * amps
+        self._usual_v = self._read(np.zeros(cell.soc.size))
 
     def moved_v(self, soc: FloatArray) -> FloatArray:
         """Return the (m,) voltage at a charge against that at the recorded one [V]."""
-        return self._voltage(soc) - self._usual_v
+        return self._read(self._soc - soc) - self._usual_v
 
-    def _voltage(self, soc: FloatArray) -> FloatArray:
-        soc = np.clip(soc, -0.05, 1.05)
-        voltage = np.asarray(self._model.ocv.voltage(soc), dtype=np.float64)
-        for amps, ohm in self._drops:
-            voltage = voltage - np.interp(soc, SOC_GRID, ohm) * amps
-        return voltage
+    def _read(self, less: FloatArray) -> FloatArray:
+        at = np.clip((less - LESS_CHARGE[0]) / CHARGE_STEP, 0.0, len(LESS_CHARGE) - 1.001)
+        row = at.astype(np.intp)
+        low, high = self._voltage_v[row, self._columns], self._voltage_v[row + 1, self._columns]
+        return np.asarray(low + (at - row) * (high - low))
 
 
 class CellVoltages:
