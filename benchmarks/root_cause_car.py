@@ -40,6 +40,7 @@ STEP_S: Final = 0.05  # of the physics
 STREAM_S: Final = 0.2  # then the service asks for telemetry
 TURN_S: Final = 0.05  # of virtual time between two looks at the lines
 FLUSH_S: Final = 60.0
+AFTER_END: Final = 6  # seconds of the car after its recording
 WAIT_S: Final = 0.5  # of virtual time between two looks whether a trip is being explained
 LINKS: Final = {"serial_url": "socket://127.0.0.1:1", "can_url": "virtual:never-opened"}
 
@@ -123,6 +124,7 @@ class Car:
             if car.now_s - self._waited_s > WAIT_S:
                 self._waited_s = car.now_s
                 service.black_boxes.wait()
+                service.session_watch.wait()
             self._keep_explained(service.live.snapshot)
 
     def _keep_explained(self, snapshot: Snapshot | None) -> None:
@@ -143,6 +145,9 @@ class Car:
         assert session_id is not None, "nothing was recorded"
         self._service.recorder.stop()
         self._service.recorder.flush()
+        for _ in range(AFTER_END):  # the last look at it, and what it names
+            self._simulation.run_until(self._simulation.now_s + 1.0)
+            self._service.session_watch.wait()
         return str(session_id)
 
     def _take(self, item: Item) -> None:

@@ -152,7 +152,7 @@ def asked(case: Case, data: Path, session_id: str, banners: Sequence[dict[str, A
         case,
         recorded=judged_anew(path),
         live=_named(causes[0]) if causes else None,
-        alarms=_alarms(path),
+        alarms=_alarms(get("/events?limit=500")["events"]),
         page=_page(case, get("/snapshot")),
         apart=apart,
     )
@@ -214,8 +214,7 @@ def _not_live(cause: dict[str, Any], banners: Sequence[dict[str, Any]]) -> Itera
             yield "cell"
 
 
-def _alarms(path: Path) -> list[Named]:
-    """What was warned of while the session ran, each once."""
-    with SessionFile(path) as session:
-        events = [event for event in session.events() if event["severity"] != "info"]
-    return list(dict.fromkeys(Named(event["code"].removeprefix("finding-"), event["cell"]) for event in events))
+def _alarms(events: Iterable[dict[str, Any]]) -> list[Named]:
+    """What was warned of, each once."""
+    warned = [event for event in events if event["severity"] != "info"]
+    return list(dict.fromkeys(Named(event["code"].removeprefix("finding-"), event["cell"]) for event in warned))

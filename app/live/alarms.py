@@ -35,21 +35,25 @@ class AlarmTracker:
         self._alarms = {alarm.code: alarm for alarm in alarms}
         self._seen_ns: dict[str, int] = {}
         self._raised_ns: dict[str, int] = {}
+        self._named: tuple[TripCause, ...] | None = None  # None: nothing recorded was looked at yet
         self._next_id = 1 + max((alarm.id for alarm in self._alarms.values()), default=0)
 
     def step(self, snapshot: Snapshot) -> tuple[tuple[Alarm, ...], list[Event]]:
         """Judge one snapshot. A single sample raises nothing: a condition has to persist over at least two."""
         now_ns = snapshot.t_mono_ns
         events: list[Event] = []
-        raised = {condition.code: condition for condition in conditions(snapshot)}
-        held = {condition.code: condition for condition in conditions(snapshot, slack=1.0)}
+        causes = {cause.code: cause for cause in reversed(self._named or ())}
+        named = {code: _condition(cause) for code, cause in causes.items()}
+        raised = named | {condition.code: condition for condition in conditions(snapshot)}
+        held = named | {condition.code: condition for condition in conditions(snapshot, slack=1.0)}
         for key, condition in raised.items():
             pending = self._pending.setdefault(key, _Pending(now_ns, now_ns, snapshot.t_wall_ns))
             pending.last_ns = now_ns
             alarm = self._alarms.get(key)
             persisted = now_ns - pending.first_ns >= RAISE_AFTER_NS[condition.severity] and now_ns > pending.first_ns
             if persisted and (alarm is None or not alarm.active):
-                self._alarms[key] = self._raise(condition, pending.wall_ns)
+                cause = causes[key] if condition is named.get(key) else None
+                self._alarms[key] = replace(self._raise(condition, pending.wall_ns), cause=cause)
                 self._raised_ns[key] = pending.first_ns
                 events.append(_event(condition, snapshot.t_wall_ns, condition.message))
         for key in set(self._pending) - set(raised):
@@ -70,7 +74,7 @@ class AlarmTracker:
                         message=now_held.message,
                         cells=now_held.cells,
                     )
-            elif not is_judged(alarm, snapshot):
+            elif not is_judged(alarm, snapshot) or (self._named is None and _is_named(alarm)):
                 self._seen_ns[key] = now_ns  # what cannot be seen has not ended
             elif alarm.active and now_ns - seen_ns >= END_AFTER_NS:
                 self._alarms[key] = replace(alarm, active=False, ended_ns=snapshot.t_wall_ns - (now_ns - seen_ns))
@@ -97,11 +101,16 @@ class AlarmTracker:
             if alarm.severity == "trip" and (is_of_it or (alarm.active and alarm.cause is None)):
                 self._alarms[key] = replace(alarm, cause=cause)
 
+    def name(self, causes: tuple[TripCause, ...]) -> None:
+        """Set what is wrong without having tripped anything."""
+        self._named = causes
+
     @property
     def causes(self) -> list[TripCause]:
-        """The verdicts on the trips that are listed, the newest first."""
-        causes = [alarm.cause for alarm in self._alarms.values() if alarm.cause is not None]
-        return sorted(causes, key=lambda cause: -(cause.judged or 0.0))
+        """The verdicts on the trips that are listed, the newest first, and on what is wrong without one."""
+        trips = [alarm for alarm in self._alarms.values() if alarm.severity == "trip"]
+        causes = [alarm.cause for alarm in trips if alarm.cause is not None]
+        return [*sorted(causes, key=lambda cause: -(cause.judged or 0.0)), *(self._named or ())]
 
     def _raise(self, condition: Condition, since_ns: int) -> Alarm:
         self._next_id += 1
@@ -125,6 +134,16 @@ class AlarmTracker:
                 del self._alarms[key]
                 self._seen_ns.pop(key, None)
                 self._raised_ns.pop(key, None)
+
+
+def _condition(cause: TripCause) -> Condition:
+    """What is wrong by what was recorded, as an alarm is about it."""
+    return Condition("warning", cause.message, cause.cell, cause.size, None, cause.unit, of=cause.code)
+
+
+def _is_named(alarm: Alarm) -> bool:
+    """It is not by a snapshot, but by what was recorded."""
+    return alarm.severity == "warning" and alarm.cause is not None
 
 
 def _event(source: Condition | Alarm, wall_ns: int, message: Message, severity: Severity | None = None) -> Event:

@@ -210,6 +210,11 @@ class Pipeline:
         with self._watch_lock:
             self._watch.explain(cause, at_ns)
 
+    def name(self, causes: tuple[TripCause, ...]) -> None:
+        """Set what is wrong without having tripped anything, by what was recorded. From any thread."""
+        with self._watch_lock:
+            self._watch.name(causes)
+
     def _take(self, measured: Measurement, *, publishes: bool = True) -> Output:
         estimates: Estimates | None = None
         events: tuple[Event, ...] = ()

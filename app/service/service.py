@@ -16,6 +16,7 @@ from app.service.links import Links
 from app.service.master import MasterCommands, MasterConfiguration, MasterIdentification
 from app.service.mqtt.publisher import MqttPublisher
 from app.service.pipeline_thread import PipelineThread
+from app.service.session_watch import SessionWatch
 from app.service.settings import Settings
 from app.service.state import ServiceStateReader
 from app.sessions.catalogue import Catalogue
@@ -54,6 +55,7 @@ class Service:
     imports: ImportJobs
     swaps: SwapFile
     black_boxes: BlackBoxRecorder
+    session_watch: SessionWatch
     boxes_of_sessions: BlackBoxesOfSessions
     configuration: MasterConfiguration
     identification: MasterIdentification
@@ -95,6 +97,7 @@ class Service:
         self.driver_display.stop()
         self.links.close()
         self.live.stop()
+        self.session_watch.stop()
         self.recorder.close()
         self.learned_state.save()
         self.identification.stop()

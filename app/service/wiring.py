@@ -27,6 +27,7 @@ from app.service.master import MasterCommands, MasterIdentification, Rules, ids_
 from app.service.mqtt.publisher import configured_publisher
 from app.service.pipeline_thread import PipelineThread
 from app.service.service import Service
+from app.service.session_watch import SessionWatch
 from app.service.settings import Settings
 from app.service.state import ServiceStateReader, recording_state
 from app.service.trip_explanation import TripExplanation
@@ -100,6 +101,7 @@ def make_service(
     is_simulated = source == "simulator"
     pipeline, learned_state = learning_pipeline(data, pipelines, clock, source, serial_url, can_url)
     explanation = TripExplanation(recorder, catalogue, pipeline, pipelines.cell, events, clock)
+    session_watch = SessionWatch(recorder, catalogue, workers, pipeline, clock)
     black_boxes = BlackBoxRecorder(
         data / STORE,
         lambda: recorder.session_id,
@@ -151,6 +153,7 @@ def make_service(
             config.in_force.on_output,
             *(() if mqtt is None else (mqtt.on_output,)),
             black_boxes.on_output,
+            session_watch.on_output,
             learned_state.on_alarms,
         ),
         after_publishing=(learned_state.on_output,),
@@ -182,6 +185,7 @@ def make_service(
         imports=ImportJobs(data, pipelines.for_import, events.note, workers, battery),
         swaps=SwapFile(data, battery.battery, simulated=is_simulated),
         black_boxes=black_boxes,
+        session_watch=session_watch,
         boxes_of_sessions=BlackBoxesOfSessions(catalogue, black_boxes.store, is_simulated, black_boxes.lost),
         configuration=config,
         identification=identification,

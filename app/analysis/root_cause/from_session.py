@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -39,6 +40,7 @@ BACK_S = 900.0  # that much before an instant is looked at
 SETTLED_S = AFTER_S + 0.2  # and that much after it: what recovers when the current stops; then a black box is made
 LATER_S = 60.0  # after a black box without a cause: then it is looked for again
 SHORT_S = 1.0  # a verdict that lacks no more is not revised
+RECENT_S, LEAST_S = 300.0, 20.0  # what is looked at of a recording that goes on, and how much there has to be
 FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
 FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
 FOUND_WITHIN_S = 6.0  # it takes the judge so long to be sure
@@ -60,6 +62,23 @@ def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause
         explained |= _places(new)
         found += [cause_of(each, session.battery.segments, to_s) for each in new]
     return found
+
+
+def causes_without_trip(path: Path) -> list[Cause] | None:
+    """Return what is wrong in the last minutes of a recording without having tripped anything; it may still go on.
+
+    None: too little was recorded since its start, or since its last trip, which has a verdict of its own.
+    """
+    with SessionFile(path) as session:
+        end_s = _end_s(session)
+        from_s = end_s - RECENT_S
+        for group in incidents_of(session):
+            if _is_trip(_explained(group)):
+                from_s = max(from_s, session.unix_s(round(group[-1].mono_s * 1e9)) + SETTLED_S)
+        if end_s - max(from_s, session.info.started_wall_ns / 1e9) < LEAST_S:
+            return None
+        judged = _judged(session, cell_of(session)[0], None, from_s, end_s)
+        return [cause_of(each, session.battery.segments, end_s) for each in judged if each.ranked]
 
 
 def incidents_of(session: SessionFile) -> list[list[Trigger]]:

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
+from app.live.alarms import AlarmTracker
 from app.live.pipeline import Pipeline
 from app.sources.items import LinkChange
 from app.sources.master.source import MasterSource
@@ -228,6 +231,39 @@ def test_a_cause_that_is_revised_belongs_to_the_trips_of_its_incident_alone(pipe
     snapshot, _ = run(pipeline, master, 2)
     causes = {alarm.code: alarm.cause for alarm in snapshot.alarms if alarm.severity == "trip"}
     assert causes == {"cell-undervoltage": revised, "cell-overtemperature": unknown}
+
+
+def test_what_the_recording_shows_is_an_alarm_until_a_look_does_not_show_it(pipeline, master):
+    cause = TripCause("eeprom-worn", condition("eeprom-worn"), None, None, 0.9)
+    pipeline.name((cause,))
+    alarms = {alarm.code: alarm for alarm in run(pipeline, master, 3)[0].alarms}
+    assert (alarms["eeprom-worn"].severity, alarms["eeprom-worn"].cause) == ("warning", cause)
+    pipeline.name(())
+    alarms = {alarm.code: alarm for alarm in run(pipeline, master, 5)[0].alarms}
+    assert not alarms["eeprom-worn"].active
+
+
+def test_no_restart_ends_an_alarm_by_the_recording_before_a_look_does(pipeline, master):
+    cause = TripCause("eeprom-worn", condition("eeprom-worn"), None, None, 0.9)
+    pipeline.name((cause,))
+    snapshot, _ = run(pipeline, master, 3)
+    tracker = AlarmTracker(snapshot.alarms)
+    for k in range(5):
+        alarms, _ = tracker.step(replace(snapshot, t_mono_ns=snapshot.t_mono_ns + k * 10**9))
+        assert [alarm.active for alarm in alarms if alarm.code == "eeprom-worn"] == [True]
+    tracker.name(())
+    for k in range(5, 10):
+        alarms, _ = tracker.step(replace(snapshot, t_mono_ns=snapshot.t_mono_ns + k * 10**9))
+    assert [alarm.active for alarm in alarms if alarm.code == "eeprom-worn"] == [False]
+
+
+def test_a_cell_has_the_condition_that_the_recording_shows(pipeline, master):
+    """The watch from sample to sample and the judge of the recording are one on the page."""
+    cause = TripCause("cell-resistance-high", condition("cell-resistance-high"), 40, 3, 0.9, size=2e-3, unit="ohm")
+    pipeline.name((cause,))
+    snapshot, _ = run(pipeline, master, 3)
+    assert [(each.code, each.cell, each.size) for each in snapshot.findings] == [("cell-resistance-high", 40, 2e-3)]
+    assert [alarm.code for alarm in snapshot.alarms if alarm.severity == "warning"] == ["cell-resistance-high"]
 
 
 def test_a_master_that_restarts_is_told_with_the_reason_for_a_minute(pipeline, master):
