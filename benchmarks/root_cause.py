@@ -6,7 +6,7 @@
     healthy   20 half-hours of a sound car's time: nothing may be blamed
     services  10 faults in running services, each a process with its simulated car, a few at a time
 
-Each car is received by the service itself (`benchmarks.root_cause_car`), as fast as it goes, or by its process in real
+Each car is received by the service itself (`tests.recorded.service_car`), as fast as it goes, or by its process in real
 time. *Live* is the verdict that it makes at the trip, without one its alarm; *recorded* that of the session's file
 alone, judged again. A cause is right when its code, or one that stands for several that a recording cannot
 distinguish, is that of the fault, at its cell or pack. *Agree*: banner, cell, black box, report and the command line
@@ -19,6 +19,7 @@ docs/reference/causes.md, the parts of earlier calls with the same `--folder` am
 from __future__ import annotations
 
 import argparse
+import logging
 import re
 import tempfile
 from collections import Counter, defaultdict
@@ -150,6 +151,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where runs are kept and found again; else they are thrown away")
     parser.add_argument("--write", action="store_true", help=f"put the figures into {PAGE.name}")
     arguments = parser.parse_args()
+    logging.getLogger("app").setLevel(logging.ERROR)
     runs: dict[str, list[Run]] = {}
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.folder or Path(scratch)

@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.root_cause_car import CELL
 from benchmarks.root_cause_runs import JOINT, LARGE_MOHM, Case, Drawn, draw
 from benchmarks.root_cause_shown import Run, asked, keep_run, kept_run
 from firmware_protocol.memory_map import N_CELLS, N_PACKS
+from tests.recorded.service_car import CELL
 from tests.service_process import Service
 
 N_SERVICES: Final = 10

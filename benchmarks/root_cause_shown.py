@@ -22,8 +22,8 @@ from app.analysis.root_cause.judge import SAME
 from app.cli import main as command_line
 from app.estimation.health.cell_finding import FindingCode
 from app.sessions.reading.reader import SessionFile
-from benchmarks.root_cause_car import Car
 from benchmarks.root_cause_runs import JOINT, Case, Drawn
+from tests.recorded.service_car import Car
 
 UNKNOWN: Final = "unknown"
 KEPT: Final = "run.json"

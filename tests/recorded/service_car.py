@@ -6,12 +6,13 @@ are made by what makes them at the track. What the fault was is kept by the call
 
 from __future__ import annotations
 
-import logging
 import warnings
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
+from unittest.mock import patch
 
 from app.api.application import create_app
 from app.estimation.health.cell_watch import CellWatch
@@ -78,10 +79,9 @@ class Car:
         self.player = ScenarioPlayer(scenario, seed=scenario.seed, step_s=STEP_S)
         self._simulation = self.player.simulation
         self._clock = FunctionClock(lambda: START_NS + self._now_ns, lambda: EPOCH_NS + self._now_ns)
-        wiring.Workers = InProcess  # type: ignore[misc, assignment]
-        wiring.PipelineFactory = _NoForecast  # type: ignore[misc, assignment]
-        logging.getLogger("app").setLevel(logging.ERROR)
-        app = create_app(Settings(data=folder, season=False, cell=CELL), "simulator", clock=self._clock, **LINKS)
+        settings = Settings(data=folder, season=False, cell=CELL)
+        with patch.object(wiring, "Workers", InProcess), patch.object(wiring, "PipelineFactory", _NoForecast):
+            app = create_app(settings, "simulator", clock=self._clock, **LINKS)
         self._service = app.state.parts.service
         self._client = TestClient(app, base_url="http://127.0.0.1", client=("127.0.0.1", 1))
         self._decoder = FrameDecoder()
@@ -108,10 +108,11 @@ class Car:
     def _now_ns(self) -> int:
         return round(self._simulation.now_s * 1e9)
 
-    def run(self) -> None:
-        """Play the scenario to its end."""
+    def run(self, seconds: float = inf) -> None:
+        """Let the car go on so long, or to the end of its scenario."""
         service, car = self._service, self._simulation
-        while not self.player.is_over:
+        end_s = car.now_s + seconds
+        while not self.player.is_over and car.now_s < end_s:
             self.player.run(TURN_S)
             before = service.live.snapshot
             service.live.step(0.0)  # the ages, where nothing came
