@@ -53,7 +53,7 @@ class TripExplanation:
             made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
             self._events.add(Event(self._clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
         if cause is not None and box.severity == "trip":
-            code = "trip-cause-revised" if is_revision else "trip-cause"
-            message = Message(code, cause=cause.message.message)
+            why = cause.message.message
+            message = Message("trip-cause-revised", cause=why) if is_revision else Message("trip-cause", cause=why)
             self._events.add(Event(self._clock.wall_ns(), "info", "trip-cause", message, cell=cause.cell))
             self._pipeline.explain(trip_cause(cause), round(box.at * 1e9))
