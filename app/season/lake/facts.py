@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from app.analysis.cell_findings import cell_findings
 from app.analysis.laps.figures import Lap, figures_of
 from app.analysis.laps.from_session import find_laps
 from app.analysis.limits import limits_of, limits_of_profile
+from app.analysis.root_cause.from_session import incidents_of
+from app.analysis.root_cause.kept_verdict import kept_verdicts
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces, read_totals
 from app.analysis.survey import Piece, Rest, Survey, Surveyor
@@ -25,6 +27,7 @@ from app.battery.library import file_name_of
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import SOC_MOVED_MIN
+from app.estimation.health.cell_finding import FindingCode
 from app.season.estimates.session import SessionEstimate
 from app.season.lake.cell_sums import CellSums, RestCounter, Stretch
 from app.season.lake.schema import WHOLE
@@ -230,7 +233,7 @@ class _Stretches:
 
 
 class _Findings:
-    """What was found of cells, by time: told in the session's events, or judged anew."""
+    """What was found of cells, by time: by the session's events, or judged anew; of a cell that tripped its verdict."""
 
     def __init__(self, session: SessionFile, events: Sequence[Mapping[str, Any]], judge: CellModel | None) -> None:
         self._findings = [
@@ -240,6 +243,12 @@ class _Findings:
         ]
         if judge is not None:
             self._findings = [(each.since_s, each.cell, each.code) for each in cell_findings(session, judge)]
+        kept = [verdicts[-1] for group in incidents_of(session) if (verdicts := kept_verdicts(session, group))]
+        tripped = {
+            cause.cell: cause for cause in kept if cause.cell is not None and cause.code in get_args(FindingCode)
+        }
+        self._findings = [each for each in self._findings if each[1] not in tripped]
+        self._findings += [(cause.since or cause.at, cell, cause.code) for cell, cause in tripped.items()]
 
     def by_cell(self, from_s: float | None, to_s: float | None) -> dict[int, str]:
         """Return the codes of each cell that were first told in a range of unix time."""

@@ -1,6 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from app.analysis.root_cause.from_session import incidents_of, verdict_of
+from app.analysis.root_cause.kept_verdict import keep_verdict
 from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.cell_file import load_cell
 from app.season.lake.facts import Facts, facts_of, where_of
@@ -142,3 +146,17 @@ def test_cells_can_be_judged_anew(make_session):
         judged = facts_of(session, judge_anew=True).tables["cells"]
     assert told[7]["findings"] == "joint"
     assert all(isinstance(row["findings"], str) for row in judged)
+
+
+def test_a_cell_that_tripped_has_the_condition_of_its_verdict(make_session):
+    trip = {"severity": "trip", "code": "trip-cell-undervoltage", "text": "under", "cell": 3, "at_s": 20.0}
+    found = {"severity": "warning", "code": "finding-cell-resistance-high", "text": "resists", "cell": 3, "at_s": 15.0}
+    path = make_session(TIME_S, CURRENT_A, 3.7, events=[trip, found, found | {"cell": 5}])
+    with SessionFile(path) as session:
+        (group,) = incidents_of(session)
+        verdict = replace(verdict_of(session, group), code="joint-resistance-high", cell=3)
+    keep_verdict(path, group, verdict, (), t_wall_ns=0)
+    with SessionFile(path) as session:
+        facts = facts_of(session)
+    assert cell(facts, 0, 3)["findings"] == "joint-resistance-high"
+    assert cell(facts, 0, 5)["findings"] == "cell-resistance-high"
