@@ -1,6 +1,9 @@
 """What is told of each cell and of each pack, out of what the master sent and what the estimator made of it."""
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -8,7 +11,10 @@ from app.battery.battery import Battery
 from app.estimation.filters.estimators import Estimates
 from app.live.prediction import Assessment
 from app.telemetry import Cells, FloatArray, Pack
+from app.telemetry.cell_findings import Finding
 from app.telemetry.measurement import Measurement
+
+RESISTING: Final = ("joint-resistance-high", "cell-resistance-high")
 
 
 def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Assessment) -> Cells:
@@ -36,6 +42,21 @@ def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Asse
         joint_loose=assessment.loose,
         voltage_age_s=measured.voltage_age_s,
     )
+
+
+def with_findings(cells: Cells, findings: Iterable[Finding]) -> Cells:
+    """Cells whose resistance and joint [ohm] are those of their findings: the verdict on a trip is more than theirs."""
+    found = [each for each in findings if each.code in RESISTING and each.size is not None]
+    if not found:
+        return cells
+    resistance_ohm, joint_ohm = cells.resistance_ohm.copy(), cells.joint_excess_ohm.copy()
+    is_loose = np.zeros(joint_ohm.shape, bool) if cells.joint_loose is None else cells.joint_loose.copy()
+    usual_ohm = np.nanmedian(resistance_ohm) if np.isfinite(resistance_ohm).any() else np.nan
+    for each in found:
+        resistance_ohm[each.cell] = np.fmax(resistance_ohm[each.cell], usual_ohm + each.size)
+        if each.code == "joint-resistance-high":
+            joint_ohm[each.cell], is_loose[each.cell] = each.size, True
+    return replace(cells, resistance_ohm=resistance_ohm, joint_excess_ohm=joint_ohm, joint_loose=is_loose)
 
 
 def extreme(values: FloatArray, *, highest: bool) -> tuple[float | None, int | None]:

@@ -19,7 +19,7 @@ from app.estimation.prediction.energy_target import RacePlan
 from app.estimation.recording.gaps import SHORT_GAP_S, Gap, GapWatch
 from app.live.accumulator import EnergyCount, LowestOfDrive, accumulator_of, total_voltage
 from app.live.alarms import AlarmTracker, FindingChanges
-from app.live.cells import cells_of, packs_of
+from app.live.cells import cells_of, packs_of, with_findings
 from app.live.estimator_start import start_estimator
 from app.live.last_known import LastValues
 from app.live.plausibility import PlausibilityChecks
@@ -363,7 +363,8 @@ class Pipeline:
         snapshot = replace(snapshot, last_known=self._last.step(snapshot))
         news = self._news.step(snapshot)
         with self._watch_lock:
-            snapshot = replace(snapshot, findings=agreeing(snapshot.findings, self._watch.causes))
+            findings = agreeing(snapshot.findings, self._watch.causes)
+            snapshot = replace(snapshot, findings=findings, cells=with_findings(snapshot.cells, findings))
             alarms, events = self._watch.step(snapshot)
         return Output(replace(snapshot, alarms=alarms), (*events, *news))
 
