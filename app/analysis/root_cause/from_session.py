@@ -41,6 +41,7 @@ SETTLED_S = AFTER_S + 0.2  # and that much after it: what recovers when the curr
 LATER_S = 60.0  # after a black box without a cause: then it is looked for again
 SHORT_S = 1.0  # a verdict that lacks no more is not revised
 RECENT_S, LEAST_S = 300.0, 20.0  # what is looked at of a recording that goes on, and how much there has to be
+OF_CHARGE, SURE_OF_CHARGE = ("capacity-low", "cell-imbalance", "self-discharge-high"), 40.0  # log odds
 FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
 FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
 FOUND_WITHIN_S = 6.0  # it takes the judge so long to be sure
@@ -78,7 +79,14 @@ def causes_without_trip(path: Path) -> list[Cause] | None:
         if end_s - max(from_s, session.info.started_wall_ns / 1e9) < LEAST_S:
             return None
         judged = _judged(session, cell_of(session)[0], None, from_s, end_s)
-        return [cause_of(each, session.battery.segments, end_s) for each in judged if each.ranked]
+        sure = [each for each in judged if each.ranked and not _is_small_charge(each)]
+        return [cause_of(each, session.battery.segments, end_s) for each in sure]
+
+
+def _is_small_charge(judgement: Judgement) -> bool:
+    """Minutes show so small a difference of charge by chance: the watch of the cells waits for more."""
+    first = judgement.ranked[0]
+    return first.code in OF_CHARGE and first.weight < SURE_OF_CHARGE
 
 
 def incidents_of(session: SessionFile) -> list[list[Trigger]]:

@@ -10,11 +10,13 @@ BITS = {"load": 0, "fit": 1}
 OPENED_S, STEP_S = 40.0, 0.1
 
 
-def recording(until_s=60.0, hides=lambda time_s: np.zeros(time_s.shape, bool), load=lambda t: t < OPENED_S):
-    """80 A until the relays open; a current that `hides` was not measured."""
+def recording(
+    until_s=60.0, hides=lambda time_s: np.zeros(time_s.shape, bool), load=lambda t: t < OPENED_S, coasts_s=0.0
+):
+    """80 A until the relays open, or until some time before; a current that `hides` was not measured."""
     time_s = np.arange(0.0, until_s, STEP_S)
     is_on = load(time_s)
-    amps = np.where(hides(time_s), np.nan, np.where(is_on, 80.0, 0.0))
+    amps = np.where(hides(time_s), np.nan, np.where(is_on & (time_s < OPENED_S - coasts_s), 80.0, 0.0))
     n, nothing = time_s.size, np.full(time_s.size, np.nan)
     cells = np.full((n, 4), 3.7)
     return Recording(
@@ -31,6 +33,10 @@ def codes(of):
 @pytest.mark.filterwarnings("error")
 def test_relays_that_open_under_load_without_a_trip_are_told():
     assert codes(recording()) == ["external-shutdown"]
+
+
+def test_a_car_that_has_stopped_switches_high_voltage_off():
+    assert codes(recording(coasts_s=0.7)) == []
 
 
 @pytest.mark.filterwarnings("error")
