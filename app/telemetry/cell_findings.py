@@ -121,13 +121,14 @@ def _by_verdict(cause: TripCause, known: Finding | None) -> Finding:
     """The verdict on a trip as a finding of its cell; `known` by the judge of the cells, None: not found by it."""
     assert cause.cell is not None
     sure = Quantity(100 * cause.confidence, "%", 0)
+    by_recording = Message("evidence-verdict", sure=sure)
     since, judged = cause.since or 0.0, cause.judged or 0.0
     if known is None:
         known = Finding(
             code=cast(FindingCode, cause.code),
             cell=cause.cell,
             message=cause.message,
-            evidence=Message("evidence-verdict", sure=sure),
+            evidence=by_recording,
             size=None,
             low=None,
             high=None,
@@ -140,7 +141,7 @@ def _by_verdict(cause: TripCause, known: Finding | None) -> Finding:
             neighbours=(),
             confidence=cause.confidence,
         )
-    message, evidence = known.message, known.evidence.having(sure=sure)
+    message, evidence = known.message, by_recording if known.size != cause.size else known.evidence.having(sure=sure)
     size, high = cause.size, cause.high
     if size is not None and high is not None and cause.code in _SIZED:
         nan, sigma = float("nan"), (high - size) / BAND_SIGMAS
