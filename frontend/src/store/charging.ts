@@ -1,6 +1,7 @@
 // Why the accumulator is not being charged, and how long until it is full.
 
 import type { Commands, Maybe, Snapshot } from '../link/types';
+import { battery } from './battery.svelte';
 import { live } from './live.svelte';
 import { Resource } from './resource.svelte';
 import { cellName, fixed, quantity } from '../format';
@@ -73,7 +74,7 @@ class CommandConditions extends Resource<Commands> {
   follow(): void {
     const { snapshot } = live;
     const state = JSON.stringify([
-      live.answers,
+      live.answers && battery.hasMaster,
       live.freshness('status') === 'blank',
       snapshot?.master.state,
       snapshot?.master.fit,
@@ -83,7 +84,7 @@ class CommandConditions extends Resource<Commands> {
     ]);
     if (state === this.known) return;
     this.known = state;
-    if (live.answers) void this.read('commands');
+    if (live.answers && battery.hasMaster) void this.read('commands');
   }
 
   /** Why a command cannot work now, in words; empty where it may. */
