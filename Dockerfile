@@ -1,4 +1,4 @@
-# The headless logger: reads the battery, records, serves the pages. See docs/howto/docker.md.
+# The headless logger: reads the battery, records, serves the pages. See docs/howto/recorder.md.
 
 FROM python:3.11-slim-bookworm AS build
 WORKDIR /source

@@ -2,7 +2,7 @@
 
 `make campaign` runs all of it within half an hour, `make campaign SHORT=1` in minutes what `make test` leaves out or
 barely samples, `make campaign LONG=1` the hours: two of them at full use, a day in accelerated time, ten minutes a
-target of fuzzing. The full and the long one write a row for each file of tests into docs/reference/reliability.md;
+target of fuzzing. The full and the long one write a row for each file of tests into docs/contributing/reliability.md;
 `ONLY=soak` runs the part of that name and leaves the other rows as they were. Each prints what it found in one line.
 The tests are those of `make test` in a larger size (`tests/campaign.py`); the pages are measured by
 `benchmarks/pages.py`.
@@ -25,7 +25,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs" / "reference" / "reliability.md"
+PAGE = ROOT / "docs" / "contributing" / "reliability.md"
 BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 COLUMNS = ("Promise", "Test", "Size", "Day", "Took", "Count", "Result")
 NOTHING = "pytest"  # of which a row is not kept

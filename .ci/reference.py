@@ -88,11 +88,11 @@ PROFILE_KINDS = {
 }  # fmt: skip
 PROFILE_HEAD = """# The profile of a battery
 
-One TOML file says what a battery is and how it speaks. `voltwall battery learn` writes a first one, `voltwall battery check` tells what is doubtful; [the how-to](../howto/another-battery.md) shows both. Bundled profiles are named without `.toml`: `voltwall battery list`. Errors name file, line, field and what would be allowed.
+One TOML file describes a battery and the CAN messages that carry its values. `voltwall battery learn` writes a first one, `voltwall battery check` lists errors and doubts ([your BMS](../howto/your-bms.md)). Bundled profiles are named without `.toml`: `voltwall battery list`. Errors name file, line, field and the allowed values.
 
-A cell's index counts through the segments in order; people see it from 1. What was not measured is missing, never 0.
+Cell indices count through the segments in order; pages show them from 1. Missing values are missing, never 0.
 
-How a cell is found, for each way in which batteries number them:
+How to map cells, for each way of numbering them:
 
 | The battery sends | In `[[source.voltage]]` |
 | --- | --- |
@@ -109,9 +109,9 @@ How a cell is found, for each way in which batteries number them:
 """  # noqa: E501
 PROFILE_NOTES = {
     "battery.limits": "At which the battery's own protection acts. Numbers, or signals that carry them.",
-    "battery.rules": "What the competition allows, to stand beside the limits.",
+    "battery.rules": "What the competition allows, shown next to the limits.",
     "source.voltage": "Index = `first` + start of the segment + (group - base) * `group_cells` + (cell - base)."
-    " What is not told counts as its base. There may be several.",
+    " A missing number counts as its base. There may be several.",
     "source.temperature": "As voltages; numbers count temperature sensors.",
     "source.balancing": "As voltages: 1 where a cell is being balanced.",
     "source.resistance": "As voltages: the resistance that the BMS reports.",
@@ -119,7 +119,7 @@ PROFILE_NOTES = {
 
 SEASON_HEAD = """# The season lake
 
-What a season's sessions tell, as Parquet files that any program reads. It is derived: `voltwall season build` makes it from closed sessions and makes it again after an update. The sessions stay the truth.
+All finished sessions as Parquet files, readable by any program. `voltwall season build` derives them from the sessions ([analyse a season](../howto/season.md)).
 
 ## Folders
 
@@ -131,15 +131,15 @@ LAKE/car=CAR/season=2026/session=ID/samples.parquet
                                     sessions.parquet
 ```
 
-- LAKE is a folder or a URL of fsspec: `s3://bucket/lake`, `sftp://HOST/lake`, a mounted NFS folder.
-- CAR is what the session's metadata call `car`, else the battery's name; sessions of the simulated car go into `CAR-simulated`, so that a season never mixes the two. SEASON is `season` of the metadata, else the year in which the session began (UTC). The same three values stand in every row.
-- A file is written beside the old one, flushed to the disk, then put into its place. `sessions.parquet` is written last: where power fails before, the old files answer, and the next build makes the session again.
-- The key-value metadata of each file say `voltwall_lake` (version {version}), `voltwall`, `session`; those of each column `unit` and `meaning`. A build makes again what has an older version or whose session has changed since.
-- Null = not measured or not known; never 0. Times are UTC, to the microsecond.
+- LAKE is a folder or a URL of fsspec: `s3://bucket/lake`, `sftp://HOST/lake`.
+- CAR is `car` of the session's metadata, otherwise the battery's name; sessions of the simulated car are in `CAR-simulated`. SEASON is `season` of the metadata, otherwise the year (UTC). Every row has the same three values.
+- `sessions.parquet` is written last; an interrupted build repeats the session.
+- The metadata of each file contain `voltwall_lake` (version {version}), `voltwall` and `session`; those of each column `unit` and `meaning`. Files of an older version are rebuilt.
+- Null = missing; never 0. Times are UTC, to the microsecond.
 
 ## `samples`: every signal over time
 
-One row for every instant at which the battery told anything, in order of time, and nothing filled in. `time` is a timestamp, and each signal a float32 column in its unit under [its own name](session-file.md), in quotes in SQL: `"v[36]"`, `"i_fs"`, `"estimate.soc[36]"`. `car`, `season`, `session` stand in front, as in all tables. Sessions of batteries of different sizes have different columns; what one does not have is null.
+One row per instant with any value, in order of time, without interpolation. `time` is a timestamp; each signal is a float32 column in its unit under [its own name](session-file.md#signals), in quotes in SQL: `"v[36]"`, `"i_fs"`, `"estimate.soc[36]"`.
 
 ```sql
 SELECT session, min("v[36]") FROM samples GROUP BY session

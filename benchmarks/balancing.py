@@ -1,7 +1,8 @@
 """The balancing study: the thesis's tables redone, and what comes after them.
 
-`python -m benchmarks.balancing [PART ...]` prints the tables of docs/explanation/balancing.md; with `--plots DIR` it
-draws its pictures (needs matplotlib). Parts: charging, passive, threshold, transformer, capacitor, accumulator.
+`python -m benchmarks.balancing [PART ...]` prints its tables; docs/contributing/theses.md has the results. With
+`--plots DIR` it draws its pictures (needs matplotlib). Parts: charging, passive, threshold, transformer, capacitor,
+accumulator.
 """
 
 from __future__ import annotations

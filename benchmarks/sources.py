@@ -1,13 +1,16 @@
-"""The source documents' estimation, redone: `python -m benchmarks.sources [--plots docs/images] [--data FOLDER]`.
+"""The theses' estimation, reproduced: `python -m benchmarks.sources [--write] [--plots docs/images] [--data FOLDER]`.
 
-Three parts, one page (docs/explanation/sources-redone.md): the load patterns of SPKF-2020 with its own filter and with
-ours, the filters and RC orders of EKF-CDKF-2022 on measured drives, and the model of the STATE-SPACE notes.
+Three parts: the load patterns of SPKF-2020 with its own filter and with ours, the filters and RC orders of
+EKF-CDKF-2022 on measured drives, and the model of the STATE-SPACE notes. `--write` puts the printed figures into
+docs/contributing/theses.md.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import time
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +35,8 @@ FloatArray = NDArray[np.float64]
 THESIS_S = 581.0
 NEAR_SIGMA = 0.02  # what "within 2 %" says about a start
 DATA = Path("../shared/data")
+PAGE = Path(__file__).parents[1] / "docs" / "contributing" / "theses.md"
+BEGIN, END = "<!-- sources -->\n```text\n", "```\n<!-- end of sources -->"
 
 
 def run_patterns(plots: Path | None) -> None:
@@ -181,14 +186,26 @@ def _seconds(value: float | None) -> str:
 
 
 def main() -> None:
-    """Print the tables and, if asked, draw the pictures."""
+    """Print the tables, or write them into the page, and if asked draw the pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--plots", type=Path, help="folder for the pictures")
     parser.add_argument("--data", type=Path, default=DATA, help="folder with panasonic-18650pf/")
+    parser.add_argument("--write", action="store_true", help="write the figures into the page instead of printing them")
     args = parser.parse_args()
-    run_patterns(args.plots)
-    run_orders(args.data, args.plots)
-    run_secant(args.data, args.plots)
+    if not args.write:
+        run(args.data, args.plots)
+        return
+    with redirect_stdout(io.StringIO()) as printed:
+        run(args.data, args.plots)
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    PAGE.write_text(f"{head}{BEGIN}{printed.getvalue()}{END}{rest.partition(END)[2]}", encoding="utf-8")
+
+
+def run(data: Path, plots: Path | None) -> None:
+    """Print all three parts."""
+    run_patterns(plots)
+    run_orders(data, plots)
+    run_secant(data, plots)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Pictures of docs/explanation/sources-redone.md. matplotlib is imported only when something is drawn."""
+"""Pictures of docs/contributing/theses.md. matplotlib is imported only when something is drawn."""
 
 from __future__ import annotations
 

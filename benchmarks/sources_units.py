@@ -1,6 +1,6 @@
 """Every unit of the master's struct against the numbers that the BMS thesis prints, in figures 4.1.1 to 4.1.4 and B.12.
 
-A table of docs/explanation/sources-redone.md, printed by `python -m benchmarks.sources_tables`.
+A table that `python -m benchmarks.sources_tables` prints.
 """
 
 from __future__ import annotations

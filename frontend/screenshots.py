@@ -2,7 +2,7 @@
 
 Debian's Chromium does it, driven by Playwright; log-in is not handled, so point it at a service on loopback. The pages
 of a session show the finished one with most events, so let the service have one, with a trip. With `--small` one
-picture of each page, dark, as `docs/explanation/pages-before-and-after.md` shows them.
+picture of each page, dark and two thirds as large.
 """
 
 import argparse

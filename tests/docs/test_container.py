@@ -1,4 +1,4 @@
-"""The image and the compose file keep what docs/howto/docker.md promises."""
+"""The image and the compose file keep what docs/howto/recorder.md promises."""
 
 import json
 import re
@@ -33,7 +33,7 @@ def test_the_health_check_is_the_probe() -> None:
 
 
 def test_the_override_of_several_devices_adds_to_the_service_that_there_is() -> None:
-    guide = (ROOT / "docs" / "howto" / "docker.md").read_text(encoding="utf-8")
+    guide = (ROOT / "docs" / "howto" / "recorder.md").read_text(encoding="utf-8")
     [override] = re.findall(r"```yaml\n(.*?)```", guide, re.DOTALL)
     places = [line for line in override.splitlines() if line.endswith(":")]
     assert places == ["services:", "  voltwall:", "    devices:"]

@@ -9,7 +9,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 ROOT = Path(__file__).resolve().parents[2]
 DASHBOARD = json.loads((ROOT / "docs/grafana/voltwall.json").read_text(encoding="utf-8"))
-HOWTO = (ROOT / "docs/howto/grafana.md").read_text(encoding="utf-8")
+HOWTO = (ROOT / "docs/howto/publish.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,8 @@ def site_pages(monkeypatch: pytest.MonkeyPatch):
 
 def test_every_document_is_in_the_navigation_once(site_pages) -> None:
     sections = site_pages.navigation((ROOT / "docs" / "index.md").read_text(encoding="utf-8"))
-    assert [next(iter(section)) for section in sections] == ["Tutorials", "How-to guides", "Reference", "Explanation"]
+    titles = ["Tutorials", "How-to guides", "Reference", "Explanation", "Contributing"]
+    assert [next(iter(section)) for section in sections] == titles
     pages = [page for section in sections for part in section.values() for entry in part for page in entry.values()]
     documents = {file.relative_to(ROOT / "docs").as_posix() for file in (ROOT / "docs").rglob("*.md")} - {"index.md"}
     assert sorted(pages) == sorted(documents | {"reference/protocol.md", site_pages.PYTHON})
@@ -31,7 +32,7 @@ def test_every_document_is_in_the_navigation_once(site_pages) -> None:
     ("link", "page", "leads_to"),
     [
         ("howto/install.md", "index.md", None),
-        ("../images/overview.png", "explanation/physics.md", None),
+        ("../images/overview.png", "explanation/simulated-car.md", None),
         ("../firmware_protocol/SPEC.md", "index.md", "reference/protocol.md"),
         ("../../firmware_protocol/SPEC.md", "howto/firmware.md", "reference/protocol.md"),
         ("../../firmware_protocol/c", "howto/firmware.md", f"{REPOSITORY}/firmware_protocol/c"),

@@ -1,4 +1,4 @@
-"""The unit of docs/howto/raspberry-pi.md is one that systemd takes, and asks for what the service does."""
+"""The unit of docs/howto/recorder.md is one that systemd takes, and asks for what the service does."""
 
 import re
 import shutil
@@ -14,7 +14,8 @@ from app.service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = (ROOT / "docs" / "examples" / "voltwall.service").read_text(encoding="utf-8")
-HOWTO = (ROOT / "docs" / "howto" / "raspberry-pi.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "howto" / "recorder.md").read_text(encoding="utf-8")
+HOWTO = PAGE.partition("\n## With systemd\n")[2].partition("\n## ")[0]
 LINES = [line.partition("=")[::2] for line in UNIT.splitlines() if re.match(r"\w+=", line)]
 SET = dict(LINES)
 

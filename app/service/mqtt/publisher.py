@@ -1,7 +1,7 @@
 """Publishes what the service knows to an MQTT broker: state as retained messages, events as they happen.
 
 A reader of its own, in a thread of its own: it takes the newest snapshot once a period, and a broker that is slow, gone
-or wrong delays nobody. Topics and their contents are described in docs/howto/mqtt.md.
+or wrong delays nobody. Topics and their contents are described in docs/howto/publish.md.
 """
 
 import contextlib
