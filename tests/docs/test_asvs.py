@@ -38,12 +38,13 @@ def standard() -> list[str]:
 
 def rows() -> list[tuple[list[str], str, str]]:
     """Return numbers, state and notes of each row; a row has `5.1.1-4, 13.2.2`."""
-    cells = [[cell.strip(" |") for cell in line.split(" | ")] for line in PAGE.splitlines()]
-    return [
-        ([n for item in row[0].split(", ") for n in expand(item.rpartition(".")[0], [item.rpartition(".")[2]])], *row[1:])
-        for row in cells
-        if re.match(r"\d+\.\d+\.\d+", row[0])
-    ]
+    found = []
+    for line in PAGE.splitlines():
+        if re.match(r"\| \d+\.\d+\.\d+", line):
+            items, state, notes = (cell.strip(" |") for cell in line.split(" | "))
+            parts = (item.rpartition(".") for item in items.split(", "))
+            found.append(([n for section, _, numbers in parts for n in expand(section, [numbers])], state, notes))
+    return found
 
 
 def test_every_requirement_is_listed_once() -> None:

@@ -67,6 +67,23 @@ def test_keys_lead_to_cells_pages_sessions_and_parameters(car, session, open_pag
     expect(page.get_by_test_id("param-t_cell_max")).to_have_count(0)
 
 
+def test_the_words_of_a_task_lead_to_its_page(car, open_page):
+    page = open_page(f"{car.base_url}/#/overview")
+    expect(page.get_by_test_id("heatmap")).to_be_visible()
+    typed(page, "")
+    field = page.get_by_role("combobox", name="Find a page")
+    options = page.get_by_test_id("palette").get_by_role("option")
+    for word, title in (
+        ("motec", "Sessions"),
+        ("export", "Sessions"),
+        ("phone", "System"),
+        ("dbc", "CAN"),
+        ("weakest", "Overview"),
+    ):
+        field.fill(word)
+        expect(options.filter(has_text=title).first).to_be_visible()
+
+
 def test_it_is_walked_by_arrows_and_left_as_it_was_found(car, open_page, violations):
     page = open_page(f"{car.base_url}/#/events")
     word = page.get_by_label("Filter by word")

@@ -17,6 +17,14 @@ from tests.e2e.conftest import CHROMIUM, FLAGS
 pytest.importorskip("mkdocs", reason="mkdocs is not installed: make site")
 pytestmark = pytest.mark.timeout(600)  # it builds
 ROOT = Path(__file__).resolve().parents[2]
+FINDS = {
+    "black box": "After a run",
+    "motec": "MoTeC",
+    "phone": "Phones in the pit",
+    "dbc": "Your BMS in ten minutes",
+    "weakest": "Find the weakest cell",
+    "export": "Export",
+}  # what users type: a page or section that the search then lists
 
 
 class Quiet(SimpleHTTPRequestHandler):
@@ -62,9 +70,10 @@ def test_the_search_finds_and_the_python_api_stands_with_its_docstrings(address:
         page.on("request", lambda request: asked.append(request.url))
         page.goto(address)
         page.get_by_label("Search").first.click()
-        page.keyboard.type("black box")
-        result = page.locator(".md-search-result__link", has_text="After a run").first
-        expect(result).to_be_visible()
+        field = page.locator(".md-search__input")
+        for words, title in FINDS.items():
+            field.fill(words)
+            expect(page.locator(".md-search-result__link", has_text=title).first).to_be_visible()
         page.goto(f"{address}/reference/python-api/")
         expect(page.locator("#voltwall\\.open")).to_be_visible()
         expect(page.get_by_text("Units are SI with degrees Celsius")).to_be_visible()

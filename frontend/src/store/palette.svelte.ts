@@ -21,6 +21,16 @@ const SUBPAGES: readonly { path: string; name: Text; page: Text }[] = [
   { path: 'setup', name: 'What shall Voltwall read?', page: 'System' },
 ];
 
+/** What people look for that no page is called after: tasks of the documents, English and Norwegian. */
+const KEYWORDS: Readonly<Record<string, string>> = {
+  overview: 'weakest lowest hottest cell svakeste',
+  can: 'DBC bus',
+  sessions: 'export MoTeC CSV Parquet MDF4 laps report trip cause eksport',
+  season: 'weakest trends SQL svakeste',
+  system: 'phone QR code accounts password telefon',
+  setup: 'DBC BMS profile connect battery adapter',
+};
+
 const go = (path: string) => (): void => {
   location.hash = `#/${path}`;
 };
@@ -38,7 +48,7 @@ async function acknowledgeAll(): Promise<void> {
 function fixedEntries(): Entry[] {
   const list: Entry[] = [];
   const add = (id: string, name: Text, detail: string, act: Entry['act'], key = ''): void => {
-    list.push({ id, name: t(name), detail, also: name, key, act });
+    list.push({ id, name: t(name), detail, also: `${name} ${KEYWORDS[id] ?? ''}`, key, act });
   };
   const keyOf = (name: Text): string => SHORTCUTS.find((s) => s.does === name)?.key ?? '';
   for (const page of pagesNow()) add(page.id, page.name, t('Page'), go(page.id), keyOf(page.name));
