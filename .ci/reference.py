@@ -83,7 +83,7 @@ LICENCE_OF_WHAT_DEV_LOCK_LACKS = {
 PROFILE_KINDS = {
     "text": "text", "texts": "text or list of texts", "number": "number", "count": "whole number",
     "counts": "list of whole numbers", "pair": "two numbers", "signal": "name of a signal",
-    "limit": "number, or `{ signal = \"NAME\" }`", "parts": "table of names", "bases": "whole number or table of them",
+    "limit": "number or signal", "parts": "table of names", "bases": "whole number or table of them",
     "map": "text or list of lists",
 }  # fmt: skip
 PROFILE_HEAD = """# The profile of a battery
@@ -108,8 +108,8 @@ How to map cells, for each way of numbering them:
 | messages whose signals have the same names | one `[[source.voltage]]` for each message, `first = 5` |
 """  # noqa: E501
 PROFILE_NOTES = {
-    "battery.limits": "At which the battery's own protection acts. Numbers, or signals that carry them.",
-    "battery.rules": "What the competition allows, shown next to the limits.",
+    "battery.limits": 'At which the battery\'s own protection acts. A number, or `{ signal = "NAME" }`.',
+    "battery.rules": "What the competition allows, shown next to the limits. The fields of `[battery.limits]`.",
     "source.voltage": "Index = `first` + start of the segment + (group - base) * `group_cells` + (cell - base)."
     " A missing number counts as its base. There may be several.",
     "source.temperature": "As voltages; numbers count temperature sensors.",
@@ -216,9 +216,11 @@ def battery_profile_reference() -> str:
         parts += [f"## {title}", ""]
         if path in PROFILE_NOTES:
             parts += [PROFILE_NOTES[path], ""]
+        if path == "battery.rules":
+            continue  # the note names their fields
         rows: list[tuple[str, ...]] = []
         for field in fields:
-            default = "must be there" if field.default == "" else field.default
+            default = "required" if field.default == "" else field.default
             meaning = field.meaning + (
                 f"; one of {', '.join(f'`{name}`' for name in field.one_of)}" if field.one_of else ""
             )
@@ -254,11 +256,11 @@ def dependency_reference() -> str:
         groups.append((f"Extra `{extra}`", requirements))
     for group, requirements in project["dependency-groups"].items():
         groups.append((f"Only for `{group}`", [item for item in requirements if isinstance(item, str)]))
-    parts = [NOTICE, "# Dependencies", "", "Exact versions with hashes stand in `requirements/*.lock`."]
+    parts = [NOTICE, "# Dependencies", "", "Exact versions with hashes are in `requirements/*.lock`."]
     for title, requirements in groups:
         rows = [(name, PURPOSE[name], licence_of(name)) for name in map(_distribution, requirements)]
         parts += ["", f"## {title}", "", *_table(("Package", "For", "Licence"), rows)]
-    parts += ["", "The browser application's packages stand in `frontend/package.json`."]
+    parts += ["", "The browser application's packages are in `frontend/package.json`."]
     return "\n".join(parts) + "\n"
 
 
