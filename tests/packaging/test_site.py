@@ -1,6 +1,7 @@
 """The documentation as a site: every link and anchor leads somewhere, the search finds, the Python API is there."""
 
 import functools
+import re
 import shutil
 import subprocess
 import sys
@@ -72,9 +73,22 @@ def test_the_search_finds_and_the_python_api_stands_with_its_docstrings(address:
         page.get_by_label("Search").first.click()
         field = page.locator(".md-search__input")
         for words, title in FINDS.items():
-            field.fill(words)
+            field.clear()
+            field.press_sequentially(words)
             expect(page.locator(".md-search-result__link", has_text=title).first).to_be_visible()
         page.goto(f"{address}/reference/python-api/")
         expect(page.locator("#voltwall\\.open")).to_be_visible()
         expect(page.get_by_text("Units are SI with degrees Celsius")).to_be_visible()
         assert [url for url in asked if not url.startswith(address)] == []  # it loads nothing from elsewhere
+
+
+def test_the_crew_card_prints_on_one_page_of_a5(address: str) -> None:
+    path = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
+    if path is None:
+        pytest.skip("chromium is not installed")
+    with sync_playwright() as playwright, playwright.chromium.launch(executable_path=path, args=FLAGS) as browser:
+        page = browser.new_page()
+        page.goto(f"{address}/howto/crew-card/")
+        printed = page.pdf(prefer_css_page_size=True)
+    [(width, height)] = re.findall(rb"/MediaBox ?\[0 0 ([\d.]+) ([\d.]+)\]", printed)
+    assert (round(float(width)), round(float(height))) == (420, 595)  # points
