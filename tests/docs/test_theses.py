@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+CAR = (ROOT / "docs/explanation/simulated-car.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "docs/contributing/theses.md").read_text(encoding="utf-8")
 
 
@@ -21,6 +22,14 @@ def test_the_page_shows_what_the_command_prints(printed: str) -> None:
     lines = [line for part in (key_data, patterns, passes) for line in part.splitlines()]
     missing = [line for line in lines if line not in PAGE.splitlines()]
     assert missing == [], "python -m benchmarks.sources_tables prints these lines"
+
+
+def test_the_balancing_of_all_cells_is_what_its_command_prints() -> None:
+    command = [sys.executable, "-m", "benchmarks.balancing", "accumulator"]
+    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=170).stdout
+    table = [line for line in printed.splitlines() if line.startswith("|")]
+    assert len(table) == 6
+    assert [line for line in table if line not in CAR.splitlines()] == []
 
 
 @pytest.mark.parametrize(
