@@ -26,7 +26,7 @@ def test_the_page_shows_what_the_command_prints(printed: str) -> None:
 
 def test_the_balancing_of_all_cells_is_what_its_command_prints() -> None:
     command = [sys.executable, "-m", "benchmarks.balancing", "accumulator"]
-    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=170).stdout
+    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=110).stdout
     table = [line for line in printed.splitlines() if line.startswith("|")]
     assert len(table) == 6
     assert [line for line in table if line not in CAR.splitlines()] == []
