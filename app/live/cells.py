@@ -46,16 +46,16 @@ def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Asse
 
 def with_findings(cells: Cells, findings: Iterable[Finding]) -> Cells:
     """Cells whose resistance and joint [ohm] are those of their findings: the verdict on a trip is more than theirs."""
-    found = [each for each in findings if each.code in RESISTING and each.size is not None]
+    found = [(each, each.size) for each in findings if each.code in RESISTING and each.size is not None]
     if not found:
         return cells
     resistance_ohm, joint_ohm = cells.resistance_ohm.copy(), cells.joint_excess_ohm.copy()
     is_loose = np.zeros(joint_ohm.shape, bool) if cells.joint_loose is None else cells.joint_loose.copy()
     usual_ohm = np.nanmedian(resistance_ohm) if np.isfinite(resistance_ohm).any() else np.nan
-    for each in found:
-        resistance_ohm[each.cell] = np.fmax(resistance_ohm[each.cell], usual_ohm + each.size)
+    for each, size_ohm in found:
+        resistance_ohm[each.cell] = np.fmax(resistance_ohm[each.cell], usual_ohm + size_ohm)
         if each.code == "joint-resistance-high":
-            joint_ohm[each.cell], is_loose[each.cell] = each.size, True
+            joint_ohm[each.cell], is_loose[each.cell] = size_ohm, True
     return replace(cells, resistance_ohm=resistance_ohm, joint_excess_ohm=joint_ohm, joint_loose=is_loose)
 
 

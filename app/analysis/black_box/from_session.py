@@ -87,7 +87,9 @@ def explained(session: SessionFile, box: BlackBox) -> BlackBox:
     for group in incidents_of(session):
         if any(each.code == box.code and abs(each.at_s - box.at) < SAME_S for each in group):
             cause = verdict_of(session, group)
-            kept = [each for each in box.findings if cause is None or not _is_of_cell(each, cause.cell)]
+            of_cause = cause_findings(box.cause, box.segments)  # they go with it
+            kept = [each for each in box.findings if each not in of_cause]
+            kept = [each for each in kept if cause is None or not _is_of_cell(each, cause.cell)]
             return replace(box, cause=cause, findings=[*kept, *cause_findings(cause, box.segments)])
     return box
 
