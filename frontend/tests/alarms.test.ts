@@ -88,6 +88,23 @@ describe('the count of alarms', () => {
     );
   });
 
+  it('is one trip where the circuit is open for a limit that is still broken', () => {
+    const why = { code: 'cell-overvoltage', args: {}, text: 'cell overvoltage' };
+    const open = alarm(1, {
+      code: 'master-fault',
+      message: { code: 'master-fault', args: { why }, text: '' },
+    });
+    const limit = alarm(2, { code: why.code, message: why });
+    const other = alarm(3, {
+      code: 'cell-overtemperature',
+      message: { ...why, code: 'cell-overtemperature' },
+    });
+    expect(countText(alarmCounts([open, limit]))).toBe('1 trip');
+    expect(countText(alarmCounts([open, limit, other]))).toBe('2 trips');
+    expect(countText(alarmCounts([limit]))).toBe('1 trip');
+    expect(countText(alarmCounts([open, limit], [limit]))).toBe('2 trips'); // of another car
+  });
+
   it('is empty where nothing holds', () => {
     expect(countText(alarmCounts([alarm(1, { active: false })]))).toBe('');
   });

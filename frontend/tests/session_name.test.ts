@@ -1,6 +1,7 @@
 import { render } from 'svelte/server';
-import { describe, expect, it } from 'vitest';
+import { beforeEach, describe, expect, it } from 'vitest';
 import type { Session } from '../src/link/types';
+import { live } from '../src/store/live.svelte';
 import SessionName from '../src/views/sessions/SessionName.svelte';
 
 /** What is read and copied: the text without its elements, and with one space where there are several. */
@@ -14,6 +15,8 @@ function text(over: Partial<Session>): string {
 }
 
 describe('the name of a session in the list', () => {
+  beforeEach(() => (live.now = 0)); // the service answers, however long the test took to begin
+
   it('stands alone where there is nothing to add', () => {
     expect(text({})).toBe('lv14.csv');
     expect(text({ name: '' })).toBe('a');

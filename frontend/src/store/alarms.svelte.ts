@@ -2,7 +2,7 @@
 
 /* eslint-disable svelte/prefer-svelte-reactivity -- made again with every snapshot */
 import { get, Problem } from '../link/rest';
-import type { BoxList, Maybe, CellFinding, PossibleCause, Snapshot, Alarm, Severity } from '../link/types';
+import type { Alarm, BoxList, CellFinding, Maybe, PossibleCause, Severity, Snapshot } from '../link/types';
 import { messageText, t, type Text } from '../words/words.svelte';
 import { cellName, clock, quantity } from '../format';
 import type { Shape } from './shape.svelte';
@@ -29,6 +29,7 @@ const NOUNS: Record<Severity, readonly [one: Text, other: Text]> = {
 interface Counted {
   active: boolean;
   severity: string;
+  message: Alarm['message'];
 }
 
 export interface AlarmCount {
@@ -37,12 +38,24 @@ export interface AlarmCount {
   noun: string;
 }
 
-/** How many alarms hold, by severity, worst first; one that ended does not count. */
-export const alarmCounts = (alarms: readonly Counted[]): AlarmCount[] =>
-  (['trip', 'warning', 'watch'] as const).flatMap((severity) => {
-    const n = alarms.filter((a) => a.active && a.severity === severity).length;
+/** The condition for which a master opened the circuit. */
+const openedBy = ({ active, message: { code, args } }: Counted): unknown =>
+  active && code === MASTER ? (args['why'] as Maybe<Counted['message']>)?.code : undefined;
+
+/** Those that hold, without the limit for which the circuit is open: that is one trip, not two. */
+function holding(alarms: readonly Counted[]): Counted[] {
+  const opened = new Set(alarms.map(openedBy));
+  return alarms.filter((a) => a.active && !opened.has(a.message.code));
+}
+
+/** How many alarms of each car hold, by severity, worst first; one that ended does not count. */
+export function alarmCounts(...cars: (readonly Counted[])[]): AlarmCount[] {
+  const hold = cars.flatMap(holding);
+  return (['trip', 'warning', 'watch'] as const).flatMap((severity) => {
+    const n = hold.filter((a) => a.severity === severity).length;
     return n ? [{ severity, n, noun: t(NOUNS[severity][n === 1 ? 0 : 1]) }] : [];
   });
+}
 
 /** The counts as a text: "1 trip, 2 warnings"; empty where nothing holds. */
 export const countText = (counts: readonly AlarmCount[]): string =>
