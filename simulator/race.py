@@ -225,6 +225,7 @@ def endurance(
     race.add_pause(Phase.READY, 0, standby_s, car.standing_w)
     for lap in range(1, n_laps + 1):
         if lap == n_laps // 2 + 1:
+            race.add_pause(Phase.READY, lap - 1, standby_s, car.standing_w)
             race.add_pause(Phase.DRIVER_CHANGE, lap - 1, change_s)
             race.add_pause(Phase.READY, lap - 1, standby_s, car.standing_w)
             driver = Driver(driver.grip_part * 0.985, driver.power_part * 0.98, driver.lap_spread, driver.lift_m)

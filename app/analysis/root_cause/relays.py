@@ -16,7 +16,7 @@ from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
 
 LOADED_A: Final = 5.0  # nobody switches high voltage off at more
-BEFORE_S: Final = 0.5  # a car that is about to stop still recovers a little energy before that
+BEFORE_S: Final = 1.0  # a car that drives is never without current for so long, one switched off at rest is
 TRY_S: Final = 2.6  # a little less than a pre-charge lasts that gives up
 TRY_A: Final = 0.045  # mean over it: five times the noise
 INRUSH_S: Final = 2.0

@@ -44,6 +44,14 @@ def test_drivers_change_for_three_minutes_with_high_voltage_off_after_eleven_lap
     assert not any(state.is_high_voltage_on for state in pause)
 
 
+def test_a_car_has_come_to_rest_before_high_voltage_goes_off(race):
+    is_on = np.array([race.state(k * SAMPLE_S).is_high_voltage_on for k in range(len(race.power_w))])
+    off = np.flatnonzero(is_on[:-1] & ~is_on[1:]) + 1
+    assert off.size
+    for row in off:
+        assert np.abs(race.power_w[row - round(1.0 / SAMPLE_S) : row]).max() < 1e3
+
+
 def test_energy_and_power_are_those_of_the_results_lists(race):
     net_kwh = race.power_w.sum() * SAMPLE_S / KWH
     assert 5.0 < net_kwh < 7.2

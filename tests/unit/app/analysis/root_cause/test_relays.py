@@ -36,7 +36,7 @@ def test_relays_that_open_under_load_without_a_trip_are_told():
 
 
 def test_a_car_that_has_stopped_switches_high_voltage_off():
-    assert codes(recording(coasts_s=0.7)) == []
+    assert codes(recording(coasts_s=1.2)) == []
 
 
 @pytest.mark.filterwarnings("error")
