@@ -55,6 +55,7 @@ CHARGE_RANGE: Final = (-0.05, 1.05)
 CHARGE_STEP: Final = 0.005
 LESS_CHARGE: Final = np.arange(-220, 221) * CHARGE_STEP
 LEAK_SIZES_A: Final = np.geomspace(0.5, 60.0, 28)
+ZERO_A: Final = 0.5  # of the current sensor, at most: a large joint shows it as a voltage
 SIZE_SHARE: Final = 0.05  # of a size: the model's error, which more samples do not take away
 STEP_SHARE: Final = 0.05  # of a size, by which the likelihood's curvature is taken
 
@@ -306,17 +307,28 @@ def _warm_likelihood(cell: CellVoltage, deviation_v: FloatArray, most_ohm: float
 
 def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterator[_Candidate]:
     weight = 1.0 / cell.noise_v**2
+    y = _residual(cell.deviation_v, cell)
     for onset_s in onsets:
-        x = np.where(cell.time_s >= onset_s, -drop_a, 0.0)
-        x = x - (weight * x).sum() / weight.sum()
+        since = np.where(cell.time_s >= onset_s, 1.0, 0.0)
+        x = _residual(-drop_a * since, cell)
         square = (weight * x * x).sum()
         if square <= 0.0:
             continue
-        y = _residual(cell.deviation_v, cell)
         size = float((weight * x * y).sum() / square)
         if size > 0.0:
+            y_zero = y - _zero_drop(cell, y - size * x, ZERO_A * size, _residual(since, cell))
+            size = float((weight * x * y_zero).sum() / square)
             sigma = _with_model(float(1.0 / np.sqrt(_share(len(x)) * square)), size)
-            yield _log_likelihood(cell, y - size * x), size, float(onset_s), sigma
+            yield _log_likelihood(cell, y_zero - size * x), size, float(onset_s), sigma
+
+
+def _zero_drop(cell: CellVoltage, left_v: FloatArray, most_v: float, since: FloatArray) -> FloatArray:
+    """What is left of a drop because the current sensor has a zero of its own."""
+    weight = 1.0 / cell.noise_v**2
+    square = (weight * since * since).sum()
+    level = (weight * since * left_v).sum() / square if square > 0.0 else 0.0
+    drop: FloatArray = float(np.clip(level, -most_v, most_v)) * since
+    return drop
 
 
 def _capacity(cell: CellVoltage, under_load: UnderLoad) -> _Candidate:

@@ -36,6 +36,19 @@ def test_a_joint_that_grows_is_found_with_its_size_and_beginning():
     assert best.onset_s == pytest.approx(150.0, abs=25.0)
 
 
+def test_a_current_sensor_s_zero_makes_a_large_joint_no_less_likely():
+    """It trips the car within seconds: after that most samples are of a small current, which the zero makes up."""
+    one = cell(np.where(TIME_S >= 276.0, -16e-3 * CURRENT_A, 0.0))
+
+    def joint(zero_a):
+        parts = _parts(one) | {"current_a": CURRENT_A + zero_a, "noise_v": np.full(TIME_S.size, 5e-4)}
+        return {fit.law: fit for fit in fit_cell(CellVoltage(**parts), MODEL, lambda size, onset_s: 0.0)}["joint"]
+
+    known, shifted = joint(0.0), joint(0.4)
+    assert shifted.log_likelihood > known.log_likelihood - 2.0
+    assert shifted.size == pytest.approx(16e-3, rel=0.03)
+
+
 @pytest.mark.parametrize("ohm", [1e-3, 5e-3, 14e-3])
 def test_the_band_of_a_joint_holds_its_size_and_is_not_wide(ohm):
     found = fits(np.where(TIME_S > 150.0, -ohm * CURRENT_A, 0.0))["joint"]
