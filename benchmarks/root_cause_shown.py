@@ -27,6 +27,7 @@ from tests.recorded.service_car import Car
 
 UNKNOWN: Final = "unknown"
 KEPT: Final = "run.json"
+EXPLAINED_S: Final = 5.0  # between two looks whether a trip is
 CELL_CODES: Final = get_args(FindingCode)
 # What shows a kind that trips nothing, where its alarm has not the kind's own name
 ALARMS: Final[dict[str, tuple[str, ...]]] = {}
@@ -112,11 +113,24 @@ def play(drawn: Drawn, folder: Path) -> Run:
         return known
     shutil.rmtree(data, ignore_errors=True)
     with Car(data, scenario) as car:
-        car.run()
+        _run(car)
         session_id = car.end_recording()
         run = asked(case, data, session_id, car.banners, car.get)
     keep_run(data, run)
     return run
+
+
+def _run(car: Car) -> None:
+    """Play a scenario to its end, or until a trip is explained: nothing that comes later is asked about."""
+    is_explained = False
+    while not car.player.is_over and not is_explained:
+        is_explained = any(map(_explains, car.banners))
+        car.run(EXPLAINED_S)
+
+
+def _explains(banner: dict[str, Any]) -> bool:
+    causes = [alarm["cause"] for alarm in banner["alarms"] if alarm["severity"] == "trip"]
+    return any(cause is not None and cause["code"] != UNKNOWN for cause in causes)
 
 
 def kept_run(data: Path) -> Run | None:

@@ -27,6 +27,8 @@ from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.health.stretch import Stretch
 
 Law = Literal["joint", "resistance", "capacity", "leak", "stuck", "warm", "lower"]
+LeakHeat = Callable[[FloatArray, float], FloatArray]
+_Likelihood = Callable[[FloatArray], FloatArray]  # of sizes
 FULL_RATE_S: Final = 8.0  # around the instant that is asked about every sample counts
 SPACING_S: Final = 1.0  # elsewhere one a second
 ONSETS: Final = 48
@@ -223,15 +225,15 @@ def _thinned(time_s: FloatArray, around_s: float) -> IntArray:
     return np.flatnonzero(near | first)
 
 
-def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, float], float]) -> list[CellFit]:
+def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: LeakHeat) -> list[CellFit]:
     """Return every law's best fit, in no order.
 
-    The log likelihood is against nothing being wrong with the cell. `leak_heat` gives that of the temperature for a
-    leak [A] since an onset, which counts where the leak's size and onset are searched.
+    The log likelihood is against nothing being wrong with the cell. `leak_heat` gives that of the temperature for
+    leaks [A] since an onset, which counts where the leak's size and onset are searched.
     """
     under_load = UnderLoad(cell, model)
     spread, *_ = _lower(cell, under_load, SPREAD_SIZES)
-    healthy = max(_warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM), spread)
+    healthy = max(float(_warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM)), spread)
     onsets = _onsets(cell)
     slow_share = float(model.r_ohm.sum(axis=0).mean() / model.r0_ohm.mean()) if model.n_rc else 0.0
     drops: tuple[tuple[Law, FloatArray], ...] = (
@@ -239,7 +241,7 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, fl
         ("resistance", cell.current_a + slow_share * cell.slow_a),
     )
     fits: list[CellFit | None] = [_best(law, _drops(cell, drop, onsets), healthy) for law, drop in drops]
-    fits.append(CellFit("warm", _warm_likelihood(cell, cell.deviation_v) - healthy, 0.0, float(cell.time_s[0])))
+    fits.append(CellFit("warm", float(_warm_likelihood(cell, cell.deviation_v)) - healthy, 0.0, float(cell.time_s[0])))
     charges: tuple[tuple[Law, _Candidate], ...] = (
         ("capacity", _capacity(cell, under_load)),
         ("lower", _lower(cell, under_load, LOWER_SIZES)),
@@ -268,14 +270,14 @@ def _onsets(cell: CellVoltage) -> FloatArray:
 def _residual(deviation_v: FloatArray, cell: CellVoltage) -> FloatArray:
     """What is left of a deviation without a constant one, by weighted least squares."""
     weight = 1.0 / cell.noise_v**2
-    residual: FloatArray = deviation_v - (weight * deviation_v).sum() / weight.sum()
+    residual: FloatArray = deviation_v - (weight * deviation_v).sum(axis=-1, keepdims=True) / weight.sum()
     return residual
 
 
-def _log_likelihood(cell: CellVoltage, residual_v: FloatArray) -> float:
-    """Gaussian with broad shoulders: no single sample decides."""
+def _log_likelihood(cell: CellVoltage, residual_v: FloatArray) -> FloatArray:
+    """Gaussian with broad shoulders: no single sample decides. One for each row of residuals."""
     ratio = (residual_v / cell.noise_v) ** 2
-    return float(-0.5 * _share(len(ratio)) * (25.0 * np.log1p(ratio / 25.0)).sum())
+    return np.asarray(-0.5 * _share(ratio.shape[-1]) * (25.0 * np.log1p(ratio / 25.0)).sum(axis=-1))
 
 
 def _share(n: int) -> float:
@@ -288,20 +290,20 @@ def _with_model(sigma: float, size: float) -> float:
     return float(np.hypot(sigma, SIZE_SHARE * size))
 
 
-def _sigma_at(likelihood: Callable[[float], float], size: float, best: float) -> float:
+def _sigma_at(likelihood: _Likelihood, size: float, best: float) -> float:
     """The standard deviation of a size, by how the log likelihood falls to either side of its maximum."""
     step = STEP_SHARE * abs(size)
-    fall = best - 0.5 * (likelihood(size - step) + likelihood(size + step))
+    fall = best - float(likelihood(np.array([size - step, size + step])).mean())
     return _with_model(step / float(np.sqrt(2.0 * fall)) if fall > 0.0 else abs(size), size)
 
 
-def _warm_likelihood(cell: CellVoltage, deviation_v: FloatArray, most_ohm: float = WARM_OHM) -> float:
+def _warm_likelihood(cell: CellVoltage, deviation_v: FloatArray, most_ohm: float = WARM_OHM) -> FloatArray:
     """As `_log_likelihood`, with the resistance that fits: a little more, or less up to what warmth takes away."""
     weight = 1.0 / cell.noise_v**2
     x = cell.current_a - (weight * cell.current_a).sum() / weight.sum()
     y = _residual(deviation_v, cell)
     square = (weight * x * x).sum()
-    less = float(np.clip((weight * x * y).sum() / square, -HEALTHY_OHM, most_ohm)) if square > 0.0 else 0.0
+    less = np.clip((weight * x * y).sum(axis=-1, keepdims=True) / max(square, 1e-9), -HEALTHY_OHM, most_ohm)
     return _log_likelihood(cell, y - less * x)
 
 
@@ -319,7 +321,7 @@ def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterato
             y_zero = y - _zero_drop(cell, y - size * x, ZERO_A * size, _residual(since, cell))
             size = float((weight * x * y_zero).sum() / square)
             sigma = _with_model(float(1.0 / np.sqrt(_share(len(x)) * square)), size)
-            yield _log_likelihood(cell, y_zero - size * x), size, float(onset_s), sigma
+            yield float(_log_likelihood(cell, y_zero - size * x)), size, float(onset_s), sigma
 
 
 def _zero_drop(cell: CellVoltage, left_v: FloatArray, most_v: float, since: FloatArray) -> FloatArray:
@@ -332,16 +334,16 @@ def _zero_drop(cell: CellVoltage, left_v: FloatArray, most_v: float, since: Floa
 
 
 def _capacity(cell: CellVoltage, under_load: UnderLoad) -> _Candidate:
-    def likelihood(size: float) -> float:
-        return _warm_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - size * cell.used))
+    def likelihood(sizes: FloatArray) -> FloatArray:
+        return _warm_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - sizes[:, None] * cell.used))
 
     best, size = _largest(likelihood, CAPACITY_SIZES)
     return best, size, float(cell.time_s[0]), _sigma_at(likelihood, size, best)
 
 
 def _lower(cell: CellVoltage, under_load: UnderLoad, sizes: FloatArray) -> _Candidate:
-    def likelihood(size: float) -> float:
-        return _log_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - size))
+    def likelihood(sizes: FloatArray) -> FloatArray:
+        return _log_likelihood(cell, cell.deviation_v - under_load.moved_v(cell.soc - sizes[:, None]))
 
     best, size = _largest(likelihood, sizes)
     return best, size, float(cell.time_s[0]), _sigma_at(likelihood, size, best)
@@ -352,35 +354,34 @@ def _leak(
     model: CellModel,
     under_load: UnderLoad,
     onsets: FloatArray,
-    heat: Callable[[float, float], float],
+    heat: LeakHeat,
 ) -> _Candidate:
     """The size is searched with the heat that it makes."""
     capacity_coulomb = SECONDS_PER_HOUR * model.capacity_ah
 
-    def likelihood(size: float, onset_s: float) -> float:
+    def likelihood(sizes: FloatArray, onset_s: float) -> FloatArray:
         ago_s = np.maximum(cell.time_s - onset_s, 0.0)
-        moved = under_load.moved_v(cell.soc - size * ago_s / capacity_coulomb)
+        moved = under_load.moved_v(cell.soc - sizes[:, None] * ago_s / capacity_coulomb)
         return _warm_likelihood(cell, cell.deviation_v - moved)
 
-    def with_heat(size: float, onset_s: float) -> float:
-        return likelihood(size, onset_s) + heat(size, onset_s)
+    def with_heat(sizes: FloatArray, onset_s: float) -> FloatArray:
+        return likelihood(sizes, onset_s) + heat(sizes, onset_s)
 
-    _, onset_s = max(
-        (with_heat(float(size), float(onset_s)), float(onset_s)) for onset_s in onsets[::2] for size in LEAK_SIZES_A
-    )
-    best, size = _largest(lambda size: with_heat(size, onset_s), LEAK_SIZES_A)
-    sigma = _sigma_at(lambda size: with_heat(size, onset_s), size, best)
-    return likelihood(size, onset_s), size, onset_s, sigma
+    _, onset_s = max((float(with_heat(LEAK_SIZES_A, onset_s).max()), onset_s) for onset_s in onsets[::2].tolist())
+    best, size = _largest(lambda sizes: with_heat(sizes, onset_s), LEAK_SIZES_A)
+    sigma = _sigma_at(lambda sizes: with_heat(sizes, onset_s), size, best)
+    return float(likelihood(np.array([size]), onset_s)[0]), size, onset_s, sigma
 
 
-def _largest(likelihood: Callable[[float], float], sizes: FloatArray) -> tuple[float, float]:
+def _largest(likelihood: _Likelihood, sizes: FloatArray) -> tuple[float, float]:
     """Return the largest value and where it is: on a grid, then closer around the best of it."""
-    found = [(likelihood(float(size)), float(size)) for size in sizes]
+    found = likelihood(sizes)
     for _ in range(FINER):
-        best = max(range(len(found)), key=lambda k: found[k][0])
-        low, high = found[max(best - 1, 0)][1], found[min(best + 1, len(found) - 1)][1]
-        found = [(likelihood(float(size)), float(size)) for size in np.linspace(low, high, FINER_POINTS)]
-    return max(found)
+        best = int(found.argmax())
+        sizes = np.linspace(sizes[max(best - 1, 0)], sizes[min(best + 1, len(sizes) - 1)], FINER_POINTS)
+        found = likelihood(sizes)
+    best = int(found.argmax())
+    return float(found[best]), float(sizes[best])
 
 
 def _stuck(cell: CellVoltage) -> CellFit | None:
@@ -391,8 +392,8 @@ def _stuck(cell: CellVoltage) -> CellFit | None:
     after = slice(first, None)
     if len(cell.voltage_v) - first < 8 or np.ptp(cell.median_v[after]) < 4 * STUCK_V:
         return None
-    healthy = _warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM)
+    healthy = float(_warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM))
     before = cell.deviation_v[:first]
     level = float(np.median(before)) if first else 0.0
     residual = np.concatenate((before - level, cell.voltage_v[after] - held))
-    return CellFit("stuck", _log_likelihood(cell, residual) - healthy, held, float(cell.time_s[first]))
+    return CellFit("stuck", float(_log_likelihood(cell, residual)) - healthy, held, float(cell.time_s[first]))

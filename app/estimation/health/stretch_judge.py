@@ -73,13 +73,13 @@ class Warmth:
         ago_s = np.maximum(self.time_s - onset_s, 0.0)
         return np.asarray(-np.expm1(-LOSS_W_PER_K / CELL_J_PER_K * ago_s) / LOSS_W_PER_K)
 
-    def gained(self, watts: float, onset_s: float) -> float:
-        """Log of the likelihood of a constant heat since an onset, against none."""
+    def gained(self, watts: float | FloatArray, onset_s: float) -> FloatArray:
+        """Log of the likelihood of constant heats since an onset, against none."""
         share = min(CORRELATED, MOST_INDEPENDENT / len(self.time_s))
-        expected = watts * self.response(onset_s)
+        expected = np.multiply.outer(watts, self.response(onset_s))
         variance = HEAT_SIGMA_K**2 + (HEAT_SHARE * expected) ** 2
         with_it = (self.warmer_k - expected) ** 2 / variance + np.log(variance / HEAT_SIGMA_K**2)
-        return float(0.5 * share * ((self.warmer_k / HEAT_SIGMA_K) ** 2 - with_it).sum())
+        return np.asarray(0.5 * share * ((self.warmer_k / HEAT_SIGMA_K) ** 2 - with_it).sum(axis=-1))
 
     def best(self) -> tuple[float, float, float]:
         """Log of the likelihood, heat [W] and onset of what fits best."""
@@ -87,7 +87,7 @@ class Warmth:
         for onset_s in np.linspace(self.time_s[0], self.time_s[-1], 40)[:-1].tolist():
             response = self.response(onset_s)
             watts = float((response * self.warmer_k).sum() / max((response**2).sum(), 1e-9))
-            found.append((self.gained(watts, onset_s), watts, onset_s))
+            found.append((float(self.gained(watts, onset_s)), watts, onset_s))
         return max(found)
 
 
@@ -147,8 +147,8 @@ def _of_cell(
     is_warm = warmth is not None and warmth.now_k >= WARMER_K
     warmer_k = warmth.now_k if warmth is not None else NAN
 
-    def leak_heat(size_a: float, onset_s: float) -> float:
-        return 0.0 if warmth is None else warmth.gained(LEAK_V * size_a, onset_s)
+    def leak_heat(sizes_a: FloatArray, onset_s: float) -> FloatArray:
+        return np.zeros(sizes_a.size) if warmth is None else warmth.gained(LEAK_V * sizes_a, onset_s)
 
     fits = {fit.law: fit for fit in fit_cell(series, model, leak_heat)}
     lower = fits["lower"].log_likelihood
@@ -157,7 +157,7 @@ def _of_cell(
             continue
         log_odds = fit.log_likelihood
         if warmth is not None:
-            log_odds += warmth.gained(_heat_of(law, fit, stretch), fit.onset_s)
+            log_odds += float(warmth.gained(_heat_of(law, fit, stretch), fit.onset_s))
         if law in ("capacity", "leak") and fit.log_likelihood < lower + LEAST_GAIN:
             continue  # that it began with less charge explains as much
         if law == "leak" and stretch.end_s - fit.onset_s < LEAK_LASTS_S:
