@@ -4,7 +4,7 @@ The cell is compared with the median cell, which carries the same current. The n
 Every model is: nothing until an onset, then its own law with one size.
 
     joint        apart = -R i
-    resistance   apart = -R (i + slow i)            the polarisation grows with it
+    resistance   apart = -R (i + sum_j r_j slow i_j / r_0)       the polarisation grows with it: see `_grown`
     capacity     apart = U(soc - x used) - U(soc)           charge used counts more by the share x
     leak         apart = U(soc - I t / Q) - U(soc)          charge leaves by itself
     stuck        voltage = constant
@@ -59,6 +59,8 @@ LESS_CHARGE: Final = np.arange(-220, 221) * CHARGE_STEP
 LEAK_SIZES_A: Final = np.geomspace(0.5, 60.0, 28)
 ZERO_A: Final = 0.5  # of the current sensor, at most: a large joint shows it as a voltage
 SIZE_SHARE: Final = 0.05  # of a size: the model's error, which more samples do not take away
+RARER: Final = 2.0  # log odds of a cell that resists more against a joint: within a second they look alike
+GROWN_TURNS: Final = 2  # from its size to how slow it is, and back
 STEP_SHARE: Final = 0.05  # of a size, by which the likelihood's curvature is taken
 
 
@@ -79,7 +81,6 @@ class CellVoltage:
 
     time_s: FloatArray
     current_a: FloatArray  # as the voltages show it, where they do: see `shown_current`
-    slow_a: FloatArray  # through the cell's slow RC pair
     used: FloatArray  # charge used since the beginning, of the median cell's capacity
     soc: FloatArray
     branch_a: FloatArray  # (n_rc, m) through each RC pair
@@ -185,13 +186,12 @@ class CellVoltages:
         dt_s = np.clip(np.diff(time_s, prepend=time_s[:1]), 0.0, 10.0)
         used = np.cumsum(current * dt_s) / (SECONDS_PER_HOUR * model.capacity_ah)
         branches = [slow_current(time_s, current, float(tau_s.mean())) for tau_s in model.tau_s]
-        slow = slow_current(time_s, current, float(model.tau_s.max(axis=0).mean()))
         shown = shown_current(stretch, model, np.array(branches).reshape(-1, len(time_s)))
         self._lag_share = LAG_SHARE if shown is None else SHOWN_LAG_SHARE
         known = np.isfinite(stretch.soc)
         start = float(stretch.soc[known][0] + used[known][0]) if known.any() else 0.5
         self._shared = tuple(
-            each[self._rows] for each in (time_s, current if shown is None else shown, slow, used, start - used)
+            each[self._rows] for each in (time_s, current if shown is None else shown, used, start - used)
         )
         self._branches = np.array(branches).reshape(-1, len(time_s))[:, self._rows]
         apart = stretch.deviation_v[self._rows]
@@ -205,10 +205,10 @@ class CellVoltages:
         known = np.isfinite(voltage) & np.isfinite(middle)
         if known.sum() < 10:
             return None
-        time_s, current, slow, used, soc = (each[known] for each in self._shared)
+        time_s, current, used, soc = (each[known] for each in self._shared)
         noise = np.hypot(self._noise[known], self._lag_share * _movement(time_s, voltage[known] - middle[known]))
         branches, voltage, middle = self._branches[:, known], voltage[known], middle[known]
-        return CellVoltage(time_s, current, slow, used, soc, branches, voltage, middle, noise, self._around_s)
+        return CellVoltage(time_s, current, used, soc, branches, voltage, middle, noise, self._around_s)
 
 
 def _movement(time_s: FloatArray, deviation_v: FloatArray) -> FloatArray:
@@ -235,12 +235,10 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: LeakHeat) -> list[C
     spread, *_ = _lower(cell, under_load, SPREAD_SIZES)
     healthy = max(float(_warm_likelihood(cell, cell.deviation_v, HEALTHY_OHM)), spread)
     onsets = _onsets(cell)
-    slow_share = float(model.r_ohm.sum(axis=0).mean() / model.r0_ohm.mean()) if model.n_rc else 0.0
-    drops: tuple[tuple[Law, FloatArray], ...] = (
-        ("joint", cell.current_a),
-        ("resistance", cell.current_a + slow_share * cell.slow_a),
-    )
-    fits: list[CellFit | None] = [_best(law, _drops(cell, drop, onsets), healthy) for law, drop in drops]
+    fits: list[CellFit | None] = [
+        _best("joint", _drops(cell, cell.current_a, onsets), healthy),
+        _best("resistance", _grown(cell, model, onsets), healthy),
+    ]
     fits.append(CellFit("warm", float(_warm_likelihood(cell, cell.deviation_v)) - healthy, 0.0, float(cell.time_s[0])))
     charges: tuple[tuple[Law, _Candidate], ...] = (
         ("capacity", _capacity(cell, under_load)),
@@ -322,6 +320,33 @@ def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterato
             size = float((weight * x * y_zero).sum() / square)
             sigma = _with_model(float(1.0 / np.sqrt(_share(len(x)) * square)), size)
             yield float(_log_likelihood(cell, y_zero - size * x)), size, float(onset_s), sigma
+
+
+def _grown(cell: CellVoltage, model: CellModel, onsets: FloatArray) -> Iterator[_Candidate]:
+    """A cell that resists k times as much: its RC pairs keep their capacitance, and are k times as slow.
+
+    What it drops more than another, w = v - u, of a pair with u = R i_j:
+
+        u' = (R i - u) / (R C),  v' = (k R i - v) / (k R C)
+        w' = ((k - 1) u - w) / (k R C),  so w = (k - 1) R slow(i_j), 0 at the onset
+    """
+    usual_ohm = float(model.r0_ohm.mean())
+    pairs = [
+        (float(ohm.mean()) / usual_ohm, float(tau_s.mean()))
+        for ohm, tau_s in zip(model.r_ohm, model.tau_s, strict=True)
+    ]
+    for onset_s in onsets:
+        since = cell.time_s >= onset_s
+        candidate = next(_drops(cell, cell.current_a, np.array([onset_s])), None)
+        for _ in range(GROWN_TURNS):
+            if candidate is None:
+                break
+            drop_a, times = cell.current_a.copy(), 1.0 + candidate[1] / usual_ohm
+            for (share, tau_s), branch_a in zip(pairs, cell.branch_a, strict=True):
+                drop_a[since] += share * slow_current(cell.time_s[since], branch_a[since], times * tau_s)
+            candidate = next(_drops(cell, drop_a, np.array([onset_s])), None)
+        if candidate is not None:
+            yield candidate[0] - RARER, *candidate[1:]
 
 
 def _zero_drop(cell: CellVoltage, left_v: FloatArray, most_v: float, since: FloatArray) -> FloatArray:

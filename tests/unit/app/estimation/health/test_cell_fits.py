@@ -17,11 +17,10 @@ def cell(deviation_v):
     rng = np.random.default_rng(1)
     soc = 0.7 - USED
     middle = MODEL.ocv.voltage(soc) - 2.4e-3 * CURRENT_A
-    slow = slow_current(TIME_S, CURRENT_A, float(MODEL.tau_s.max(axis=0).mean()))
     noise = np.full(TIME_S.size, 2e-3)
     voltage = middle + deviation_v + 5e-4 * rng.standard_normal(TIME_S.size)
     branches = np.array([slow_current(TIME_S, CURRENT_A, float(tau_s.mean())) for tau_s in MODEL.tau_s])
-    return CellVoltage(TIME_S, CURRENT_A, slow, USED, soc, branches, voltage, middle, noise, float(TIME_S[-1]))
+    return CellVoltage(TIME_S, CURRENT_A, USED, soc, branches, voltage, middle, noise, float(TIME_S[-1]))
 
 
 def fits(deviation_v):
@@ -63,11 +62,28 @@ def test_every_size_that_is_fitted_has_a_sigma_and_a_stuck_input_none():
     assert all(fit.sigma > 0.0 for law, fit in found.items() if law not in ("warm", "stuck"))
 
 
-def test_inner_resistance_is_told_from_a_joint_by_what_comes_slowly():
-    slow = slow_current(TIME_S, CURRENT_A, float(MODEL.tau_s.max(axis=0).mean()))
-    share = float(MODEL.r_ohm.sum(axis=0).mean() / MODEL.r0_ohm.mean())
-    found = fits(-2e-3 * (CURRENT_A + share * slow))
+def polarisation_v(times):
+    """Of the cell's RC pairs; with the same capacitance from 250 s on, a cell that resists more is slower."""
+    total = np.zeros(TIME_S.size)
+    for ohm, tau_s in zip(MODEL.r_ohm.mean(axis=(1, 2)), MODEL.tau_s.mean(axis=(1, 2)), strict=True):
+        held = 0.0
+        for k, amps in enumerate(CURRENT_A):
+            factor = times if TIME_S[k] >= 250.0 else 1.0
+            held += -np.expm1(-1.0 / (factor * tau_s)) * (factor * ohm * amps - held)
+            total[k] += held
+    return total
+
+
+@pytest.mark.parametrize("times", [1.6, 2.5, 5.0])
+def test_inner_resistance_is_told_from_a_joint_by_what_comes_slowly(times):
+    """Soon after it has grown too, as before a trip."""
+    r0_ohm = MODEL.r0_ohm.mean()
+    grown = (times - 1.0) * r0_ohm * CURRENT_A * (TIME_S >= 250.0) + polarisation_v(times) - polarisation_v(1.0)
+    found = fits(-grown)
     assert found["resistance"].log_likelihood > found["joint"].log_likelihood + 2.0
+    assert found["resistance"].size == pytest.approx((times - 1.0) * r0_ohm, rel=0.15)
+    joint = fits(-(times - 1.0) * r0_ohm * CURRENT_A * (TIME_S >= 250.0))
+    assert joint["joint"].log_likelihood > joint["resistance"].log_likelihood + 2.0
 
 
 def test_lost_capacity_follows_the_charge_used():
