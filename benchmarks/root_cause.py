@@ -12,8 +12,9 @@ alone, judged again. A cause is right when its code, or one that stands for seve
 distinguish, is that of the fault, at its cell or pack. *Agree*: banner, cell, black box, report and the command line
 show one code, place and size of each trip.
 
-Thresholds are chosen on seeds 0 to 99; what is reported begins at seed FIRST. With `--write` the figures are put into
-docs/reference/causes.md, the parts of earlier calls with the same `--folder` among them.
+Thresholds are chosen on seeds 0 to 99; what is reported begins at seed FIRST. Runs of earlier calls with the same
+`--folder` are not played again, and those of parts that are not asked for are reported too. With `--write` the figures
+are put into docs/reference/causes.md.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from typing import Final
 
 from benchmarks.root_cause_runs import Drawn, any_joint, faults, half_hour, large_joint
 from benchmarks.root_cause_services import N_SERVICES, play_services, served
-from benchmarks.root_cause_shown import Run, play
+from benchmarks.root_cause_shown import Run, kept_run, play
 
 FIRST: Final = 20261128
 SEEDS, N_JOINTS, N_SIZES, N_HEALTHY = 5, 20, 40, 20
@@ -56,6 +57,12 @@ def drawn(part: str, first: int, seeds: int) -> list[Drawn]:
         case "healthy":
             return some(half_hour, N_HEALTHY)
     return served(first, max(N_SERVICES * seeds // SEEDS, 1))
+
+
+def kept(part: str, first: int, folder: Path) -> list[Run]:
+    """Return the runs of a part that were played before."""
+    found = (kept_run(folder / case.name) for case, _ in drawn(part, first, SEEDS))
+    return [run for run in found if run is not None]
 
 
 def matrix(runs: Sequence[Run]) -> str:
@@ -135,8 +142,9 @@ def _mohm(ohm: float | None) -> str:
 def text(runs: dict[str, list[Run]], first: int) -> str:
     """Return everything as Markdown."""
     every = [run for part in PARTS for run in runs.get(part, [])]
-    parts = [f"Seeds from {first}.", summary(runs)]
-    if "faults" in runs:
+    played = ", ".join(f"{part} {len(runs.get(part, []))} of {len(drawn(part, first, SEEDS))}" for part in PARTS)
+    parts = [f"Seeds from {first}. Played: {played}.", summary(runs)]
+    if runs.get("faults"):
         parts.append(matrix(runs["faults"]))
     return "\n\n".join([*parts, "Not right, or not alike everywhere (cells count from 0):", misses(every)])
 
@@ -156,7 +164,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.folder or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        for part in arguments.part or PARTS:
+        for part in PARTS:
+            if part not in (arguments.part or PARTS):
+                runs[part] = kept(part, arguments.first, folder)
+                continue
             chosen = drawn(part, arguments.first, arguments.seeds)
             if part == "services":
                 runs[part] = play_services(chosen, folder, 2 * arguments.jobs)

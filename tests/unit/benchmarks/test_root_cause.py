@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.root_cause import matrix, misses, summary
-from benchmarks.root_cause_runs import Case
+from benchmarks.root_cause import FIRST, N_HEALTHY, kept, matrix, misses, summary, text
+from benchmarks.root_cause_runs import Case, half_hour
 from benchmarks.root_cause_shown import Named, Run, keep_run, kept_run
 
 JOINT = Case("faults", "joint-resistance-high", 1, 60.0, cell=20, pack=1, value=14.0)
@@ -69,3 +69,13 @@ def test_a_run_is_kept_as_it_was(tmp_path):
     for run in (RIGHT, SOUND):
         keep_run(tmp_path, run)
         assert kept_run(tmp_path) == run
+
+
+def test_a_part_that_was_played_before_is_reported_with_how_much_of_it_is_missing(tmp_path):
+    case, _ = half_hour(FIRST + 1)
+    run = replace(SOUND, case=case)
+    (tmp_path / case.name).mkdir()
+    keep_run(tmp_path / case.name, run)
+    found = kept("healthy", FIRST, tmp_path)
+    assert found == [run]
+    assert f"healthy 1 of {N_HEALTHY}, services 0 of" in text({"healthy": found}, FIRST)
