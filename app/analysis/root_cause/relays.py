@@ -118,6 +118,7 @@ OFFSET_A: Final = 1.5  # beyond the sensor's own zero
 STILL_A: Final = 1.5
 SAGS: Final = 0.5  # of what the current would make the cells sag: more is a real current
 BACK_S: Final = 20.0
+HELD: Final = 2  # samples for which a current that has ended may still be shown
 
 
 def current_hypotheses(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
@@ -177,7 +178,9 @@ def _beyond(recording: Recording, at_s: float, ohm: float) -> Iterator[Hypothesi
     at = rows.start + int(np.nanargmax(np.abs(recording.steady_a[rows])))
     amps = float(recording.steady_a[at])
     expected = ohm * (amps - float(np.nanmedian(recording.steady_a[earlier])))
-    seen = float(np.nanmedian(recording.median_v[earlier]) - recording.median_v[at])
+    sign = 1.0 if expected > 0.0 else -1.0
+    sags = np.nanmedian(recording.median_v[earlier]) - recording.median_v[max(at - HELD, 0) : at + 1]
+    seen = sign * float(np.nanmax(sign * sags))
     share = seen / expected if abs(expected) > 1e-3 else 1.0
     current = Quantity(amps, "A", 0)
     if share > SAGS:

@@ -1,10 +1,14 @@
 """Why relays opened, where the recording ends or has a gap right after: nothing is said, and nothing warns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from app.analysis.incidents import Trigger
 from app.analysis.root_cause.recording import UNKNOWN, Recording
-from app.analysis.root_cause.relays import relay_hypotheses
+from app.analysis.root_cause.relays import current_hypotheses, relay_hypotheses
+from app.estimation.cell_model.cell_file import load_cell
 
 BITS = {"load": 0, "fit": 1}
 OPENED_S, STEP_S = 40.0, 0.1
@@ -61,3 +65,18 @@ def test_a_link_is_not_judged_by_a_current_that_was_not_measured():
 
     assert "dc-link-discharge-failed" in codes(recording(load=again))
     assert "dc-link-discharge-failed" not in codes(recording(load=again, hides=between))
+
+
+@pytest.mark.parametrize(("real_a", "code"), [(260.0, "overload"), (60.0, "current-sensor-offset")])
+@pytest.mark.parametrize("held_s", [0.0, STEP_S, 2 * STEP_S])
+def test_a_current_is_real_if_the_cells_sagged_although_it_is_still_shown_when_the_relays_are_open(
+    real_a, code, held_s
+):
+    plain, trip_s = recording(), OPENED_S - 0.3
+    tripping = (plain.time_s >= trip_s) & (plain.time_s < OPENED_S + held_s)
+    shown_a = np.where(tripping, 260.0 + plain.time_s - OPENED_S, np.where(plain.time_s < OPENED_S, 60.0, 0.0))
+    true_a = np.where(tripping & (plain.time_s < OPENED_S), real_a, np.where(plain.time_s < OPENED_S, 60.0, 0.0))
+    cells = np.repeat((3.9 - 2e-3 * true_a)[:, None], 4, axis=1)
+    trip = Trigger(OPENED_S, OPENED_S, "trip-discharge-overcurrent", "trip", "")
+    of = replace(plain, current_a=shown_a, steady_a=shown_a, voltage_v=cells, events=(trip,))
+    assert [each.code for each in current_hypotheses(of, load_cell("samsung-25r-10p"))] == [code]
