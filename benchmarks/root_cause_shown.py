@@ -183,9 +183,10 @@ def command(data: Path, *words: str) -> Any:
 def judged_anew(path: Path) -> list[Named]:
     """Return the causes by a session's file without the verdicts that it keeps."""
     copy = path.with_suffix(".anew.sqlite")
-    shutil.copy(path, copy)
-    with contextlib.closing(sqlite3.connect(copy)) as database, database:
+    with contextlib.closing(sqlite3.connect(path)) as kept, contextlib.closing(sqlite3.connect(copy)) as database:
+        kept.backup(database)  # with what is not in the file itself yet
         database.execute("DELETE FROM notes WHERE key LIKE 'verdict %'")
+        database.commit()
     with warnings.catch_warnings(), SessionFile(copy) as session:
         warnings.simplefilter("ignore")
         causes = causes_of(session)
