@@ -15,7 +15,8 @@ import numpy as np
 from app.estimation.arrays import FloatArray, row_median
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.cell_finding import SURE, CellFinding, FindingCode
-from app.estimation.health.cell_fits import CORRELATED, MOST_INDEPENDENT, CellFit, CellVoltages, Law, fit_cell
+from app.estimation.health.cell_fits import CORRELATED, MOST_INDEPENDENT, CellFit, Law, fit_cell
+from app.estimation.health.cell_voltages import CellVoltages
 from app.estimation.health.stretch import Stretch
 
 LOOKED_AT: Final = 4  # of the oddest cells in each respect, with those that were reported

@@ -5,7 +5,8 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.health.cell_finding import BAND_SIGMAS
-from app.estimation.health.cell_fits import HEALTHY_OHM, CellVoltage, fit_cell, slow_current
+from app.estimation.health.cell_fits import HEALTHY_OHM, fit_cell
+from app.estimation.health.cell_voltages import CellVoltage, slow_current
 
 MODEL = load_cell("samsung-25r-10p")
 TIME_S = np.arange(0.0, 300.0, 1.0)

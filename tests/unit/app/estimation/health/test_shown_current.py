@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.health.cell_fits import CellVoltages, fit_cell, shown_current, slow_current
+from app.estimation.health.cell_fits import fit_cell
+from app.estimation.health.cell_voltages import CellVoltages, shown_current, slow_current
 from app.estimation.health.stretch import Stretch
 
 MODEL = load_cell("samsung-25r-10p")
