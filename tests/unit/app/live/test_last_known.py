@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.estimators import make_estimator
 from app.live.history import History
-from app.live.pipeline import Pipeline
-from app.live.prediction import Predictor
-from app.sources.items import LinkChange
-from app.sources.master.source import MasterSource
 from app.telemetry.encoding import encode, plain
 from app.telemetry.measurement import BLANK_S
 
@@ -22,21 +17,9 @@ LOST = range(36, 48)
 STILL = list(range(36)) + list(range(48, 96))
 
 
-def new_pipeline():
-    chain = Pipeline(
-        MasterSource("serial", "/dev/x", "off"),
-        lambda: make_estimator("fused", CELL, 96),
-        filter_name="fused",
-        cell_name="samsung-25r-10p",
-        predictor=Predictor(CELL, (12,) * 8),
-    )
-    chain.feed(LinkChange(0, 0, "rs232", "open"))
-    return chain
-
-
 @pytest.fixture
-def pipeline(master):
-    chain = new_pipeline()
+def pipeline(make_pipeline, master):
+    chain = make_pipeline()
     master.set("v", [V + i for i in range(96)])
     master.set("v_tot", [round((V * 96 + 48 * 95) / 100)])
     master.set("t", [25 + i % 8 for i in range(96)])
@@ -134,12 +117,12 @@ def test_each_cell_has_its_own_time_where_they_went_at_different_times(pipeline,
     assert [last["times"][i] for i in STILL] == pytest.approx([wall_s(master)] * 84, abs=0.1)
 
 
-def test_new_values_end_it_and_a_new_run_knows_nothing(pipeline, master):
+def test_new_values_end_it_and_a_new_run_knows_nothing(pipeline, make_pipeline, master):
     drive(pipeline, master)
     assert silent(pipeline, master, 60).snapshot.last_known is not None
     master.advance(61_000)
     assert pipeline.feed(master.frame()).snapshot.last_known is None
-    assert silent(new_pipeline(), master, 60).snapshot.last_known is None
+    assert silent(make_pipeline(), master, 60).snapshot.last_known is None
 
 
 def test_the_age_of_a_last_value_is_right_though_the_wall_clock_was_set(pipeline, master):
