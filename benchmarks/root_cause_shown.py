@@ -150,7 +150,7 @@ def keep_run(data: Path, run: Run) -> None:
 
 
 def asked(case: Case, data: Path, session_id: str, banners: Sequence[dict[str, Any]], get: Callable[[str], Any]) -> Run:
-    """Ask a service and the command line about a session that has ended, and judge its file anew."""
+    """Ask a service and the command line about a session that has ended, and judge its file again."""
     listed = reversed(get(f"/sessions/{session_id}/blackboxes")["boxes"])
     trips = [get(f"/blackboxes/{box['id']}") for box in listed if box["severity"] == "trip"]
     causes = [box["cause"] for box in trips if box["cause"] is not None]
@@ -182,7 +182,7 @@ def command(data: Path, *words: str) -> Any:
 
 def judged_anew(path: Path) -> list[Named]:
     """Return the causes by a session's file without the verdicts that it keeps."""
-    copy = path.with_suffix(".anew.sqlite")
+    copy = path.with_suffix(".copy.sqlite")
     with contextlib.closing(sqlite3.connect(path)) as kept, contextlib.closing(sqlite3.connect(copy)) as database:
         kept.backup(database)  # with what is not in the file itself yet
         database.execute("DELETE FROM notes WHERE key LIKE 'verdict %'")

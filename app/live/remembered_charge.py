@@ -6,7 +6,7 @@ offset of its sensor:
 
     z1 = z0 - dq / C,   s1^2 = s0^2 + (g dq / C)^2 + (o t / C)^2
 
-Otherwise the master may have counted anew, and the accumulator may have been charged, driven or replaced. Two
+Otherwise the master may have begun a new count, and the accumulator may have been charged, driven or replaced. Two
 hypotheses of what moved are updated by dm, which errs by v, and merged to their mean and variance: A, what the current
 around shows, b with sigma w (at rest b = 0 and w is small), and B, which knows nothing beforehand:
 

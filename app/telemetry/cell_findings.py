@@ -96,7 +96,7 @@ _SIZED: Final = (
     "cell-imbalance",
     "cell-voltage-noisy",
     "external-heating",
-)  # what is told of them follows from their size alone
+)  # their message has no argument but the size
 
 
 def agreeing(found: Iterable[Finding], causes: Sequence[TripCause]) -> tuple[Finding, ...]:

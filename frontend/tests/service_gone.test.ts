@@ -36,7 +36,7 @@ describe('of a service that is gone', () => {
     expect(after).not.toContain('lost');
   });
 
-  it('nothing is said to be recording', async () => {
+  it('no recording is shown', async () => {
     const attempt = (): Promise<void> => Promise.resolve();
     const [before, after] = await both('views/sessions/Recording.svelte', { attempt });
     expect(before).toContain('Recording run-1');

@@ -233,7 +233,7 @@ class _Stretches:
 
 
 class _Findings:
-    """What was found of cells, by time: by the session's events, or judged anew; of a cell that tripped its verdict."""
+    """Findings of cells by time, from the session's events or judged again; of a cell that tripped, its verdict."""
 
     def __init__(self, session: SessionFile, events: Sequence[Mapping[str, Any]], judge: CellModel | None) -> None:
         self._findings = [

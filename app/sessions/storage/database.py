@@ -230,7 +230,7 @@ def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
     """Open a file without changing it; one of an older schema is brought up to date first, where it can be written.
 
     A file on a read-only medium is opened too, provided that it was closed; an older one stays at its schema. One whose
-    log is beside it is never read without it: whatever refused it, an open file too many or a disk, may be over soon.
+    write-ahead log exists is never read without it: what refused it, an open file too many or a disk, may pass.
 
     Raises:
         NotASession: missing, no SQLite file, damaged, or of another kind.

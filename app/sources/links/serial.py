@@ -48,10 +48,10 @@ class Backoff:
 
 
 class _UnframedWatch:
-    """Gathers what arrives while no good frame does; told once every UNFRAMED_S."""
+    """Bytes that arrive while no good frame does; one item every UNFRAMED_S."""
 
     def __init__(self, now_ns: int) -> None:
-        self._since_ns = now_ns  # the last good frame, or when it was last told
+        self._since_ns = now_ns  # the last good frame, or the last item
         self._count = 0
         self._last = b""
 

@@ -223,7 +223,7 @@ def test_a_box_of_before_there_were_causes_is_explained_by_its_session(car, tmp_
     old = replace(live, cause=None, findings=findings)
     with SessionFile(car.info.path) as session:
         assert same(asdict(explained(session, old)), asdict(live))
-        assert explained(session, live).findings == live.findings  # that nothing explains it is said once
+        assert explained(session, live).findings == live.findings  # "nothing explains it" stands once
         elsewhere = replace(old, at=old.at + 100.0)
         assert explained(session, elsewhere) == elsewhere
 

@@ -282,7 +282,7 @@ def test_error_frames_on_can_are_told_every_few_seconds_and_single_ones_not(n, a
 
 
 def boot(master, cause):
-    """The event of a boot; the master's clock begins anew."""
+    """The event of a boot; the master's clock begins at 0."""
     master.uptime_ms = 0
     return master.item(MessageType.EVENT, EventMessage(EventCode.BOOT, 0, 255, cause, 0).to_body())
 
