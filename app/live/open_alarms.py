@@ -11,8 +11,9 @@ import orjson
 from app.sources.data_file import checked, parse_object, replace_file
 from app.telemetry import Alarm, TripCause
 from app.telemetry.events import PossibleCause
-from app.words import condition_of, message_from_json
+from app.words import Pack, condition_of, message_from_json
 
+_JUDGED = ("size", "low", "high", "unit", "since", "judged", "revised")
 log = logging.getLogger(__name__)
 
 
@@ -21,8 +22,8 @@ def alarm_file(learned: str, *, is_simulated: bool) -> str:
     return f"alarms-{'simulated-' if is_simulated else ''}{Path(learned).stem}.json"
 
 
-def load_open_alarms(path: Path, n_cells: int) -> tuple[Alarm, ...]:
-    """Return what was saved, nothing where there is nothing or it cannot be read (which is logged)."""
+def load_open_alarms(path: Path, n_cells: int, n_packs: int) -> tuple[Alarm, ...]:
+    """Return what was saved of cells and packs that there are; nothing where it cannot be read (which is logged)."""
     if not path.is_file():
         return ()
     try:
@@ -30,7 +31,18 @@ def load_open_alarms(path: Path, n_cells: int) -> tuple[Alarm, ...]:
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
         return ()
-    return tuple(alarm for alarm in alarms if max((*alarm.cells, alarm.cell or 0)) < n_cells)
+    return tuple(
+        alarm
+        for alarm in alarms
+        if max((*alarm.cells, alarm.cell or 0)) < n_cells and max(_packs(alarm), default=0) < n_packs
+    )
+
+
+def _packs(alarm: Alarm) -> list[int]:
+    """The packs that its message names."""
+    packs = alarm.message.args.get("packs")
+    named = (alarm.message.args.get("pack"), *(packs if isinstance(packs, tuple) else ()))
+    return [each.pack for each in named if isinstance(each, Pack)]
 
 
 def save_open_alarms(path: Path, alarms: Iterable[Alarm]) -> None:
@@ -51,7 +63,10 @@ def _alarm(stored: dict[str, Any]) -> Alarm:
         "cells": tuple(stored["cells"]),
         "cause": None
         if cause is None
-        else TripCause(**_possible(cause), others=tuple(PossibleCause(**_possible(each)) for each in cause["others"])),
+        else TripCause(
+            **_possible(cause) | {name: cause[name] for name in _JUDGED},
+            others=tuple(PossibleCause(**_possible(each)) for each in cause["others"]),
+        ),
     }
     return checked(Alarm(**stored | changed))
 

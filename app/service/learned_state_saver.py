@@ -123,6 +123,6 @@ def learning_pipeline(
     predictor = factory.predictor(None if learned is None else learned.cells)
     remembered = None if learned is None else learned.charge
     open_path = data / alarm_file(path.name, is_simulated=source == "simulator")
-    alarms = load_open_alarms(open_path, battery.n_cells)
+    alarms = load_open_alarms(open_path, battery.n_cells, len(battery.segments))
     pipeline = factory.pipeline(source, serial_url, can_url, predictor=predictor, remembered=remembered, alarms=alarms)
     return pipeline, LearnedStateSaver(path, pipeline, predictor, clock, open_path)

@@ -9,7 +9,7 @@ from app.live.pipeline_factory import PipelineFactory
 from app.service.learned_state_saver import learning_pipeline
 from app.telemetry import TripCause
 from app.telemetry.events import PossibleCause
-from app.words import condition, render
+from app.words import Message, Pack, condition, render
 from firmware_protocol.messages import EventCode, EventMessage, MessageType
 from tests.service_process import until
 
@@ -21,6 +21,13 @@ CAUSE = TripCause(
     3,
     0.9,
     (PossibleCause("capacity-low", condition("capacity-low"), 40, 3, 0.1),),
+    size=0.014,
+    low=0.0128,
+    high=0.0152,
+    unit="ohm",
+    since=1.7e9,
+    judged=1.7e9 + 5,
+    revised=True,
 )
 
 
@@ -102,7 +109,7 @@ def test_an_alarm_of_a_finding_is_open_after_a_kill(start, master, tmp_path):
     known = before.alarm("temperature-sensor-open")
     until(lambda: (tmp_path / "cells.npz").exists() and (tmp_path / "alarms-cells.json").exists())
     before.saver.on_alarms(before.pipeline.tick(before.clock.monotonic_ns(), before.clock.wall_ns()), 0)
-    until(lambda: [each.id for each in load_open_alarms(tmp_path / "alarms-cells.json", 96)] == [known.id])
+    until(lambda: [each.id for each in load_open_alarms(tmp_path / "alarms-cells.json", 96, 8)] == [known.id])
     after = start().wait(30)
     assert after.alarm("temperature-sensor-open").active
     assert after.drive(15).alarm("temperature-sensor-open").id == known.id
@@ -130,13 +137,19 @@ def test_a_simulated_car_and_a_real_one_have_no_alarm_in_common(start, master):
 )
 def test_a_damaged_file_is_no_alarm(tmp_path, content):
     (tmp_path / "a.json").write_bytes(content)
-    assert load_open_alarms(tmp_path / "a.json", 96) == ()
+    assert load_open_alarms(tmp_path / "a.json", 96, 8) == ()
 
 
 def test_what_is_kept_is_read_again_but_for_cells_that_there_are_not(start, master, tmp_path):
     master.set("v", LOW)
     alarms = start().drive(2).snapshot.alarms
     save_open_alarms(tmp_path / "a.json", alarms)
-    assert load_open_alarms(tmp_path / "a.json", 96) == alarms
-    assert load_open_alarms(tmp_path / "a.json", 40) == ()
+    assert load_open_alarms(tmp_path / "a.json", 96, 8) == alarms
+    assert load_open_alarms(tmp_path / "a.json", 40, 8) == ()
+    lost = replace(
+        alarms[0], code="slave-lost", cell=None, message=Message("slave-lost-in-packs", n=1, packs=(Pack(7),))
+    )
+    save_open_alarms(tmp_path / "a.json", [lost])
+    assert load_open_alarms(tmp_path / "a.json", 96, 8) == (lost,)
+    assert load_open_alarms(tmp_path / "a.json", 96, 6) == ()  # the same cells in fewer packs
     assert render(alarms[0].message, [12] * 8) == "cell undervoltage"
