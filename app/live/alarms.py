@@ -16,7 +16,7 @@ RAISE_AFTER_NS: dict[Severity, int] = {
     "trip": 300_000_000,
 }
 END_AFTER_NS = 2_000_000_000
-INCIDENT_NS = 15_000_000_000  # from its first trip to its last
+INCIDENT_NS = 5_000_000_000  # nearer than the next incident's trips: see `incidents`
 
 
 @dataclass
@@ -107,10 +107,11 @@ class AlarmTracker:
 
     @property
     def causes(self) -> list[TripCause]:
-        """The verdicts on the trips that are listed, the newest first, and on what is wrong without one."""
+        """The verdicts on the trips that are listed; else, of a cell, on what is wrong without one."""
         trips = [alarm for alarm in self._alarms.values() if alarm.severity == "trip"]
         causes = [alarm.cause for alarm in trips if alarm.cause is not None]
-        return [*sorted(causes, key=lambda cause: -(cause.judged or 0.0)), *(self._named or ())]
+        cells = {cause.cell for cause in causes}
+        return [*causes, *(cause for cause in self._named or () if cause.cell not in cells)]
 
     def _raise(self, condition: Condition, since_ns: int) -> Alarm:
         self._next_id += 1

@@ -104,7 +104,8 @@ def agreeing(found: Iterable[Finding], causes: Sequence[TripCause]) -> tuple[Fin
 
     It has the verdict's size, band and confidence; where the judge of the cells has not found it yet, it is added.
     """
-    explained = {cause.cell: cause for cause in reversed(causes) if cause.cell is not None and cause.code != "unknown"}
+    by_time = sorted(causes, key=lambda cause: cause.judged or 0.0)  # the newest counts
+    explained = {cause.cell: cause for cause in by_time if cause.cell is not None and cause.code != "unknown"}
     listed: list[Finding] = []
     for each in found:
         cause = explained.get(each.cell)
