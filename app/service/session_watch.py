@@ -38,7 +38,7 @@ class SessionWatch:
         self._session_id: str | None = None
         self._due_ns = 0
         self._is_looking = False
-        self._before: set[Place] = set()  # what the last look found
+        self._before: set[Place] | None = None  # what the last look found; None: there was none
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="session watch")
 
     def on_output(self, output: Output, t_mono_ns: int) -> None:
@@ -88,8 +88,10 @@ class SessionWatch:
     def _name(self, found: Sequence[Cause] | None, *, is_over: bool) -> None:
         if found is None:
             return
-        named = [cause for cause in found if is_over or _place(cause) in self._before]
-        self._before = {_place(cause) for cause in found}
+        before, self._before = self._before, {_place(cause) for cause in found}
+        if before is None and not is_over:
+            return  # one look ends nothing that was named before a restart
+        named = [cause for cause in found if is_over or _place(cause) in (before or ())]
         self._pipeline.name(tuple(trip_cause(cause) for cause in named))
 
 

@@ -32,6 +32,7 @@ SETTLED_S = AFTER_S + 0.2  # and that much after it: what recovers when the curr
 LATER_S = 60.0  # after a black box without a cause: then it is looked for again
 SHORT_S = 1.0  # a verdict that lacks no more is not revised
 RECENT_S, LEAST_S = 300.0, 20.0  # what is looked at of a recording that goes on, and how much there has to be
+LOAD_A = 10.0  # shows joints, resistances and noise
 OF_CHARGE, SURE_OF_CHARGE = ("capacity-low", "cell-imbalance", "self-discharge-high"), 40.0  # log odds
 FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
 FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
@@ -59,7 +60,8 @@ def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause
 def causes_without_trip(path: Path) -> list[Cause] | None:
     """Return what is wrong in the last minutes of a recording without having tripped anything; it may still go on.
 
-    None: too little was recorded since its start, or since its last trip, which has a verdict of its own.
+    None: too little was recorded since its start, or since its last trip, which has a verdict of its own; or nothing
+    was found and no current flowed, which says nothing against what needs one to be seen.
     """
     with SessionFile(path) as session:
         end_s = _end_s(session)
@@ -71,7 +73,14 @@ def causes_without_trip(path: Path) -> list[Cause] | None:
             return None
         judged = _judged(session, cell_of(session)[0], None, from_s, end_s)
         sure = [each for each in judged if each.ranked and not _is_small_charge(each)]
+        if not sure and not _has_load(session, from_s, end_s):
+            return None
         return [cause_of(each, session.battery.segments, end_s) for each in sure]
+
+
+def _has_load(session: SessionFile, from_s: float, to_s: float) -> bool:
+    currents = [piece["i_fs"].values for piece in session.fields(("i_fs",), from_s, to_s) if "i_fs" in piece]
+    return any(bool((np.abs(values) >= LOAD_A).any()) for values in currents)
 
 
 def _is_small_charge(judgement: Judgement) -> bool:

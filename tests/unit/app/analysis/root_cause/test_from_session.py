@@ -2,6 +2,8 @@
 
 from types import SimpleNamespace
 
+import pytest
+
 from app.analysis.incidents import Trigger
 from app.analysis.root_cause.from_session import causes_without_trip, found_live
 from app.analysis.root_cause.judge import Judgement, judge
@@ -39,9 +41,15 @@ def judged(monkeypatch, *hypotheses):
     monkeypatch.setattr("app.analysis.root_cause.from_session._judged", lambda *_: found)
 
 
-def recorded(make_session, until_s, *events):
+def recorded(make_session, until_s, *events, current_a=50.0):
     time_s = [0.0, until_s]
-    return make_session(time_s, [50.0, 50.0], events=events, closed=False)
+    return make_session(time_s, [current_a, current_a], events=events, closed=False)
+
+
+@pytest.mark.parametrize(("current_a", "found"), [(50.0, []), (1.0, None)])
+def test_a_car_that_stands_says_nothing_against_what_current_showed(make_session, monkeypatch, current_a, found):
+    judged(monkeypatch)
+    assert causes_without_trip(recorded(make_session, 60.0, current_a=current_a)) == found
 
 
 def test_a_small_difference_of_charge_is_left_to_the_watch_of_the_cells(make_session, monkeypatch):
