@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import get_args
 
 import pytest
@@ -91,6 +92,12 @@ def test_a_finding_of_the_tripped_cell_has_the_size_of_the_verdict_and_its_confi
     evidence = render(found[0].evidence)  # the watch had compared values that are another size
     assert "84 % sure" in evidence
     assert "mΩ" not in evidence
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_verdicts_on_a_cell_the_newest_counts(order):
+    verdicts = [replace(verdict("capacity-low", size=None), judged=1e9), verdict()]
+    assert [each.code for each in agreeing([], verdicts[::order])] == ["joint-resistance-high"]
 
 
 def test_a_finding_that_a_verdict_contradicts_is_replaced_by_the_verdict():
