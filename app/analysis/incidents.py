@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -13,6 +13,7 @@ from app.words import Text, message_or_text
 BEFORE_S: Final = 10.0
 AFTER_S: Final = 5.0
 LONGEST_S: Final = 15.0  # from the first trigger to the last that still belongs to it
+FOLLOWS_S: Final = 90.0  # within it a finding of the cell that tripped comes from the verdict on the trip
 FAULTS: Final = (
     "cell-voltage-missing",
     "slave-lost",
@@ -49,15 +50,24 @@ def is_trigger(severity: str, code: str) -> bool:
 
 
 def incidents(triggers: Sequence[Trigger]) -> list[list[Trigger]]:
-    """Return the triggers in groups: what follows within AFTER_S belongs to what was first."""
+    """Return the triggers in groups: what follows within AFTER_S belongs to what was first, findings of it too."""
     groups: list[list[Trigger]] = []
+    trips = [trigger for trigger in triggers if trigger.severity == "trip"]
     for trigger in sorted(triggers, key=lambda each: each.mono_s):
         group = groups[-1] if groups else None
         if group and trigger.mono_s - group[-1].mono_s <= AFTER_S and trigger.mono_s - group[0].mono_s <= LONGEST_S:
             group.append(trigger)
-        else:
+        elif not follows(trigger, trips):
             groups.append([trigger])
     return groups
+
+
+def follows(trigger: Trigger, trips: Iterable[Trigger]) -> bool:
+    """True for a warning about a cell that has just tripped: it is no incident of its own."""
+    return trigger.severity == "warning" and any(
+        trip.cell is not None and trip.cell == trigger.cell and 0.0 <= trigger.mono_s - trip.mono_s <= FOLLOWS_S
+        for trip in trips
+    )
 
 
 def main_trigger(group: Sequence[Trigger]) -> Trigger:

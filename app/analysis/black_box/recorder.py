@@ -17,7 +17,7 @@ import numpy as np
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.from_session import is_explained, store_box, with_cause
-from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger
+from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, follows, incidents, is_trigger
 from app.analysis.limits import known_limits, limits_of
 from app.analysis.root_cause.from_session import LATER_S, SETTLED_S, is_later_evidence
 from app.analysis.root_cause.judge import Cause
@@ -36,6 +36,7 @@ BUSY_DISK = "not-written-within"  # what the cause is looked for in is not on th
 TRIES = 12  # about a minute
 SLACK_S = 0.2  # the sample after the last second counts too
 CLOSE_S = 3.0  # for what is still to be written at the end, and for the cause that is being looked for then
+MOST_TRIPS = 32  # whose cells are remembered
 MOST_UNEXPLAINED = 12  # boxes that are looked at again
 MAX_SAMPLES = 2000  # 50 Hz for so long, and some
 
@@ -103,6 +104,7 @@ class BlackBoxRecorder:
         self._explain = explain
         self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
         self._triggers: list[Trigger] = []
+        self._trips: deque[Trigger] = deque(maxlen=MOST_TRIPS)
         self._findings: tuple[Finding, ...] = ()
         self._limits: ProtectionLimits | None = None  # those that the first trigger was judged by
         self._session: str | None = None
@@ -115,9 +117,12 @@ class BlackBoxRecorder:
         """Take what one item led to, and write what is complete."""
         now_s, snapshot = t_mono_ns / 1e9, output.snapshot
         for event in output.events:
-            if is_trigger(event.severity, event.code):
+            trigger = _trigger(event, now_s)
+            if is_trigger(event.severity, event.code) and (self._triggers or not follows(trigger, self._trips)):
                 self._session = self._session_id() if not self._triggers else self._session
-                self._triggers.append(_trigger(event, now_s))
+                self._triggers.append(trigger)
+                if event.severity == "trip":
+                    self._trips.append(trigger)
         if snapshot is not None:
             self._findings = snapshot.findings
             self._limits = snapshot.limits if not self._triggers else self._limits or snapshot.limits

@@ -6,7 +6,7 @@ import pytest
 
 from app.analysis.black_box.box import Beyond, box_from_json
 from app.analysis.black_box.excerpt import Window, build
-from app.analysis.incidents import AFTER_S, Trigger, incident_id, incidents, is_trigger, main_trigger
+from app.analysis.incidents import AFTER_S, FOLLOWS_S, Trigger, incident_id, incidents, is_trigger, main_trigger
 
 WALL_S = 1_790_000_000.0
 TIME_S = np.arange(90.0, 105.05, 0.1)
@@ -101,6 +101,14 @@ def test_what_follows_within_seconds_is_the_same_incident():
     assert main_trigger([warning, *groups[0]]).code == "trip-cell-undervoltage"
     many = incidents([trigger(100.0 + k) for k in range(40)])
     assert all(group[-1].mono_s - group[0].mono_s <= 15 for group in many)
+
+
+def test_a_finding_of_the_cell_that_tripped_is_no_incident_of_its_own():
+    late = 100.0 + FOLLOWS_S + 1
+    found = [trigger(at_s, "joint-resistance-high", "warning") for at_s in (110.0, late)]
+    other = trigger(120.0, "joint-resistance-high", "warning", cell=CELL + 1)
+    groups = incidents([trigger(100.0), *found, other])
+    assert [(each.mono_s, each.cell) for (each,) in groups] == [(100.0, CELL), (120.0, CELL + 1), (late, CELL)]
 
 
 def test_its_name_is_the_time_in_utc_and_the_code():

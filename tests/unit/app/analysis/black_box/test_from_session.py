@@ -13,13 +13,14 @@ from app.analysis.black_box.recorder import TRIES, BlackBoxRecorder
 from app.analysis.root_cause.from_session import verdict_of
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
-from app.live.pipeline import Pipeline
+from app.live.pipeline import Output, Pipeline
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.errors import RecordingFailed
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sources.master.source import MasterSource
-from app.words import Message, Quantity
+from app.telemetry import Event
+from app.words import Message, Quantity, condition
 from firmware_protocol.memory_map import V_MISSING
 from tests.fake_clock import FunctionClock
 
@@ -109,6 +110,21 @@ def test_a_trip_is_boxed_live_and_again_out_of_the_file(car, tmp_path):
         assert [box.message for box in store.stored()] == [live.message]
         assert stored_box(store, live.id) == live  # what is complete is not written again
         store.close()
+
+
+def test_a_warning_by_the_verdict_on_a_trip_makes_no_second_box(car):
+    car.run(15)
+    car.set_cell(2.3)
+    car.run(1)
+    car.set_cell(3.6)
+    car.run(9)
+    car.boxes.wait()
+    warning = Event(car.master.t_ns, "warning", "joint-resistance-high", condition("joint-resistance-high"), cell=30)
+    car.boxes.on_output(Output(None, (warning,)), car.master.t_ns)
+    car.run(9)
+    car.boxes.close()
+    car.recorder.close()
+    assert [box.code for box in car.made] == ["cell-undervoltage"]
 
 
 def test_a_loose_wire_that_reads_high_first_is_named_in_the_box(car):
