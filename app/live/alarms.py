@@ -1,6 +1,6 @@
 """Conditions with memory: raised after they persist, ended with hysteresis, kept until acknowledged."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from app.live.alarm_rules import Condition, conditions, is_reason_lost
@@ -8,6 +8,7 @@ from app.live.alarm_visibility import is_judged
 from app.telemetry import Alarm, Event, Severity, Snapshot, TripCause
 from app.telemetry.cell_findings import Finding
 from app.words import Message, Quantity
+from app.words import condition as condition_message
 
 RAISE_AFTER_NS: dict[Severity, int] = {
     "info": 0,
@@ -42,8 +43,10 @@ class AlarmTracker:
         """Judge one snapshot. A single sample raises nothing: a condition has to persist over at least two."""
         now_ns = snapshot.t_mono_ns
         events: list[Event] = []
-        causes = {cause.code: cause for cause in reversed(self._named or ())}
-        named = {code: _condition(cause) for code, cause in causes.items()}
+        causes: dict[str, list[TripCause]] = {}
+        for cause in self._named or ():
+            causes.setdefault(cause.code, []).append(cause)
+        named = {code: _condition(alike) for code, alike in causes.items()}
         raised = named | {condition.code: condition for condition in conditions(snapshot)}
         held = named | {condition.code: condition for condition in conditions(snapshot, slack=1.0)}
         for key, condition in raised.items():
@@ -52,8 +55,7 @@ class AlarmTracker:
             alarm = self._alarms.get(key)
             persisted = now_ns - pending.first_ns >= RAISE_AFTER_NS[condition.severity] and now_ns > pending.first_ns
             if persisted and (alarm is None or not alarm.active):
-                cause = causes[key] if condition is named.get(key) else None
-                self._alarms[key] = replace(self._raise(condition, pending.wall_ns), cause=cause)
+                self._alarms[key] = self._raise(condition, pending.wall_ns)
                 self._raised_ns[key] = pending.first_ns
                 events.append(_event(condition, snapshot.t_wall_ns, condition.message))
         for key in set(self._pending) - set(raised):
@@ -81,6 +83,9 @@ class AlarmTracker:
                 seconds = (now_ns - raised_ns) / 1e9
                 ended = Message("alarm-ended", after=Quantity(seconds, "s", 1), alarm=alarm.message)
                 events.append(_event(alarm, snapshot.t_wall_ns, ended, severity="info"))
+        for key in named.keys() & self._alarms.keys():
+            if self._alarms[key].active and self._alarms[key].severity == "warning":
+                self._alarms[key] = replace(self._alarms[key], cause=causes[key][0])
         self._drop_finished()
         order = {"trip": 0, "warning": 1, "watch": 2, "info": 3}
         alarms = sorted(self._alarms.values(), key=lambda a: (not a.active, order[a.severity], -a.since_ns))
@@ -137,9 +142,12 @@ class AlarmTracker:
                 self._raised_ns.pop(key, None)
 
 
-def _condition(cause: TripCause) -> Condition:
-    """What is wrong by what was recorded, as an alarm is about it."""
-    return Condition("warning", cause.message, cause.cell, cause.size, None, cause.unit, of=cause.code)
+def _condition(alike: Sequence[TripCause]) -> Condition:
+    """What is wrong by what was recorded, as an alarm is about it: one for all cells of a kind."""
+    first = alike[0]
+    cells = tuple(cause.cell for cause in alike if cause.cell is not None)
+    message = first.message if len(cells) < 2 else condition_message(first.code, len(cells))
+    return Condition("warning", message, first.cell, first.size, None, first.unit, cells[1:] and cells, of=first.code)
 
 
 def _is_named(alarm: Alarm) -> bool:

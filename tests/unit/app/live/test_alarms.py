@@ -244,6 +244,16 @@ def test_what_the_recording_shows_is_an_alarm_until_a_look_does_not_show_it(pipe
     assert not alarms["eeprom-worn"].active
 
 
+def test_an_alarm_by_the_recording_names_every_cell_of_its_kind_and_has_the_cause_of_now(pipeline, master):
+    causes = [TripCause("cell-imbalance", condition("cell-imbalance"), cell, None, 0.9) for cell in (20, 50)]
+    pipeline.name(tuple(causes))
+    alarms = {alarm.code: alarm for alarm in run(pipeline, master, 3)[0].alarms}
+    assert (alarms["cell-imbalance"].cells, alarms["cell-imbalance"].cause) == ((20, 50), causes[0])
+    pipeline.name((causes[1],))
+    alarms = {alarm.code: alarm for alarm in run(pipeline, master, 3)[0].alarms}
+    assert (alarms["cell-imbalance"].cell, alarms["cell-imbalance"].cause) == (50, causes[1])
+
+
 def test_no_restart_ends_an_alarm_by_the_recording_before_a_look_does(pipeline, master):
     cause = TripCause("eeprom-worn", condition("eeprom-worn"), None, None, 0.9)
     pipeline.name((cause,))
