@@ -9,10 +9,11 @@ import numpy as np
 from app.estimation.arrays import holds_all
 from app.live.cells import extreme, mean, mean_of_all
 from app.telemetry import Accumulator, Cells, FloatArray, LowestUnderLoad
-from app.telemetry.measurement import Measurement
+from app.telemetry.measurement import Measurement, Reported
 
 LOAD_A = 1.0  # below it, next to nothing flows
 DRAWN_A = 5.0  # the car drives: neither its own supply nor the sensor's offset
+REPORT_SLACK = 0.997  # of a total: rounding
 DRIVE_ENDS_NS = 600_000_000_000  # without such a current for longer, the next drive begins; a driver change is shorter
 
 
@@ -52,10 +53,16 @@ class LowestOfDrive:
             self.lowest = LowestUnderLoad(voltage_v, cell, current_a, t_wall_ns)
 
 
-def total_voltage(cells_v: FloatArray, reported_v: float | None) -> float | None:
-    """Voltage of all cells: as reported or their sum; None where a cell is missing in both."""
-    if reported_v and holds_all(reported_v, cells_v):  # 0 V: no cell was measured
-        return reported_v
+def total_voltage(cells_v: FloatArray, reported: Reported) -> float | None:
+    """Voltage of all cells: as reported or their sum; None where a cell is missing in both.
+
+    Where only the report is there, it holds all cells if it is at least what as many of the lowest would have.
+    """
+    total_v, lowest_v = reported.voltage_v, reported.voltage_min_v[0]
+    is_alone = np.isnan(cells_v).all()
+    least_v = REPORT_SLACK * cells_v.size * lowest_v if is_alone and lowest_v is not None else 0.0
+    if total_v and total_v >= least_v and holds_all(total_v, cells_v):  # 0 V: no cell was measured
+        return total_v
     return None if math.isnan(total := float(cells_v.sum())) else total
 
 
@@ -68,7 +75,8 @@ def accumulator_of(
 ) -> Accumulator:
     """Voltage, current, power, charge, the extremes with their cell, and the energy that flowed since the start."""
     reported, current_a = measured.reported, measured.current_a
-    voltage_v = total_voltage(cells.voltage_v, reported.voltage_v)
+    voltage_v = total_voltage(cells.voltage_v, reported)
+    least_v = float(np.nansum(cells.voltage_v)) or reported.voltage_v or None
     loaded = int((~np.isnan(cells.voltage_v)).sum())
     is_partial = 0 < loaded < len(cells.voltage_v)
     low_v, low_cell = extreme(cells.voltage_v, highest=False)
@@ -100,7 +108,9 @@ def accumulator_of(
         energy_out_wh=energy.out_wh,
         energy_in_wh=energy.in_wh,
         fan_duty=reported.fan_duty,
-        voltage_at_least_v=float(np.nansum(cells.voltage_v)) if is_partial and voltage_v is None else None,
+        voltage_at_least_v=(float(np.nansum(cells.voltage_v)) or reported.voltage_v or None)
+        if voltage_v is None
+        else None,
         energy_gap_s=energy.gap_s or None,
         lowest_under_load=lowest,
         **charge_of(cells.soc, cells.soc_sigma, driver_percent, measured.master.soc),

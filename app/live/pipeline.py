@@ -236,9 +236,7 @@ class Pipeline:
         estimates, events = self._estimate(measured, dt_s, true_a)
         self._drive.step(measured.t_mono_ns, measured.t_wall_ns, current_a, voltages_v)
         cells_v = measured.voltage_v
-        total_v = (
-            total_voltage(cells_v, measured.reported.voltage_v) if np.isnan(cells_v).any() else float(cells_v.sum())
-        )
+        total_v = total_voltage(cells_v, measured.reported) if np.isnan(cells_v).any() else float(cells_v.sum())
         # laps are compared with each other: a missing cell counts as the mean of the others
         power_w = current_a * (float(np.nanmean(cells_v)) * cells_v.size if total_v is None else total_v)
         is_whole = measured.is_new is None or bool(measured.is_new.all())  # else voltages of other currents are in it

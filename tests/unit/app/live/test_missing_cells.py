@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.live.accumulator import total_voltage
 from app.live.alarm_rules import conditions
+from app.telemetry.measurement import Reported
 
 CELL = load_cell("samsung-25r-10p")
 V = 37_000  # counts of every cell
@@ -49,6 +51,14 @@ def test_a_total_that_another_source_measured_stays(pipeline, master):
     total = pipeline.feed(master.frame()).snapshot.accumulator
     assert (total.voltage_v, total.power_w) == (pytest.approx(354.0), pytest.approx(3540.0))
     assert total.voltage_at_least_v is None
+
+
+@pytest.mark.parametrize(("total_v", "is_whole"), [(355.3, True), (351.5, False), (310.8, False)])
+def test_a_total_that_came_without_cells_holds_as_many_as_there_are_or_is_none(total_v, is_whole):
+    missing = np.full(96, np.nan)
+    reported = Reported(total_v, (3.7, 4), (3.71, 5), (25.0, 0), (26.0, 1), None)
+    assert total_voltage(missing, reported) == (total_v if is_whole else None)
+    assert total_voltage(missing, replace(reported, voltage_min_v=(None, None))) == total_v  # a sensor of its own
 
 
 def test_energy_without_all_cells_is_marked_as_too_low(pipeline, master):
