@@ -193,9 +193,10 @@ class BlackBoxRecorder:
                 is_simulated=self._is_simulated,
                 segments=self._battery.segments,
             )
-            box = with_cause(box, self._verdict(session_id, group), found)
+            cause, was_judged = self._verdict(session_id, group)
+            box = with_cause(box, cause, found)
             self._keep(box)
-            if session_id is not None and box.cause is not None and not is_explained(box):
+            if session_id is not None and not is_explained(box) and (cause is not None or not was_judged):
                 due_s = group[-1].mono_s + SETTLED_S + LATER_S
                 self._unexplained.append(_Unexplained(session_id, group, box, due_s))
 
@@ -216,17 +217,19 @@ class BlackBoxRecorder:
                     self._writer.submit(self._revise, each, self._findings).add_done_callback(_tell_failure)
 
     def _revise(self, unexplained: _Unexplained, found: tuple[Finding, ...]) -> None:
-        box = with_cause(unexplained.box, self._verdict(unexplained.session_id, unexplained.group), found)
+        cause, _ = self._verdict(unexplained.session_id, unexplained.group)
+        box = with_cause(unexplained.box, cause, found)
         if is_explained(box) and unexplained in self._unexplained:
             self._unexplained.remove(unexplained)
             self._keep(box, revises=True)
 
-    def _verdict(self, session_id: str | None, group: Sequence[Trigger]) -> Cause | None:
+    def _verdict(self, session_id: str | None, group: Sequence[Trigger]) -> tuple[Cause | None, bool]:
+        """Return the cause, None where there is nothing to be explained; False: it could not be looked for."""
         if session_id is None:
-            return None
+            return None, False
         for left in reversed(range(TRIES)):
             try:
-                return self._explain(session_id, group)
+                return self._explain(session_id, group), True
             except AppError as error:
                 if left and not self._is_closing and error.message.code == BUSY_DISK:
                     continue
@@ -234,7 +237,7 @@ class BlackBoxRecorder:
             except Exception:  # whatever is wrong with the search, the box is kept
                 log.exception("the search for the cause of a trip failed")
             break
-        return None
+        return None, False
 
 
 def _tell_failure(done: "Future[None]") -> None:

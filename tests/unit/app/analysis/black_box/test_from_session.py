@@ -312,3 +312,28 @@ def test_a_box_that_nothing_explained_is_looked_at_again_and_revised(master, tmp
     assert "box-no-cause" not in [found.code for found in car.made[1].findings]
     car.boxes.close()
     car.recorder.close()
+
+
+def test_a_cause_that_could_not_be_looked_for_is_looked_for_again(master, tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder, "LATER_S", 3.0)
+    car, asked = Car(master, tmp_path), []
+
+    def explain(session_id, group):
+        asked.append(session_id)
+        if len(asked) == 1:
+            raise RecordingFailed(Message("disk-silent", time=Quantity(5.0, "s")))
+        return replace(car.explain(session_id, group), code="joint-resistance-high", cell=30, pack=2)
+
+    car.boxes = BlackBoxRecorder(tmp_path / "again.sqlite", lambda: car.info.id, car.made.append, explain)
+    car.run(5)
+    car.set_cell(2.3)
+    car.run(1)
+    car.set_cell(3.6)
+    car.run(7)
+    car.boxes.wait()
+    assert [box.cause for box in car.made] == [None]
+    car.run(20)
+    car.boxes.wait()
+    assert [box.cause and box.cause.code for box in car.made] == [None, "joint-resistance-high"]
+    car.boxes.close()
+    car.recorder.close()
