@@ -108,9 +108,7 @@ def accumulator_of(
         energy_out_wh=energy.out_wh,
         energy_in_wh=energy.in_wh,
         fan_duty=reported.fan_duty,
-        voltage_at_least_v=(float(np.nansum(cells.voltage_v)) or reported.voltage_v or None)
-        if voltage_v is None
-        else None,
+        voltage_at_least_v=least_v if voltage_v is None else None,
         energy_gap_s=energy.gap_s or None,
         lowest_under_load=lowest,
         **charge_of(cells.soc, cells.soc_sigma, driver_percent, measured.master.soc),
