@@ -72,8 +72,9 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
 
 
 def with_cause(box: BlackBox, cause: Cause | None, found: Sequence[Finding]) -> BlackBox:
-    """Return a box with the verdict on it and what was known against cells, so far as that agrees with it."""
-    known = agreeing(found, [] if cause is None else [trip_cause(cause)])
+    """Return a box with the verdict on it and what was known against cells, without the verdicts on other trips."""
+    others = [each for each in found if each.evidence.code != "evidence-verdict" or each.cell == box.cell]
+    known = agreeing(others, [] if cause is None else [trip_cause(cause)])
     return replace(box, cause=cause, findings=[*findings_of(box, known), *cause_findings(cause, box.segments)])
 
 

@@ -278,7 +278,7 @@ def cause_of(judgement: Judgement, segments: Sequence[int], judged_s: float) -> 
         since=main.at_s,
         confidence=round(judgement.confidence[0], 3),
         same=[sentence(condition(code)) for code in SAME.get(main.code, ())],
-        evidence=[sentence(message, segments) for message in main.evidence],
+        evidence=[sentence(message, segments) for message in _own_evidence(main)],
         others=[_other(each, share, segments) for each, share in pairs if share >= LEAST_OTHER][:MOST_OTHERS],
         size=main.size,
         low=low,
@@ -286,6 +286,12 @@ def cause_of(judgement: Judgement, segments: Sequence[int], judged_s: float) -> 
         unit="" if main.size is None else main.unit,
         judged=judged_s,
     )
+
+
+def _own_evidence(each: Hypothesis) -> list[Message]:
+    """What was seen; what a finding says stands with the finding, unless nothing else was seen."""
+    seen = [message for message in each.evidence if not message.code.startswith("finding-")]
+    return seen or list(each.evidence)
 
 
 def _band(each: Hypothesis) -> tuple[float | None, float | None]:
