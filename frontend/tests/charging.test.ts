@@ -1,9 +1,12 @@
-import { describe, expect, it } from 'vitest';
+import { beforeEach, describe, expect, it } from 'vitest';
 import { message } from '../fixtures/battery';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Snapshot } from '../src/link/types';
 import { secondsToFull, whyNot } from '../src/store/charging';
 import { contradictions, dataWarnings } from '../src/store/data_warnings';
+import { live } from '../src/store/live.svelte';
+
+beforeEach(() => Object.assign(live, { connection: 'open', now: 0 })); // whatever another test left
 
 const made = (): Snapshot => makeSnapshot('drive', 10, 1_790_000_000, 1);
 
@@ -52,6 +55,11 @@ describe('whyNot', () => {
       'The charger reports a fault: input voltage',
       'Charging was not started.',
     ]);
+  });
+
+  it('does not blame the car where the service is gone', () => {
+    live.connection = 'lost';
+    expect(whyNot(charging(0), true)).toEqual(['The service does not answer.']);
   });
 
   it('does not guess from what is old', () => {

@@ -18,6 +18,7 @@ function flows(snapshot: Snapshot): boolean {
 
 /** Reasons in the order in which they have to be dealt with; empty while charge flows. */
 export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
+  if (live.gone) return [t('The service does not answer.')];
   if (!snapshot || !known) return [t('Nothing is heard of the charger or the master.')];
   const { charger, master, accumulator, cells } = snapshot;
   if (flows(snapshot)) return [];
