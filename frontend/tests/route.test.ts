@@ -1,4 +1,4 @@
-import { beforeAll, describe, expect, it } from 'vitest';
+import { beforeAll, describe, expect, it, vi } from 'vitest';
 
 describe('addresses', () => {
   let parse: typeof import('../src/store/route.svelte').parseHash;
@@ -29,5 +29,19 @@ describe('addresses', () => {
 
   it('leads to the overview from anywhere unknown', () => {
     for (const hash of ['', '#', '#/', '#/nowhere', 'overview']) expect(parse(hash).page).toBe('overview');
+  });
+
+  it('is not taken back by what the page that was left notes', async () => {
+    const { route } = await import('../src/store/route.svelte');
+    const replaceState = vi.fn((_: unknown, __: string, hash: string) => (location.hash = hash));
+    Object.assign(globalThis, { history: { replaceState } });
+    route.hash = location.hash = '#/sessions/run-3';
+    route.note({ find: 'a b' });
+    expect(route.hash).toBe('#/sessions/run-3?find=a+b');
+
+    location.hash = '#/parameters'; // `hashchange` comes in a task of its own
+    route.note({ find: 'c' });
+    expect(location.hash).toBe('#/parameters');
+    expect(replaceState).toHaveBeenCalledTimes(1);
   });
 });

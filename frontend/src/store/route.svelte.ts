@@ -61,19 +61,20 @@ class Route {
 
   /** Put what is shown into the address, so that it can be shared; null takes a value out. The reader stays here. */
   note(values: Record<string, string | null>): void {
+    if (location.hash !== this.hash) return; // the reader has left already, `hashchange` is on its way
     const { query } = parseHash(this.hash);
     for (const [name, value] of Object.entries(values)) {
       if (value === null) query.delete(name);
       else query.set(name, value);
     }
     const text = query.toString();
-    this.hash = `${this.hash.split('?')[0] || '#/overview'}${text ? `?${text}` : ''}`;
-    history.replaceState(null, '', this.hash);
+    history.replaceState(null, '', `${this.hash.split('?')[0] || '#/overview'}${text ? `?${text}` : ''}`);
+    this.hash = location.hash;
   }
 
   /** Let what is noted next be a place of its own, from which the browser goes back to this one. */
   step(): void {
-    history.pushState(null, '', this.hash);
+    if (location.hash === this.hash) history.pushState(null, '', this.hash);
   }
 
   start(): void {
