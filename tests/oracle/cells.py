@@ -14,6 +14,13 @@ from app.estimation.filters.tuning import Tuning
 from tests.oracle.state import Motion, State, initial_state, motion_of, read
 
 MODEL = load_cell("samsung-25r-10p")
+#: the same cell with a SOC at the surface and an exchange current over SOC and temperature
+SURFACE = replace(
+    MODEL,
+    overpotential_v=np.full(MODEL.r0_ohm.shape, 0.03),
+    reference_a=15.0 * (0.2 + MODEL.soc_grid) * np.linspace(0.5, 1.5, MODEL.temperature_grid_degc.size)[:, None],
+    surface_per_a=np.linspace(2e-3, 5e-4, MODEL.temperature_grid_degc.size) * np.array([[0.3], [1.0]]),
+)
 KNOWN_V2 = 1e-10  # of a lasting error that plays no part in a test
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.tables import R1
-from tests.oracle.output import open_loop
+from tests.oracle.output import open_loop, surface_direction, surface_soc
 from tests.oracle.state import (
     LEAST_VARIANCE,
     N_STARTS,
@@ -117,7 +117,8 @@ def likely_soc(
     for z in np.linspace(0.0, 1.0, START_POINTS):
         at = replace(state, soc=np.full_like(state.soc, z))
         voltage_v2, _, _ = start_voltage_v2(setup, at, motion, measured)
-        off_v = measured.voltage_v - open_loop(setup, at, motion, setup.cell.circuit(at.soc, measured.place))
+        z_s = surface_soc(at, surface_direction(setup, at, measured))
+        off_v = measured.voltage_v - open_loop(setup, at, motion, setup.cell.circuit(z_s, measured.place))
         found.append((at.soc, -(off_v**2) / voltage_v2 / 2.0, 1.0 / np.sqrt(voltage_v2)))
     soc, exponent, height = np.moveaxis(np.array(found), 1, 0)
     weight = height * np.exp(exponent - exponent.max(axis=0))
@@ -129,9 +130,14 @@ def likely_soc(
 def start_voltage_v2(
     setup: FilterSetup, state: State, motion: Motion, measured: Measurement
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return s^2 = r + sum (rho R_k)^2 P_kk (n,) of the voltage at a SOC [V^2], and (n_rc, n) rho R_k and P_kk."""
+    """Return s^2 = r + sum ohm_k^2 P_kk (n,) of the voltage at a SOC [V^2], and (n_rc, n) ohm_k and P_kk.
+
+    ohm_k = rho (R_k + d_k dOCV/dz_s)
+    """
     tuning, cell = setup.tuning, setup.cell
-    ohm = state.resistance * cell.circuit(state.soc, measured.place)[R1:]
+    g = surface_direction(setup, state, measured)
+    z_s = surface_soc(state, g)
+    ohm = state.resistance * cell.circuit(z_s, measured.place)[R1:] - g[1:] * cell.ocv_slope(z_s)
     pair_v2 = (tuning.start_branch_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
     branch_v2 = np.full_like(ohm, pair_v2)
     branch_v2[-1] = lasting_v2(setup, state, motion, measured)

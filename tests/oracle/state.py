@@ -174,7 +174,6 @@ class Motion:
     """A step: its length [s], the current held over it [A], and what they mean to every cell.
 
     Attributes:
-        over: asinh(i / i_ref) of the overpotential.
         moved_ah: charge taken out; charging counts times the efficiency [Ah].
         correlation: growth of it for the gain: errors that last average out less.
         look_s: since the starts were last weighed; 0 where it is not time to weigh them [s].
@@ -188,7 +187,6 @@ class Motion:
 
     dt_s: float
     current_a: float
-    over: float
     moved_ah: float
     correlation: float
     look_s: float
@@ -229,7 +227,6 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, since_s: float 
     return Motion(
         dt_s=dt_s,
         current_a=current_a,
-        over=math.asinh(current_a / model.overpotential_current_a) if setup.cell.has_overpotential else 0.0,
         moved_ah=kept * current_a * dt_s / SECONDS_PER_HOUR,
         correlation=tuning.correlation_factor(dt_s),
         look_s=look_s,

@@ -31,15 +31,18 @@ temperature = st.floats(-20.0, 70.0)
 
 
 @cache
-def packed(n_rc: int) -> CellTables:
+def packed(n_rc: int, has_surface: bool = False) -> CellTables:
     base = load_cell()
     pairs = [k % 2 for k in range(n_rc)]
     over = np.full(base.r0_ohm.shape, 0.004)
-    return CellTables(
-        replace(
-            base, r_ohm=base.r_ohm[pairs], tau_s=base.tau_s[pairs], overpotential_v=over, overpotential_current_a=25.0
-        )
+    cell = replace(
+        base, r_ohm=base.r_ohm[pairs], tau_s=base.tau_s[pairs], overpotential_v=over, overpotential_current_a=25.0
     )
+    if has_surface:
+        # one exchange current: at the points an overpotential over SOC follows its expansion, not the function itself
+        d = np.linspace(1e-3, 2e-4, base.temperature_grid_degc.size) * (1.0 + np.arange(n_rc))[:, None]
+        cell = replace(cell, surface_per_a=d, reference_a=np.full(base.r0_ohm.shape, 25.0))
+    return CellTables(cell)
 
 
 def output_of(cell: CellTables, current_a: float, temperature_degc: float):
@@ -67,11 +70,12 @@ def random_state(n_rc: int, soc_value: float, sd: float, seed: int):
 
 @pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 @pytest.mark.parametrize("name", RULES)
+@pytest.mark.parametrize("has_surface", [False, True])
 @pytest.mark.parametrize("n_rc", range(5))
 @settings(max_examples=examples(25))
 @given(soc, sigma, unit, step, voltage, temperature, st.integers(0, 2**32 - 1))
-def test_three_points_equal_the_full_set(engine, name, n_rc, soc_value, sd, current_c, dt, volts, degc, seed):
-    cell = packed(n_rc)
+def test_three_points_equal_the_full_set(engine, name, n_rc, has_surface, soc_value, sd, current_c, dt, volts, degc, seed):
+    cell = packed(n_rc, has_surface)
     setup = FilterSetup(cell, Kind.SIGMA, RULES[name](1 + cell.n_rc), OPEN_GATE)
     current = 250.0 * current_c
     mean, cov = random_state(n_rc, soc_value, sd, seed)
@@ -96,16 +100,21 @@ def test_three_points_equal_the_full_set(engine, name, n_rc, soc_value, sd, curr
     empty = min(OPEN_GATE.empty_soc * doubt[COLD], OPEN_GATE.empty_soc_max)
     growth = 1.0 + max(empty - predicted_soc, 0.0) / empty * (OPEN_GATE.empty_factor * doubt[COLD] - 1.0)
     noise_v2 = error_v2 * growth**2 * motion.correlation
+    # the textbook's points lie along the SOC at the surface, where that is not the SOC
+    to_surface = np.eye(mean.size)
+    to_surface[0, 1:] = -cell.surface_at(cell.place_temperature(np.array([degc])))[:, 0]
     wanted, wanted_cov = additive_step(
-        mean,
-        cov,
+        to_surface @ (decay * mean + gain),
+        to_surface @ predicted_cov @ to_surface.T,
         setup.rule,
-        lambda state, _: decay * state + gain,
-        predicted_cov - decay[:, None] * cov * decay,
+        lambda state, _: state,
+        np.zeros_like(cov),
         output_of(cell, current, degc),
         noise_v2,
         volts,
     )
+    back = np.linalg.inv(to_surface)
+    wanted, wanted_cov = back @ wanted, back @ wanted_cov @ back.T
     found, found_cov = after(volts)
     assert found[0] == pytest.approx(np.clip(wanted[0], -0.05, 1.05), abs=1e-10)  # rounding, seen: 1.4e-12
     np.testing.assert_allclose(found[1:], wanted[1:], rtol=0, atol=1e-9)

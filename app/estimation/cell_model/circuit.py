@@ -1,13 +1,15 @@
-"""The equivalent circuit of one cell: OCV, R0, up to four RC pairs, optional asinh overpotential and hysteresis.
+"""The model of one cell that filters and predictions use: OCV, ohmic drop, kinetics, up to four first-order lags.
 
-State is the *current* through each RC resistor, so the process is linear whatever the resistances do:
+States are the SOC and the *current* through each lag, so the process is linear whatever the output does:
 
     z'   = z - dt eta i / (3600 Q)                    eta = coulombic efficiency on charge, 1 on discharge
     i_k' = a_k i_k + (1 - a_k) i,   a_k = exp(-dt / tau_k)            exact for a held current
-    v    = OCV(z, T) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
+    z_s  = z - sum d_k i_k                            SOC at the surface of the particles: diffusion
+    v    = OCV(z_s, T) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
 
-Current is positive on discharge. Tables run over SOC and temperature and are interpolated linearly in both.
-Source: the notes STATE-SPACE (zero-order hold) and EKF-CDKF-2022 (currents as states).
+An equivalent circuit of RC pairs is the same with d_k = 0 and one i_ref. R0, e, R_k and i_ref are tables over z_s and
+temperature, d_k over temperature, all interpolated linearly. Current is positive on discharge.
+Source: the notes STATE-SPACE (zero-order hold) and EKF-CDKF-2022 (currents as states); `surface.py` for d_k and i_ref.
 """
 
 from __future__ import annotations
@@ -72,7 +74,9 @@ class CellModel:
         r_ohm: RC resistances [ohm]; n_rc = 0 is a cell without memory.
         tau_s: RC time constants [s], positive.
         overpotential_v: factor e of the static asinh(i / overpotential_current_a) [V]; zeros switch it off.
-        overpotential_current_a: the current i_ref of that term [A].
+        overpotential_current_a: the current i_ref of that term [A], where it is the same everywhere.
+        reference_a: (n_t, n_soc) i_ref, twice the exchange current, where it is not [A]; None = the same everywhere.
+        surface_per_a: (n_rc, n_t) d_k, by which a current through a lag lowers the SOC at the surface [1/A]; None = 0.
         hysteresis_v: half the gap M between charge and discharge OCV [V]; 0 switches the state off.
         hysteresis_rate: how fast the hysteresis state follows charge, per unit of SOC moved.
         coulombic_efficiency: share of the charging charge that is kept, 0..1.
@@ -101,6 +105,8 @@ class CellModel:
     tau_s: FloatArray
     overpotential_v: FloatArray | None = None
     overpotential_current_a: float = 1.0
+    reference_a: FloatArray | None = None
+    surface_per_a: FloatArray | None = None
     hysteresis_v: float = 0.0
     hysteresis_rate: float = 50.0
     coulombic_efficiency: float = 1.0
@@ -125,19 +131,25 @@ class CellModel:
         shape = (self.temperature_grid_degc.size, self.soc_grid.size)
         over = np.zeros(shape) if self.overpotential_v is None else np.array(self.overpotential_v, dtype=np.float64)
         object.__setattr__(self, "overpotential_v", over)
-        for name in ("ocv_shift_v", "fit_temperature_degc"):
+        for name in ("ocv_shift_v", "fit_temperature_degc", "reference_a", "surface_per_a"):
             given = getattr(self, name)
             object.__setattr__(self, name, None if given is None else np.array(given, dtype=np.float64))
         object.__setattr__(self, "_shift", np.zeros(shape) if self.ocv_shift_v is None else self.ocv_shift_v)
         measured = self.temperature_grid_degc if self.fit_temperature_degc is None else self.fit_temperature_degc
         object.__setattr__(self, "_measured_degc", measured)
         _check(self, shape)
-        object.__setattr__(self, "_static", np.concatenate(([self.r0_ohm, over], self.r_ohm, self.tau_s)))
+        per_a = np.full(shape, 1.0 / self.overpotential_current_a) if self.reference_a is None else 1.0 / self.reference_a
+        object.__setattr__(self, "_static", np.concatenate(([self.r0_ohm, over], self.r_ohm, self.tau_s, [per_a])))
 
     @property
     def n_rc(self) -> int:
         """Number of RC pairs."""
         return int(self.r_ohm.shape[0])
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether the OCV is read at a SOC of the surface, and the overpotential has its own current at each SOC."""
+        return self.surface_per_a is not None
 
     @property
     def measured_degc(self) -> FloatArray:
@@ -157,15 +169,67 @@ class CellModel:
     def lasting_ohm(self, temperature_degc: ArrayLike) -> FloatArray:
         """Return the voltage a lasting current takes for each ampere of it, at 3C and half charge [ohm]."""
         i = 3.0 * self.c_rate_a
-        p = self.parameters(0.5, temperature_degc)
-        over = p[1] * np.arcsinh(i / self.overpotential_current_a)
-        return np.asarray(p[0] + p[2 : 2 + self.n_rc].sum(axis=0) + over / i)
+        degc = np.asarray(temperature_degc, dtype=np.float64)
+        return self.drop_v(np.full(degc.shape, 0.5), np.full((self.n_rc, *degc.shape), i), i, degc) / i
 
     def parameters(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
         """Return (2 + 2 n_rc, ...) rows R0, e, R_1.., tau_1.. at each SOC and temperature, broadcast together.
 
-        Linear in both; held at the edge of the tables.
+        Linear in both; held at the edge of the tables. In a model of the surface its SOC counts.
         """
+        return self._look_up(soc, temperature_degc)[:-1]
+
+    def time_constants(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+        """Return (n_rc, ...) tau_k [s] at each SOC and temperature, broadcast together."""
+        return self._look_up(soc, temperature_degc)[2 + self.n_rc : -1]
+
+    def per_reference(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+        """Return (...) 1 / i_ref [1/A] at each SOC and temperature, broadcast together."""
+        return np.asarray(self._look_up(soc, temperature_degc)[-1])
+
+    def surface_soc(
+        self, soc: ArrayLike, branch_a: ArrayLike, temperature_degc: ArrayLike, factor: ArrayLike = 1.0
+    ) -> FloatArray:
+        """Return z_s = z - factor sum d_k i_k; arguments as in `drop_v`."""
+        z = np.asarray(soc, dtype=np.float64)
+        if self.surface_per_a is None:
+            return z
+        below = np.zeros_like(z)
+        for d, i_k in zip(self.surface_per_a, np.asarray(branch_a, dtype=np.float64), strict=True):
+            below = below + np.interp(temperature_degc, self.temperature_grid_degc, d) * i_k
+        return np.asarray(z - factor * below)
+
+    def drop_v(
+        self,
+        soc: ArrayLike,
+        branch_a: ArrayLike,
+        current_a: ArrayLike,
+        temperature_degc: ArrayLike = 25.0,
+        factor: ArrayLike = 1.0,
+    ) -> FloatArray:
+        """Return by how much a current lowers the voltage below the OCV of a SOC [V].
+
+        OCV(z) - OCV(z_s) + factor (R0 i + e asinh(i / i_ref) + sum R_k i_k)
+
+        Args:
+            soc: (...) state of charge.
+            branch_a: (n_rc, ...) currents through the lags [A].
+            current_a: (...) or scalar, positive on discharge [A].
+            temperature_degc: (...) or scalar [degC].
+            factor: (...) or scalar, resistances of the cell, and its d_k, over those of the model.
+        """
+        i, branches = np.asarray(current_a, dtype=np.float64), np.asarray(branch_a, dtype=np.float64)
+        surface = self.surface_soc(soc, branches, temperature_degc, factor)
+        p = self._look_up(surface, temperature_degc)
+        ohmic = p[0] * i + (p[2 : 2 + self.n_rc] * branches).sum(axis=0)
+        drop = factor * (ohmic + p[1] * np.arcsinh(i * p[-1]))
+        if self.has_surface:
+            degc = temperature_degc
+            drop = drop + self.open_circuit_voltage(soc, degc) - self.open_circuit_voltage(surface, degc)
+        return np.asarray(drop)
+
+    def _look_up(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+        """Return (3 + 2 n_rc, ...) rows R0, e, R_1.., tau_1.., 1 / i_ref."""
         js, ws = _weights(self.soc_grid, np.asarray(soc, dtype=np.float64))
         jt, wt = _weights(self.temperature_grid_degc, np.asarray(temperature_degc, dtype=np.float64))
         n_soc, n_t = self.soc_grid.size, self.temperature_grid_degc.size
@@ -219,24 +283,15 @@ class CellModel:
     ) -> FloatArray:
         """Return the terminal voltage [V], same shape as `soc`.
 
-        v = OCV(z, T) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
-
         Args:
             soc: (...) state of charge.
-            branch_a: (n_rc, ...) currents through the RC resistors [A].
+            branch_a: (n_rc, ...) currents through the lags [A].
             current_a: (...) or scalar, positive on discharge [A].
             temperature_degc: (...) or scalar [degC].
             hysteresis: (...) or scalar, -1 after a long discharge to +1 after a long charge.
         """
-        p = self.parameters(soc, temperature_degc)
-        i = np.asarray(current_a, dtype=np.float64)
-        v = (
-            self.open_circuit_voltage(soc, temperature_degc)
-            - p[0] * i
-            - p[1] * np.arcsinh(i / self.overpotential_current_a)
-        )
-        branches = (p[2 : 2 + self.n_rc] * np.asarray(branch_a, dtype=np.float64)).sum(axis=0)
-        return np.asarray(v - branches + self.hysteresis_v * np.asarray(hysteresis))
+        rested_v = self.open_circuit_voltage(soc, temperature_degc) + self.hysteresis_v * np.asarray(hysteresis)
+        return np.asarray(rested_v - self.drop_v(soc, branch_a, current_a, temperature_degc))
 
 
 def charge_moved_coulomb(model: CellModel, current_a: ArrayLike, dt_s: ArrayLike) -> FloatArray:
@@ -275,6 +330,16 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
             raise ModelError(name, f"has shape {table.shape}, the grids ask for {shape}")
         if not (np.isfinite(table).all() and (table >= 0).all()):
             raise ModelError(name, "has to be finite and not negative")
+    if (model.reference_a is None) != (model.surface_per_a is None):
+        raise ModelError("reference_a", "and surface_per_a are given together")
+    if model.reference_a is not None and model.surface_per_a is not None:
+        if model.reference_a.shape != shape or not (np.isfinite(model.reference_a) & (model.reference_a > 0)).all():
+            raise ModelError("reference_a", f"has to be a table of {shape}, finite and positive")
+        of_lags = (model.r_ohm.shape[0], shape[0])
+        if model.surface_per_a.shape != of_lags or not (
+            np.isfinite(model.surface_per_a) & (model.surface_per_a >= 0)
+        ).all():
+            raise ModelError("surface_per_a", f"has to be a table of {of_lags}, finite and not negative")
     if model._shift.shape != shape:
         raise ModelError("ocv_shift_v", f"has shape {model._shift.shape}, the grids ask for {shape}")
     if not (np.abs(model._shift) <= SHIFT_MAX_V).all():

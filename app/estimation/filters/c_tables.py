@@ -34,6 +34,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "n_temperatures": cell.temperature_degc.size,
         "has_overpotential": int(cell.has_overpotential),
         "has_tau_table": int(cell.has_tau_table),
+        "has_surface": int(cell.has_surface),
         "slow_pair": cell.slow_pair,
         "n_doubt": cell.doubt.shape[0],
         "width": table.shape[-1],
@@ -53,12 +54,13 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "reading_slope_v": "vw_cell_reading_slope_v",
         "tau_s": "vw_cell_tau_s",
         "doubt": "vw_cell_doubt",
+        "surface": "vw_cell_surface" if cell.has_surface else "0",
     }
     rule_fields = {name: _number(getattr(rule, name)) for name in ("spread", "weight", "curvature")}
     tuning_fields = {name: _number(value) for name, value in asdict(tuning or Tuning()).items()}
     parts = [
         f"/* {_comment(model.name)}, {model.capacity_ah:g} Ah: written by `voltwall firmware` from its cell file.",
-        " * Columns of the table: OCV [V], R0 [ohm], RC resistances [ohm], overpotential [V] where there is one. */",
+        " * Columns of the table: OCV [V], R0 [ohm], R_k [ohm], overpotential [V], one over its current [1/A]. */",
         "#ifndef VW_CELL_OF_TEAM_H",
         "#define VW_CELL_OF_TEAM_H",
         "",
@@ -74,6 +76,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         _array("vw_cell_reading_slope_v", cell.reading_slope_v),
         _array("vw_cell_tau_s", cell.tau_s),
         _array("vw_cell_doubt", cell.doubt),
+        *([_array("vw_cell_surface", cell.surface)] if cell.has_surface else []),
         _struct("vw_cell_model", "vw_cell_model_of_team", fields),
         _struct("vw_sigma_rule", "vw_rule_of_team", rule_fields),
         _struct("vw_tuning", "vw_tuning_of_team", tuning_fields),

@@ -18,7 +18,7 @@ SOC_HIGH: Final = 1.1
 SOC_STEP: Final = 0.001
 SOC_INVERSE: Final = (-0.05, 1.05)  # range of a SOC that is read off a voltage
 READING_V: Final = 0.02  # error of a model's voltage by which the SOC is misread
-OCV, R0, OVERPOTENTIAL, R1 = range(4)  # columns of the table; the other RC resistances follow
+OCV, R0, OVERPOTENTIAL, PER_REFERENCE, R1 = range(5)  # columns of the table; the other R_k follow
 REFERENCE_DEGC: Final = 25.0
 LASTING_OHM: Final = 1.0  # the state of the lasting error is a current through this much
 LASTING_S: Final = 600.0  # its correlation time
@@ -38,7 +38,8 @@ class CellTables:
         temperature_degc: (n_t,) temperature of the tables [degC], rising.
         n_rc: branches: the RC pairs of the model, and last the lasting error, which no current drives.
         slow_pair: which RC pair is the slowest, -1 without any.
-        table: (n_t, n_soc, 3 + n_rc) OCV [V], R0 [ohm], e [V] and R_k [ohm].
+        table: (n_t, n_soc, 4 + n_rc) OCV [V], R0 [ohm], e [V], 1 / i_ref [1/A] and R_k [ohm].
+        surface: (n_t, n_rc - 1) d_k at the temperatures [1/A], zeros where the model has no surface.
         doubt: (n, 4) what is not known at temperatures even apart: share by which resistances may be off, how far the
             OCV may be off [V], voltage a lasting current takes for each ampere [ohm], and how much earlier than at
             25 degC the cell looks empty.
@@ -57,27 +58,34 @@ class CellTables:
         self.soc = SOC_LOW + soc_step * np.arange(n)
         self.temperature_degc = model.temperature_grid_degc
         r0, over, *rc = model.parameters(self.soc, self.temperature_degc[:, None])
+        per_reference = model.per_reference(self.soc, self.temperature_degc[:, None])
         # what temperature does to the OCV may not make it fall anywhere: its inverse has to exist
         ocv = np.maximum.accumulate(model.open_circuit_voltage(self.soc, self.temperature_degc[:, None]), axis=1)
         lasting_ohm, lasting_s = np.full_like(r0, LASTING_OHM), np.full_like(r0, LASTING_S)
-        self.table = np.ascontiguousarray(np.stack([ocv, r0, over, *rc[: model.n_rc], lasting_ohm], axis=-1))
+        self.table = np.ascontiguousarray(np.stack([ocv, r0, over, per_reference, *rc[: model.n_rc], lasting_ohm], axis=-1))
+        self.has_surface = model.has_surface
+        surface = np.zeros((model.n_rc, self.temperature_degc.size)) if model.surface_per_a is None else model.surface_per_a
+        self.surface = np.ascontiguousarray(surface.T)
         self.ocv_slope_v = model.ocv.slope(self.soc)
         self.reading_slope_v = reading_slope(model, np.asarray(self.soc, dtype=np.float64))
-        self.has_overpotential = bool(over.any())
+        self.has_overpotential = self.has_surface or bool(over.any())
         self.has_tau_table = any(np.ptp(tau) > 0.0 for tau in model.tau_s)
         taus = np.stack([*rc[model.n_rc :], lasting_s], axis=-1)
         self.tau_s = np.ascontiguousarray(taus if self.has_tau_table else taus[0, 0])
         self.doubt = _doubt(model)
 
     def packed(self, width: int | None = None) -> FloatArray:
-        """Return (n_t, n_soc, width) the columns that the C engine looks up: OCV, R0, R_k, and e where there is one.
+        """Return (n_t, n_soc, width) the columns that the C engine looks up: OCV, R0, R_k, e and 1 / i_ref.
+
+        e where there is one, and 1 / i_ref where it is not the same everywhere.
 
         The lasting error's resistance is always the same.
 
         Args:
             width: numbers from one point to the next, zeros in those that are not used; None = just what is used.
         """
-        columns = [OCV, R0, *range(R1, R1 + self.n_rc - 1), *([OVERPOTENTIAL] if self.has_overpotential else [])]
+        columns = [OCV, R0, *range(R1, R1 + self.n_rc - 1)]
+        columns += [OVERPOTENTIAL] * self.has_overpotential + [PER_REFERENCE] * self.has_surface
         packed = np.zeros((*self.table.shape[:2], width or len(columns)))
         packed[..., : len(columns)] = self.table[..., columns]
         return packed
@@ -99,11 +107,11 @@ class CellTables:
         return _place(np.clip((soc - self.soc_low) / self.soc_step, 0.0, self.soc.size - 1.0))
 
     def circuit(self, soc: FloatArray, at: Place) -> FloatArray:
-        """Return (3 + n_rc, n) OCV, R0, e and R_k of each cell, at its SOC and the place of its temperature."""
+        """Return (4 + n_rc, n) OCV, R0, e, 1 / i_ref and R_k of each cell, at its SOC and temperature's place."""
         return _interpolate(self.table, at, self.place_soc(soc))
 
     def circuit_slope(self, soc: FloatArray, at: Place) -> FloatArray:
-        """Return (3 + n_rc, n) derivatives of the same with SOC; that of the OCV may be smoothed."""
+        """Return (4 + n_rc, n) derivatives of the same with SOC; that of the OCV may be smoothed."""
         j, _ = self.place_soc(soc)
         j = np.minimum(j, self.soc.size - 2)
         (row, g), up = at, np.minimum(at[0] + 1, self.temperature_degc.size - 1)
@@ -112,6 +120,12 @@ class CellTables:
         slope = ((1.0 - g)[:, None] * cool + g[:, None] * warm).T / self.soc_step
         slope[OCV] = self.ocv_slope(soc)
         return np.asarray(slope)
+
+    def surface_at(self, at: Place) -> FloatArray:
+        """Return (n_rc, n) d_k at the place of each temperature [1/A]; 0 of the lasting error."""
+        (row, g), up = at, np.minimum(at[0] + 1, self.temperature_degc.size - 1)
+        d = self.surface[row] + g[:, None] * (self.surface[up] - self.surface[row])
+        return np.vstack((d.T, np.zeros(row.size)))
 
     def time_constants(self, soc: FloatArray, at: Place) -> FloatArray:
         """Return (n_rc, n) time constants of each cell [s]."""

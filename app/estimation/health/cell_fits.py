@@ -24,7 +24,7 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.health.cell_voltages import CellVoltage, UnderLoad, slow_current
+from app.estimation.health.cell_voltages import CellVoltage, UnderLoad, resistances, slow_current
 
 Law = Literal["joint", "resistance", "capacity", "leak", "stuck", "warm", "lower"]
 LeakHeat = Callable[[FloatArray, float], FloatArray]
@@ -164,10 +164,10 @@ def _grown(cell: CellVoltage, model: CellModel, onsets: FloatArray) -> Iterator[
         u' = (R i - u) / (R C),  v' = (k R i - v) / (k R C)
         w' = ((k - 1) u - w) / (k R C),  so w = (k - 1) R slow(i_j), 0 at the onset
     """
-    usual_ohm = float(model.r0_ohm.mean())
-    pairs = [
-        (float(ohm.mean()) / usual_ohm, float(tau_s.mean()))
-        for ohm, tau_s in zip(model.r_ohm, model.tau_s, strict=True)
+    usual_ohm, lagged_ohm = resistances(model)
+    lags = [
+        (float(ohm) / usual_ohm, float(tau_s.mean()))
+        for ohm, tau_s in zip(lagged_ohm, model.tau_s, strict=True)
     ]
     for onset_s in onsets:
         since = cell.time_s >= onset_s
@@ -176,7 +176,7 @@ def _grown(cell: CellVoltage, model: CellModel, onsets: FloatArray) -> Iterator[
             if candidate is None:
                 break
             drop_a, times = cell.current_a.copy(), 1.0 + candidate[1] / usual_ohm
-            for (share, tau_s), branch_a in zip(pairs, cell.branch_a, strict=True):
+            for (share, tau_s), branch_a in zip(lags, cell.branch_a, strict=True):
                 drop_a[since] += share * slow_current(cell.time_s[since], branch_a[since], times * tau_s)
             candidate = next(_drops(cell, drop_a, np.array([onset_s])), None)
         if candidate is not None:

@@ -22,7 +22,6 @@ QUICK_S: Final = 0.3  # between samples: less often shows no lag
 FEWEST: Final = 100  # steps of the current that show it
 MOVED_A: Final = 3.0
 LIKELY_OHM: Final = (0.3, 3.0)  # of the model's resistance: else something else moved the voltage
-SOC_GRID: Final = np.linspace(0.0, 1.0, 51)
 USUAL_DEGC: Final = 25.0
 CHARGE_RANGE: Final = (-0.05, 1.05)
 CHARGE_STEP: Final = 0.005
@@ -87,7 +86,7 @@ def shown_current(stretch: Stretch, model: CellModel, branch_a: FloatArray) -> F
         return None
     found = -np.linalg.lstsq(columns[:, known].T, moved_v[known], rcond=None)[0]
     weights, pairs_ohm = found[: len(LAGS)], found[len(LAGS) :]
-    ohm, usual_ohm = float(weights.sum()), float(model.r0_ohm.mean())
+    ohm, usual_ohm = float(weights.sum()), resistances(model)[0]
     if not LIKELY_OHM[0] * usual_ohm < ohm < LIKELY_OHM[1] * usual_ohm:
         return None
     shifted = weights @ lagged / ohm
@@ -101,20 +100,25 @@ def shown_current(stretch: Stretch, model: CellModel, branch_a: FloatArray) -> F
     return np.asarray(shifted + apart - slow)
 
 
+def resistances(model: CellModel) -> tuple[float, FloatArray]:
+    """Return what a current drops at once, and (n_rc,) what it drops by each lag, at 3C and half charge [ohm]."""
+    amps = 3.0 * model.c_rate_a
+    at_once_v = float(model.drop_v(0.5, np.zeros(model.n_rc), amps, USUAL_DEGC))
+    lagged_v = [float(model.drop_v(0.5, one, amps, USUAL_DEGC)) for one in amps * np.eye(model.n_rc)]
+    return at_once_v / amps, (np.array(lagged_v) - at_once_v) / amps
+
+
 class UnderLoad:
-    """What a cell's voltage would be with another charge, at the recorded current; resistances by SOC_GRID.
+    """What a cell's voltage would be with another charge, at the recorded current.
 
     The searches ask for it some hundred times a cell: it is made once for each step of charge, and read between them.
     """
 
     def __init__(self, cell: CellVoltage, model: CellModel) -> None:
-        tables = model.parameters(SOC_GRID, USUAL_DEGC)
-        drops = [(cell.current_a, tables[0]), *zip(cell.branch_a, tables[2 : 2 + model.n_rc], strict=True)]
         self._soc, self._columns = cell.soc, np.arange(cell.soc.size)
         soc = np.clip(cell.soc - LESS_CHARGE[:, None], *CHARGE_RANGE)
-        self._voltage_v = np.asarray(model.ocv.voltage(soc), dtype=np.float64)
-        for amps, ohm in drops:
-            self._voltage_v -= np.interp(soc, SOC_GRID, ohm) * amps
+        branch_a = np.broadcast_to(cell.branch_a[:, None], (model.n_rc, *soc.shape))
+        self._voltage_v = model.terminal_voltage(soc, branch_a, cell.current_a, USUAL_DEGC)
         self._usual_v = self._read(np.zeros(cell.soc.size))
 
     def moved_v(self, soc: FloatArray) -> FloatArray:

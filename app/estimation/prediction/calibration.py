@@ -45,7 +45,7 @@ class VoltageForecast:
             return
         degc = np.where(np.isnan(states.temperature_degc), 25.0, states.temperature_degc)
         self._states, self._known, self._left_s = OperatingPoint(states.soc, states.branch_a, degc), known, AHEAD_S
-        self._tau_s = self._cell.parameters(states.soc, degc)[2 + self._cell.n_rc :]
+        self._tau_s = self._cell.time_constants(states.soc, degc)
 
     def step(self, dt_s: float, current_a: float, voltages_v: FloatArray) -> None:
         """Take one sample: `dt_s` since the one before, the current [A] and (n_cells,) voltages [V], NaN = missing."""
@@ -69,9 +69,9 @@ class VoltageForecast:
         if abs(current_a) < LOADED_C * self._cell.capacity_ah:
             return
         cell, known = self._cell, self._known
-        ocv_v = cell.ocv.voltage(states.soc)
-        drop_v = ocv_v - cell.terminal_voltage(states.soc, states.branch_a, current_a, states.temperature_degc)
-        drop_v = drop_v * np.asarray(known.resistance_factor, dtype=np.float64)
+        ocv_v = cell.open_circuit_voltage(states.soc, states.temperature_degc)
+        factor = np.asarray(known.resistance_factor, dtype=np.float64)
+        drop_v = cell.drop_v(states.soc, states.branch_a, current_a, states.temperature_degc, factor)
         current = np.full(states.n_cells, current_a)
         sigma_v = voltage_sigma_v(cell, known, states.soc, np.asarray(known.soc_sigma), current, drop_v)
         off = np.abs(voltages_v - (ocv_v - drop_v)) / sigma_v

@@ -1,6 +1,6 @@
-"""Cells carried forward at a constant current, with what is not known of them, by the closed form of the circuit.
+"""Cells carried forward at a constant current, with what is not known of them, by the closed form of the cell model.
 
-    v(t) = OCV(z - i t / Q) - R0 i - e asinh(i / i_ref) - sum R_k (a_k i_k + (1 - a_k) i),   a_k = exp(-t / tau_k)
+    v(t) = OCV(z(t)) - drop(z(t), i_k(t), i),   z(t) = z - i t / Q,   i_k(t) = a_k i_k + (1 - a_k) i,   a_k = exp(-t / tau_k)
     T(t) = T + ((OCV(z) - v(t)) i - cooling) t / C_th
 
 No time steps are taken. Sigmas are carried along to first order; a cell's own errors are taken to be independent.
@@ -145,17 +145,15 @@ def carry_forward(
     moved = current * seconds / (SECONDS_PER_HOUR * capacity_ah)
     soc = states.soc - np.where(moved < 0.0, cell.coulombic_efficiency * moved, moved)
     temperature = np.where(np.isnan(states.temperature_degc), 25.0, states.temperature_degc)
-    values = cell.parameters(soc, temperature)
-    drop = values[0] * current + values[1] * np.arcsinh(current / cell.overpotential_current_a)
-    for k in range(cell.n_rc):
-        decay = np.exp(-seconds / values[2 + cell.n_rc + k])
-        drop = drop + values[2 + k] * (decay * states.branch_a[k] + (1.0 - decay) * current)
-    drop = drop * known.resistance_factor
+    decay = np.exp(-seconds / cell.time_constants(soc, temperature))
+    before_a = states.branch_a.reshape(cell.n_rc, *[1] * (soc.ndim - 1), n)
+    branch_a = decay * before_a + (1.0 - decay) * current
+    drop = cell.drop_v(soc, branch_a, current, temperature, known.resistance_factor)
     soc_sigma = np.hypot(known.soc_sigma, moved * known.capacity_sigma_frac) + np.zeros_like(soc)
     loss_w = np.maximum(drop * current, 0.0)
     heating = np.maximum(loss_w - known.cooling_w, 0.0) * seconds / heat_capacity_j_k
     return Ahead(
-        cell.ocv.voltage(soc) - drop,
+        cell.open_circuit_voltage(soc, temperature) - drop,
         voltage_sigma_v(cell, known, soc, soc_sigma, current, drop),
         soc,
         soc_sigma,

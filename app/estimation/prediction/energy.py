@@ -113,14 +113,11 @@ def energy_left(
     charge_ah = float(available_ah[first])
     share = np.linspace(0.0, 1.0, OCV_POINTS)[:, None]
     path = z - share * charge_ah / capacity
-    values = cell.parameters(path, temperature)
     loss_a = current_a if loss_current_a is None else loss_current_a
-    drop_v = values[0] * loss_a + values[1] * np.arcsinh(loss_a / cell.overpotential_current_a)
-    for r_ohm, tau_s in zip(values[2 : 2 + cell.n_rc], values[2 + cell.n_rc :], strict=True):
-        drop_v = drop_v + r_ohm * (current_a + (loss_a - current_a) / (1.0 + tau_s / RIPPLE_S))
-    drop_v = factor * drop_v
+    branch_a = current_a + (loss_a - current_a) / (1.0 + cell.time_constants(path, temperature) / RIPPLE_S)
+    drop_v = cell.drop_v(path, branch_a, loss_a, temperature, factor)
     lost_wh = float(np.trapezoid(drop_v.sum(axis=1), share[:, 0])) * charge_ah
-    voltage_v = (cell.ocv.voltage(path) - drop_v).sum(axis=1)
+    voltage_v = (cell.open_circuit_voltage(path, temperature) - drop_v).sum(axis=1)
     mean_v = float(np.trapezoid(voltage_v, share[:, 0]))
     # sigmas of SOC and capacity of the cell that ends it are so much charge, drawn at the voltage of the end
     by_soc_ah = float(soc_sigma[known][first] * capacity[first])

@@ -63,7 +63,7 @@ def branch_currents(
         soc: (n,) state of charge.
         temperature_degc: (n,) [degC].
     """
-    tau_s = cell.parameters(soc, temperature_degc)[2 + cell.n_rc :]
+    tau_s = cell.time_constants(soc, temperature_degc)
     decay = np.exp(-step_s / tau_s)
     driven = (1.0 - decay) * np.where(step_s > UNKNOWN_S, 0.0, current_a)
     branches = np.empty_like(decay)
@@ -171,7 +171,7 @@ def voltage_ahead(
     then = np.maximum(then, 0)
     soc = states.soc[then] - (moved - moved[then]) / (SECONDS_PER_HOUR * cell.capacity_ah)
     foretold_v = cell.terminal_voltage(soc, states.branch_a, current_a, states.temperature_degc)
-    drop_v = cell.ocv.voltage(soc) - foretold_v
+    drop_v = cell.open_circuit_voltage(soc, states.temperature_degc) - foretold_v
     sigma_v = voltage_sigma_v(cell, CellKnowledge(), soc, soc_sigma[then], current_a, drop_v)
     foretold_v = np.where(has_row, foretold_v, np.nan)
     scale = scale_along(time_s, current_a, (voltage_v - foretold_v) / sigma_v, cell.capacity_ah)

@@ -61,7 +61,7 @@ CELL_ROWS: Final = {
     "slow_mean_v": 1,
     "slow_square_v2": 1,
 }  # of `vw_cells`, and how many rows each has
-CLIMATE_ROWS: Final = 11  # of `vw_climate`, which the engine keeps for itself
+CLIMATE_ROWS: Final = 11 + RC_MAX - 1  # of `vw_climate`, which the engine keeps for itself
 COLUMNS_MAX: Final = 8
 SEGMENT: Final = np.dtype(
     [("column", np.int32, LANES), *[(name, np.float64, (COLUMNS_MAX, LANES)) for name in ("low", "rise")]]
@@ -94,7 +94,7 @@ class CellModelStruct(ctypes.Structure):
 
     _fields_ = [
         *[(name, _int32) for name in ("n_rc", "n_soc", "n_temperatures", "has_overpotential", "has_tau_table")],
-        *[(name, _int32) for name in ("slow_pair", "n_doubt", "width")],
+        *[(name, _int32) for name in ("has_surface", "slow_pair", "n_doubt", "width")],
         *[(name, _real) for name in ("soc_low", "soc_step", "capacity_ah", "efficiency", "overpotential_a")],
         *[
             (name, _real)
@@ -102,7 +102,7 @@ class CellModelStruct(ctypes.Structure):
         ],
         *[
             (name, _pointer)
-            for name in ("temperature_degc", "table", "ocv_slope_v", "reading_slope_v", "tau_s", "doubt")
+            for name in ("temperature_degc", "table", "ocv_slope_v", "reading_slope_v", "tau_s", "doubt", "surface")
         ],
     ]
 

@@ -199,6 +199,7 @@ def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
         cell.temperature_degc.size,
         cell.has_overpotential,
         cell.has_tau_table,
+        cell.has_surface,
         cell.slow_pair,
         cell.doubt.shape[0],
         table.shape[-1],
@@ -221,6 +222,7 @@ def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
                 cell.reading_slope_v,
                 cell.tau_s,
                 cell.doubt,
+                cell.surface,
             )
         ),
     )

@@ -96,6 +96,17 @@ void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *a
         VW_EACH_CELL(c) tau_s[k][c] = model->has_tau_table ? vw_between(&segment, soc, k, c) : model->tau_s[k];
 }
 
+void vw_surface(const vw_cell_model *model, const vw_temperature_place *at, vw_lanes *surface)
+{
+    const int n_pairs = vw_pairs(model), warmer = model->n_temperatures > 1 ? n_pairs : 0;
+    for (int k = 0; k < VW_RC_MAX - 1; k++)
+        VW_EACH_CELL(c)
+        {
+            const vw_real *cool = model->has_surface && k < n_pairs ? model->surface + (int32_t)at->row[c] * n_pairs + k : 0;
+            surface[k][c] = cool ? cool[0] + at->row_weight[c] * (cool[warmer] - cool[0]) : 0;
+        }
+}
+
 /* OCV at point j of the table, linear between the temperatures. */
 static vw_real ocv_at(const vw_cell_model *model, const vw_temperature_place *at, int c, int j)
 {

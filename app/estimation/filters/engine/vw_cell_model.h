@@ -1,9 +1,12 @@
 /* The cell model: an equivalent circuit whose parameters are tables over SOC and temperature.
  *
- *   v = OCV(z, T) - rho (R0(z, T) i + e(z, T) asinh(i / i_ref) + sum R_k(z, T) i_k) + M h
+ *   z_s = z - rho sum d_k(T) i_k                                             SOC at the surface of the particles
+ *   v = OCV(z_s, T) - rho (R0(z_s, T) i + e(z_s, T) asinh(i / i_ref) + sum R_k(z_s, T) i_k) + M h
  *
- * z SOC, i current (positive on discharge), i_k current through the resistor of RC pair k, h hysteresis, rho the
- * resistance of this cell over that of its model. Tables are even in SOC and linear between their points.
+ * z SOC, i current (positive on discharge), i_k the current through the first-order lag of branch k, h hysteresis, rho
+ * the resistance of this cell over that of its model. A plain circuit has no d_k, and one i_ref; a model of the surface
+ * has an i_ref, twice the exchange current, for each SOC and temperature. Tables are even in SOC and linear between
+ * their points.
  *
  * The last of the branches is no RC pair: 1 ohm, whose current no current drives. It is the lasting error of the model.
  */
@@ -14,11 +17,11 @@
 
 #define VW_SECONDS_PER_HOUR ((vw_real)3600.0)
 
-/* Columns of the table: after the resistances of the RC pairs that of the overpotential e, where the model has one. */
+/* Columns of the table: after the resistances R_k the overpotential e and 1 / i_ref, where the model has them. */
 enum { VW_OCV, VW_R0, VW_R1, VW_COLUMNS_MAX = 8 };
 
 #if VW_RC_MAX > 5
-#error "a point of the table holds OCV, R0, four RC resistances and the overpotential"
+#error "a point of the table holds OCV, R0, four resistances R_k, the overpotential and its current"
 #endif
 
 /* What is not known of a cell at a temperature. */
@@ -36,6 +39,7 @@ typedef struct {
     int32_t n_temperatures; /* temperatures of the tables, >= 1; one holds everywhere */
     int32_t has_overpotential;
     int32_t has_tau_table; /* whether time constants change with SOC or temperature */
+    int32_t has_surface;   /* whether there are d_k and a table of i_ref */
     int32_t slow_pair;     /* the slowest RC pair, -1 without any */
     int32_t n_doubt;       /* temperatures of the doubt, >= 2 */
     int32_t width;         /* numbers from one point of the table to the next; 4 and 8 are fast on a PC */
@@ -43,7 +47,7 @@ typedef struct {
     vw_real soc_step;            /* from one point to the next */
     vw_real capacity_ah;         /* between SOC 1 and 0 [Ah] */
     vw_real efficiency;          /* share of the charging charge that is kept */
-    vw_real overpotential_a;     /* i_ref [A] */
+    vw_real overpotential_a;     /* i_ref, where it is the same everywhere [A] */
     vw_real hysteresis_v;        /* M, half the gap between charge and discharge [V]; 0 = none */
     vw_real hysteresis_rate;     /* how fast h follows, per unit of SOC moved */
     vw_real drop_per_a_v;        /* voltage that a lasting current costs [V/A] */
@@ -55,6 +59,7 @@ typedef struct {
     const vw_real *reading_slope_v; /* (n_soc) volts per SOC at which a voltage reads the SOC, see tables.py [V] */
     const vw_real *tau_s;        /* (n_rc) time constants, or (n_temperatures, n_soc, n_rc) where has_tau_table [s] */
     const vw_real *doubt;        /* (n_doubt, VW_DOUBTS) */
+    const vw_real *surface;      /* (n_temperatures, n_rc - 1) d_k [1/A], where has_surface */
 } vw_cell_model;
 
 /* Where the cells of a block lie in the tables: the temperature below, the point below, and the weights of the next. */
@@ -87,7 +92,10 @@ static inline vw_real vw_between(const vw_segment *segment, const vw_soc_place *
 static inline int vw_pairs(const vw_cell_model *model) { return model->n_rc - 1; }
 
 /* Numbers in use at a point of the table. */
-static inline int vw_columns(const vw_cell_model *model) { return VW_R1 + vw_pairs(model) + model->has_overpotential; }
+static inline int vw_columns(const vw_cell_model *model)
+{
+    return VW_R1 + vw_pairs(model) + model->has_overpotential + model->has_surface;
+}
 
 void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place);
 void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place);
@@ -109,6 +117,9 @@ void vw_ocv_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes 
 /* Time constants of each cell [s]: `tau_s` has n_rc rows. */
 void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
                        vw_lanes *tau_s);
+
+/* d_k of each cell [1/A]: `surface` has VW_RC_MAX - 1 rows, zeros where the model has none. */
+void vw_surface(const vw_cell_model *model, const vw_temperature_place *at, vw_lanes *surface);
 
 /* Volts per SOC at which a voltage reads the SOC of each cell. */
 void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);

@@ -33,6 +33,7 @@ static void feel(const vw_filter *filter, const vw_lanes degc, vw_climate *clima
     vw_lanes doubt[VW_DOUBTS];
     vw_place_temperature(&filter->model, degc, &climate->place);
     vw_doubt(&filter->model, degc, doubt);
+    vw_surface(&filter->model, &climate->place, climate->surface);
     VW_EACH_CELL(c)
     {
         const vw_real error2 = vw_square(doubt[VW_DROP_ERROR][c]), ohm2 = vw_square(doubt[VW_LASTING_DROP][c]);

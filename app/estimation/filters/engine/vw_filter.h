@@ -114,6 +114,7 @@ typedef struct {
     vw_lanes empty_soc;          /* below it the model's error grows ... */
     vw_lanes empty_rise;         /* ... by so much per unit of SOC */
     vw_lanes cold2;              /* square by which slow overpotentials grow in the cold */
+    vw_lanes surface[VW_RC_MAX - 1]; /* d_k of the model [1/A] */
 } vw_climate;
 
 /* Places at which the tables are looked up at each step. */

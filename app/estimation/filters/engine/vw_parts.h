@@ -2,6 +2,8 @@
 #ifndef VW_PARTS_H
 #define VW_PARTS_H
 
+#include <string.h>
+
 #include "vw_filter.h"
 
 #define VW_SOC_MIN ((vw_real)-0.05) /* the filter's SOC is held here */
@@ -16,7 +18,7 @@
 /* What the length and the current of a step mean to every cell. */
 typedef struct {
     vw_real dt_s, current_a;
-    vw_real over;                /* asinh(i / i_ref) */
+    vw_real over;                /* asinh(i / i_ref), where i_ref is the same everywhere */
     vw_real moved_ah;            /* charge taken out; charging counts times the efficiency [Ah] */
     vw_real walk, keep;          /* growth of the SOC's variance, and the factor that keeps it below its maximum */
     vw_real decay[VW_RC_MAX];    /* exp(-dt / tau), where tau is the same everywhere */
@@ -53,6 +55,9 @@ void vw_hold_current(vw_filter *filter, vw_real current_a);
 vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a);
 void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work);
 void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x);
+/* R0 i + sum R_k i_k + e asinh(i / i_ref) of each cell at the resistances of `here`, which vw_values sets [V]. */
+void vw_drop_of(const vw_cell_model *model, const vw_motion *motion, const vw_cells *restrict x, vw_lanes *restrict here,
+                vw_lanes drop_v);
 void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
@@ -76,6 +81,53 @@ static inline vw_segment *vw_segment_of(vw_cells *x, int place, vw_segment *fres
 }
 
 static inline vw_real vw_square(vw_real x) { return x * x; }
+
+/* z_s = z - rho sum d_k i_k, the SOC at the surface */
+static inline vw_real vw_surface_soc(const vw_cells *x, int n_pairs, int c)
+{
+    vw_real below = 0;
+    VW_UNROLL for (int k = 0; k < n_pairs; k++) below += x->climate.surface[k][c] * x->branch_a[k][c];
+    return x->soc[c] - x->resistance[c] * below;
+}
+
+/* asinh(x) = sign(x) ln(|x| + root) with root = sqrt(x^2 + 1), without a call, so that vector instructions take several
+ * cells at a time; to 1e-13. */
+static inline vw_real vw_asinh_with(vw_real x, vw_real root)
+{
+#if VW_LANES == 1
+    (void)root;
+    return vw_asinh(x);
+#else
+    /* y = 2^n m, m in 0.7 .. 1.4;  ln m = 2 atanh(s),  s = (m - 1) / (m + 1) */
+    const double a = fabs(x), y = a + root;
+    uint64_t bits, kept;
+    double m, n;
+    memcpy(&bits, &y, 8);
+    const uint64_t moved = bits - 0x3fe6a09e667f3bcdu; /* of sqrt(1/2): its exponent is n - 1 ... */
+    kept = (bits & 0x000fffffffffffffu) | 0x3ff0000000000000u;
+    memcpy(&m, &kept, 8);
+    /* n as a number: its bits as the last ones of 2^52 */
+    kept = (moved >> 52) | 0x4330000000000000u;
+    memcpy(&n, &kept, 8);
+    n -= 4503599627370496.0;
+    m = m > 1.4142135623730951 ? 0.5 * m : m;
+    const double s = (m - 1) / (m + 1), s2 = s * s;
+    double p = 1.0 / 15;
+    p = p * s2 + 1.0 / 13;
+    p = p * s2 + 1.0 / 11;
+    p = p * s2 + 1.0 / 9;
+    p = p * s2 + 1.0 / 7;
+    p = p * s2 + 1.0 / 5;
+    p = p * s2 + 1.0 / 3;
+    p = p * s2 + 1;
+    const double ln = n * 0.6931471805599453 + 2 * s * p;
+    /* small x: what the sum has lost */
+    const double small = a * (1 - a * a * (1.0 / 6 - a * a * (3.0 / 40)));
+    return copysign(a < 1e-2 ? small : ln, x);
+#endif
+}
+
+static inline vw_real vw_asinh_of(vw_real x) { return vw_asinh_with(x, vw_sqrt(1 + vw_square(x))); }
 
 /* r = r_0 + (share of the drop that a lasting current causes at this temperature)^2, with doubt [V^2] */
 static inline vw_real vw_noise_v2(const vw_motion *motion, const vw_cells *x, int c)

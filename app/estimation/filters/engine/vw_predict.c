@@ -10,7 +10,7 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     vw_motion to;
     to.dt_s = dt_s;
     to.current_a = current_a;
-    to.over = model->has_overpotential ? vw_asinh(current_a / model->overpotential_a) : 0;
+    to.over = model->has_overpotential && !model->has_surface ? vw_asinh(current_a / model->overpotential_a) : 0;
     to.moved_ah = (current_a < 0 ? model->efficiency : 1) * current_a * dt_s / VW_SECONDS_PER_HOUR;
     to.walk = vw_min(vw_square(t->soc_walk) * dt_s, VW_SOC_VARIANCE_MAX) + VW_VARIANCE_STEP;
     to.keep = vw_sqrt(vw_max(1 - to.walk / VW_SOC_VARIANCE_MAX, 0));

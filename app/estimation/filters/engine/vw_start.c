@@ -6,9 +6,12 @@
 #define NEGLIGIBLE 40 /* exp(-40) of the likeliest SOC is no weight */
 #define LEAST_VARIANCE ((vw_real)1e-8) /* of a SOC that was handed over */
 
+enum { VW_OCV_SLOPE = VW_COLUMNS_MAX, N_ROWS }; /* after the columns of the tables: dOCV/dz_s [V] */
+
 static vw_real number_of(const vw_real *values, int k) { return values ? values[k] : NAN; }
 
-/* Variance of the voltage at the start where the SOC is x->soc, and what each branch has of it: ohm^2 branch_v2 [V^2]. */
+/* Variance of the voltage at the start where the SOC is x->soc, and what each branch has of it: ohm^2 branch_v2 [V^2],
+ * ohm = rho (R_k + d_k dOCV/dz_s). */
 static vw_real start_voltage_v2(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
                                 vw_lanes *here, int c, vw_real *ohm, vw_real *branch_v2)
 {
@@ -20,19 +23,22 @@ static vw_real start_voltage_v2(const vw_filter *filter, const vw_motion *motion
     for (int k = 0; k < model->n_rc; k++) {
         const int is_pair = k < vw_pairs(model);
         branch_v2[k] = is_pair ? pair_v2 : vw_lasting_v2(motion, x, model->slow_pair, c);
-        ohm[k] = x->resistance[c] * (is_pair ? here[VW_R1 + k][c] : 1);
+        ohm[k] = x->resistance[c] * (is_pair ? here[VW_R1 + k][c] + x->climate.surface[k][c] * here[VW_OCV_SLOPE][c] : 1);
         voltage_v2 += vw_square(ohm[k]) * branch_v2[k];
     }
     return voltage_v2;
 }
 
-/* Tables at x->soc. */
+/* Tables where the surface is at x->soc and the branch currents, and the slope of the OCV there: N_ROWS rows. */
 static void look_up(const vw_filter *filter, const vw_cells *restrict x, vw_lanes *here)
 {
     vw_soc_place at;
     vw_segment segment;
+    vw_lanes soc;
     VW_EACH_CELL(c) segment.column[c] = VW_NOWHERE;
-    vw_place_soc(&filter->model, x->soc, &at);
+    VW_EACH_CELL(c) soc[c] = vw_surface_soc(x, vw_pairs(&filter->model), c);
+    vw_place_soc(&filter->model, soc, &at);
+    vw_ocv_slope(&filter->model, &at, here[VW_OCV_SLOPE]);
     vw_circuit(&filter->model, &x->climate.place, &at, &segment);
     vw_values(&filter->model, &segment, &at, here);
 }
@@ -60,7 +66,7 @@ static void start_branches(const vw_filter *filter, const vw_motion *motion, vw_
 
 /* Mean and variance of the SOC over all SOC, each as likely as it makes the voltage:
  *
- *   p(z) ~ exp(-(v - h(z))^2 / 2 s^2) / s,   s^2 = r + sum (rho R_k)^2 P_kk
+ *   p(z) ~ exp(-(v - h(z))^2 / 2 s^2) / s,   s^2 = r + sum ohm_k^2 P_kk
  *
  * In a plateau that is its middle, as unsure as it is wide. Exponents count from the likeliest SOC so far.
  */
@@ -68,22 +74,19 @@ static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, v
                              const vw_work *restrict work, vw_lanes *here, vw_lanes variance)
 {
     const vw_cell_model *model = &filter->model;
-    const int n_pairs = vw_pairs(model);
-    const vw_real i = motion->current_a;
-    vw_lanes best, sum, first, second;
+    vw_lanes best, sum, first, second, drop_v;
     start_branches(filter, motion, x);
     VW_EACH_CELL(c) sum[c] = first[c] = second[c] = best[c] = 0;
     for (int j = 0; j < START_POINTS; j++) {
         const vw_real z = (vw_real)j / (START_POINTS - 1);
         VW_EACH_CELL(c) x->soc[c] = z;
         look_up(filter, x, here);
+        vw_drop_of(model, motion, x, here, drop_v);
         VW_EACH_CELL(c)
         {
-            vw_real ohm[VW_RC_MAX], branch_v2[VW_RC_MAX], drop_v = here[VW_R0][c] * i;
+            vw_real ohm[VW_RC_MAX], branch_v2[VW_RC_MAX];
             const vw_real voltage_v2 = start_voltage_v2(filter, motion, x, here, c, ohm, branch_v2);
-            for (int k = 0; k < n_pairs; k++) drop_v += here[VW_R1 + k][c] * x->branch_a[k][c];
-            if (model->has_overpotential) drop_v += here[VW_R1 + n_pairs][c] * motion->over;
-            const vw_real off_v = work->voltage_v[c] - (here[VW_OCV][c] - x->resistance[c] * drop_v);
+            const vw_real off_v = work->voltage_v[c] - (here[VW_OCV][c] - x->resistance[c] * drop_v[c]);
             const vw_real likely = -vw_square(off_v) / voltage_v2 / 2;
             const int is_best = j == 0 || likely > best[c];
             const vw_real apart = vw_abs(likely - best[c]), less = apart < NEGLIGIBLE ? vw_exp(-apart) : 0;
@@ -194,7 +197,7 @@ static void start_block(const vw_filter *filter, const vw_motion *motion, const 
 {
     vw_cells *restrict x = &cells[block];
     vw_work work;
-    vw_lanes here[VW_COLUMNS_MAX], variance;
+    vw_lanes here[N_ROWS], variance;
     vw_read(filter, x, sample, block * VW_LANES, &work);
     soc_from_voltage(filter, motion, x, &work, here, variance);
     covariance(filter, motion, x, &work, here, variance);
