@@ -63,9 +63,9 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
         "--map",
         action="append",
         default=[],
-        metavar="FIELD=COLUMN[*FACTOR],...",
+        metavar="[FILE:]FIELD=COLUMN[*FACTOR],...",
         help="which column is what, by header text or number from 1; fields: time_s, current_a, voltage_v, "
-        "temperature_c, soc",
+        "temperature_c, soc; with a file's name before it for that file alone",
     )
     group.add_argument("--charge-positive", action="store_true", help="the files count charging current as positive")
     group.add_argument("--period", type=float, metavar="SECONDS", help="time between rows, for files without a clock")
@@ -77,9 +77,11 @@ def read_recording(path: Path, args: argparse.Namespace) -> Recording:
     Raises:
         DatasetError: see `app.sources.recordings.dataset.load_recording`.
     """
-    from app.sources.recordings.dataset import load_recording, parse_map
+    from app.sources.recordings.dataset import load_recording, map_of, parse_map
 
-    return load_recording(path, parse_map(args.map), charge_positive=args.charge_positive, period_s=args.period)
+    return load_recording(
+        path, parse_map(map_of(args.map, path)), charge_positive=args.charge_positive, period_s=args.period
+    )
 
 
 def data_folder(args: argparse.Namespace) -> Path:

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 MEASURED = "#8a94a6"
 MODEL = "#1f6feb"
 REFERENCE = "#202630"
-SHADES = ("#1f6feb", "#d9730d", "#2a9d6f", "#a23b8f")  # of the RC pairs
+SHADES = ("#1f6feb", "#d9730d", "#2a9d6f", "#a23b8f")
+DROP_S = (0.0, 10.0, 300.0)  # after which a drop is drawn
 POINTS_LIMIT = 20_000  # more are thinned: they cannot be told apart on paper
 
 
@@ -101,27 +102,26 @@ def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
 
 
 def draw_identification(path: Path, found: Identification) -> None:
-    """Draw OCV, the resistances over SOC at 25 degC, and what is left of the voltage in every recording.
+    """Draw OCV, the drop at 1C over SOC at 25 degC, and what is left of the voltage in every recording.
 
     Raises:
         DatasetError: matplotlib is not installed, or the ending of the name is no picture format.
         OSError: the file cannot be written.
     """
     model = found.model
-    subtitle = (
-        f"{model.capacity_ah:.4g} Ah, {model.n_rc} RC pairs; open loop {1e3 * model.fit_voltage_rms_v:.1f} mV RMS"
-    )
+    subtitle = f"{model.capacity_ah:.4g} Ah, {model.n_rc} lags; open loop {1e3 * model.fit_voltage_rms_v:.1f} mV RMS"
     subtitle += f", up to {model.fit_current_max_a:.3g} A"
     figure, axes = new_figure(path, 2 + len(found.parts), model.name, subtitle)
     soc = np.linspace(0.0, 1.0, 201)
     axes[0].plot(100.0 * soc, model.ocv.voltage(soc), color=MODEL, linewidth=1.4)
     axes[0].set_ylabel("OCV / V")
-    values = model.parameters(soc, 25.0)
-    axes[1].plot(100.0 * soc, 1e3 * values[0], color=REFERENCE, linewidth=1.4, label="R0 at 25 degC")
-    for k, (tau, shade) in enumerate(zip(found.tau_s, SHADES, strict=False)):
-        axes[1].plot(100.0 * soc, 1e3 * values[2 + k], color=shade, linewidth=1.4, label=f"R{k + 1}, {tau:.3g} s")
-    axes[1].set_ylabel("resistance / mohm")
-    axes[1].set_ylim(0.0, 4e3 * float(np.median(values[0])) + 1e-3)
+    amps = model.c_rate_a
+    for k, seconds in enumerate(DROP_S):
+        branch_a = amps * (1.0 - np.exp(-seconds / model.time_constants(soc, 25.0)))
+        drop_v = model.drop_v(soc, branch_a, amps, 25.0)
+        axes[1].plot(100.0 * soc, 1e3 * drop_v, color=SHADES[k], linewidth=1.4, label=f"1C for {seconds:g} s, 25 degC")
+    axes[1].set_ylabel("drop / mV")
+    axes[1].set_ylim(0.0, 4e3 * float(np.median(drop_v)) + 1e-3)
     limit = 5e3 * max(model.fit_voltage_rms_v, 1e-3)
     for axis, part in zip(axes[2:], found.parts, strict=True):
         pick = slice(None, None, -(-part.rows // POINTS_LIMIT))

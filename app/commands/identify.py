@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ from app.commands.arguments import add_reading_arguments, read_recording
 from app.commands.console import Progress
 
 if TYPE_CHECKING:
+    from app.estimation.cell_model.surface import SurfaceModel
     from app.estimation.identification.identify import Identification
 
 
@@ -19,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.set_defaults(run=run)
     parser.description = (
-        "Fit OCV, resistances and time constants of a cell to slow tests, pulse tests and, better, a drive."
+        "Fit OCV, ohmic drop, kinetics and diffusion of a cell to slow tests, pulse tests and, better, a drive."
     )
     parser.add_argument(
         "--ocv", nargs="+", required=True, type=Path, metavar="FILE", help="slow discharge and charge, C/10 or less"
@@ -30,7 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--drive", nargs="+", default=[], type=Path, metavar="FILE", help="drives with the currents of a race"
     )
-    parser.add_argument("--rc", type=int, default=2, choices=range(5), metavar="N", help="RC pairs, 0..4 (default 2)")
+    parser.add_argument(
+        "--rc",
+        type=int,
+        default=2,
+        choices=range(5),
+        metavar="N",
+        help="first-order lags of the current, 0..4 (default 2)",
+    )
     parser.add_argument("--out", required=True, type=Path, metavar="CELL.toml", help="the cell file to write")
     parser.add_argument("--name", help="name of the cell; left out: that of the cell file")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
@@ -73,13 +83,17 @@ def _report(found: Identification, read_notes: list[tuple[str, str]], out: Path)
         part["temperature_range_degc"] = None if math.isnan(low) else [low, high]
         if math.isnan(part["voltage_rms_v"]):
             part["voltage_rms_v"] = None
+    model, evidence = found.model, found.model.evidence
     return {
         "cell": str(out),
-        "capacity_ah": found.model.capacity_ah,
+        "capacity_ah": model.capacity_ah,
         "counted_ah": found.counted_ah,
         "tau_s": list(found.tau_s),
-        "activation_j_mol": found.activation_j_mol,
-        "fit_voltage_rms_v": found.model.fit_voltage_rms_v,
+        "surface": asdict(model.surface) if model.surface else None,
+        "sigma": dict(evidence.sigma) if evidence else {},
+        "has_ocv": evidence is None or evidence.has_ocv,
+        "next_test": found.next_test,
+        "fit_voltage_rms_v": model.fit_voltage_rms_v,
         "parts": parts,
         "notes": [f"{source}: {note}" for source, note in read_notes] + list(found.notes),
         "warnings": list(found.warnings),
@@ -87,14 +101,17 @@ def _report(found: Identification, read_notes: list[tuple[str, str]], out: Path)
 
 
 def _print_report(found: Identification, read_notes: list[tuple[str, str]], out: Path) -> None:
-    model = found.model
-    at = (0.5, 25.0)
-    values = model.parameters(*at)
-    print(f"{out}: {model.capacity_ah:.4g} Ah, {model.n_rc} RC pairs")
-    print(f"  at 50 % and 25 degC: R0 {1e3 * values[0]:.3g} mohm", end="")
-    for k, tau in enumerate(found.tau_s):
-        print(f", R{k + 1} {1e3 * values[2 + k]:.3g} mohm with {tau:.3g} s", end="")
-    print(f", asinh term {1e3 * values[1]:.3g} mV")
+    model, surface = found.model, found.model.surface
+    for warning in found.warnings:
+        print(f"warning: {warning}")
+    print(f"{out}: {model.capacity_ah:.4g} Ah")
+    if surface is not None and model.evidence is not None:
+        sigma = dict(model.evidence.sigma)
+        for text, value, unit, name in _numbers(surface):
+            share = sigma.get(name, math.nan)
+            is_share = not name.endswith(("j_mol", "exponent"))
+            shown = f"{100.0 * share:.0f} %" if is_share else f"{share / (1e3 if name.endswith('j_mol') else 1.0):.2g}"
+            print(f"  {text}: {value:.3g} {unit}+- {shown}")
     print("  open-loop voltage error")
     for part in found.parts:
         kind = "drive" if part.is_drive else "pulses"
@@ -107,5 +124,22 @@ def _print_report(found: Identification, read_notes: list[tuple[str, str]], out:
         print(f"  note: {source}: {note}")
     for note in found.notes:
         print(f"  note: {note}")
-    for warning in found.warnings:
-        print(f"  warning: {warning}")
+    if found.next_test is not None:
+        print(f"  would help most: {found.next_test}")
+
+
+def _numbers(surface: SurfaceModel) -> Iterator[tuple[str, float, str, str]]:
+    """Yield what the report says of each number: text, value, unit, and the name that its sigma has."""
+    yield "ohmic resistance at 25 degC", 1e3 * surface.r0_ohm, "mohm ", "r0_ohm"
+    yield "  its energy", surface.r0_j_mol / 1e3, "kJ/mol ", "r0_j_mol"
+    yield "kinetics", 1e3 * surface.kinetics_v, "mV ", "kinetics_v"
+    yield "  current at half charge", surface.kinetics_a, "A ", "kinetics_a"
+    yield "  its energy", surface.kinetics_j_mol / 1e3, "kJ/mol ", "kinetics_j_mol"
+    yield "  exponent towards empty", surface.low_exponent, "", "low_exponent"
+    yield "  exponent towards full", surface.high_exponent, "", "high_exponent"
+    for k, lag in enumerate(surface.lags, 1):
+        yield f"lag {k}", lag.tau_s, "s ", "tau_s"
+        yield "  surface SOC for each ampere", 100.0 * lag.soc_per_a, "% ", "soc_per_a"
+        yield "  resistance", 1e3 * lag.r_ohm, "mohm ", "r_ohm"
+    if surface.lags:
+        yield "diffusion's energy", surface.diffusion_j_mol / 1e3, "kJ/mol ", "diffusion_j_mol"

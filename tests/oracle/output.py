@@ -1,9 +1,9 @@
 """What voltage a state predicts, and how it depends on the state: over sigma points, or along the tangent.
 
 The output is nonlinear in one direction only: that of the SOC at the surface, z_s = g x, g = [1, -rho d_k], which in a
-plain circuit is the SOC. With z_s first in the Cholesky factor, only the centre and the two points along its first column
-see another z_s; every other pair lies symmetrically on a straight line. So three look-ups give the numbers of the full
-set of sigma points.
+plain circuit is the SOC. With z_s first in the Cholesky factor, only the centre and the two points along its first
+column see another z_s; every other pair lies symmetrically on a straight line. So three look-ups give the numbers of
+the full set of sigma points.
 """
 
 from __future__ import annotations

@@ -74,7 +74,9 @@ def random_state(n_rc: int, soc_value: float, sd: float, seed: int):
 @pytest.mark.parametrize("n_rc", range(5))
 @settings(max_examples=examples(25))
 @given(soc, sigma, unit, step, voltage, temperature, st.integers(0, 2**32 - 1))
-def test_three_points_equal_the_full_set(engine, name, n_rc, has_surface, soc_value, sd, current_c, dt, volts, degc, seed):
+def test_three_points_equal_the_full_set(
+    engine, name, n_rc, has_surface, soc_value, sd, current_c, dt, volts, degc, seed
+):
     cell = packed(n_rc, has_surface)
     setup = FilterSetup(cell, Kind.SIGMA, RULES[name](1 + cell.n_rc), OPEN_GATE)
     current = 250.0 * current_c

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.cell_model.circuit import MAX_RC_PAIRS
+from app.estimation.cell_model.surface import NUMBERS, ROWS
 from app.estimation.errors import CellFileError
 
 MOST_POINTS: Final = 10_000  # of a table over SOC and temperature
@@ -18,7 +19,10 @@ SECTIONS: Final = {
     "circuit": {"soc", "temperature_degc", "r0_ohm", "ocv_shift_v", "rc"},
     "asinh": {"current_a", "voltage_v"},
     "hysteresis": {"voltage_v", "rate"},
-    "fit": {"voltage_rms_v", "current_max_a", "temperature_degc", "activation_sigma_j_mol"},
+    "surface": {*NUMBERS, *ROWS, "lag"},
+    "sigma": {*NUMBERS, "tau_s", "soc_per_a", "r_ohm", "correction", "entropy_v_k"},
+    "errors": {"degc", "degc_v", "soc", "soc_v", "current_c", "current_v"},
+    "fit": {"voltage_rms_v", "current_max_a", "temperature_degc", "activation_sigma_j_mol", "soc", "has_ocv"},
     "limits": {"temperature_min_degc", "temperature_max_degc", "discharge_max_a", "charge_max_a"},
 }
 
@@ -47,19 +51,24 @@ class CellDocument:
         if key in self._section(section) and needed not in self._section(section):
             raise self._error(section, needed, f"is missing beside {key}")
 
-    def pairs(self) -> range:
-        """Return the numbers of the RC pairs."""
-        rc = self._section("circuit").get("rc", [])
-        if not isinstance(rc, list) or not all(isinstance(pair, dict) for pair in rc):
-            raise self._error("circuit", "rc", "has to be a list of [[circuit.rc]] sections")
-        if len(rc) > MAX_RC_PAIRS:
-            field = f"circuit.rc[{MAX_RC_PAIRS}]"
-            raise self._error(field, "r_ohm", f"is one of {len(rc)} pairs; 0 to {MAX_RC_PAIRS} are possible")
-        for k, pair in enumerate(rc):
-            for key in pair:
-                if key not in ("r_ohm", "tau_s"):
-                    raise self._error(f"circuit.rc[{k}]", key, "is not a field of this section")
-        return range(len(rc))
+    def refuse_both(self, section: str, other: str) -> None:
+        """Refuse two sections that say the same."""
+        if section in self._document and other in self._document:
+            raise self._error("", other, f"and [{section}] say the same: one of them")
+
+    def listed(self, section: str, name: str, keys: tuple[str, ...]) -> range:
+        """Return the numbers of the RC pairs, or of the lags, in a section."""
+        found = self._section(section).get(name, [])
+        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+            raise self._error(section, name, f"has to be a list of [[{section}.{name}]] sections")
+        if len(found) > MAX_RC_PAIRS:
+            field = f"{section}.{name}[{MAX_RC_PAIRS}]"
+            raise self._error(field, "r_ohm", f"is one of {len(found)}; 0 to {MAX_RC_PAIRS} are possible")
+        for k, each in enumerate(found):
+            for key in each:
+                if key not in keys:
+                    raise self._error(f"{section}.{name}[{k}]", key, "is not a field of this section")
+        return range(len(found))
 
     def take(self, section: str, key: str, kind: type | tuple[type, ...], default: Any = None) -> Any:
         """Return the value of a field that has to be of the kind."""

@@ -8,15 +8,16 @@ from __future__ import annotations
 import re
 from importlib import resources
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.cell_model.cell_document import SECTIONS, CellDocument
-from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, CellLimits, CellModel
+from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, CellLimits, CellModel, Evidence
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.estimation.cell_model.ocv import OcvCurve
+from app.estimation.cell_model.surface import NUMBERS, ROWS, Lag, SurfaceModel
 from app.estimation.errors import CellFileError, ModelError
 from app.estimation.toml_text import TomlError, read_toml
 
@@ -80,13 +81,11 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
     reader = CellDocument(document, text, path)
     reader.refuse_unknown()
     reader.refuse_alone("asinh", "voltage_v", "current_a")
+    reader.refuse_both("surface", "circuit")
+    reader.refuse_both("surface", "asinh")
     try:
         ocv = OcvCurve(reader.row("ocv", "soc"), reader.row("ocv", "voltage_v"), reader.word("ocv", "method"))
-        soc = reader.row("circuit", "soc", np.array([0.5]))
-        temperature = reader.row("circuit", "temperature_degc", np.array([25.0]))
-        shape = (temperature.size, soc.size)
-        reader.check_points(*shape)
-        pairs = reader.pairs()
+        surface = _surface(reader) if reader.has("", "surface") else None
         return CellModel(
             name=str(reader.take("", "name", str)),
             source=str(reader.take("", "source", str, "")),
@@ -97,13 +96,8 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             v_nominal_v=reader.known("", "v_nominal_v"),
             mass_kg=reader.known("", "mass_kg"),
             ocv=ocv,
-            soc_grid=soc,
-            temperature_grid_degc=temperature,
-            r0_ohm=reader.table("circuit", "r0_ohm", shape),
-            r_ohm=np.array([reader.table(f"circuit.rc[{k}]", "r_ohm", shape) for k in pairs]).reshape(-1, *shape),
-            tau_s=np.array([reader.table(f"circuit.rc[{k}]", "tau_s", shape) for k in pairs]).reshape(-1, *shape),
-            overpotential_v=reader.table("asinh", "voltage_v", shape, 0.0),
-            overpotential_current_a=reader.number("asinh", "current_a", 1.0),
+            surface=surface,
+            **(_circuit(reader) if surface is None else surface.tables()),
             hysteresis_v=reader.number("hysteresis", "voltage_v", 0.0),
             hysteresis_rate=reader.number("hysteresis", "rate", 50.0),
             fit_voltage_rms_v=reader.number("fit", "voltage_rms_v", 0.0),
@@ -112,7 +106,7 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             if reader.has("fit", "temperature_degc")
             else None,
             activation_sigma_j_mol=reader.number("fit", "activation_sigma_j_mol", ACTIVATION_SIGMA_J_MOL),
-            ocv_shift_v=reader.table("circuit", "ocv_shift_v", shape) if reader.has("circuit", "ocv_shift_v") else None,
+            evidence=_evidence(reader) if reader.has("fit", "soc") or reader.has("fit", "has_ocv") else None,
             limits=CellLimits(**{name: reader.known("limits", name) for name in sorted(SECTIONS["limits"])}),
         )
     except CellFileError:
@@ -122,6 +116,54 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
         if pair := re.fullmatch(r"(r_ohm|tau_s)\[(\d)\]", exc.field):
             field = f"circuit.rc[{pair.group(2)}].{pair.group(1)}"
         raise CellFileError(path, reader.line_of(field), field, exc.reason) from exc
+
+
+def _circuit(reader: CellDocument) -> dict[str, Any]:
+    """Return the tables of a file that has tables, by the names of `CellModel`."""
+    soc = reader.row("circuit", "soc", np.array([0.5]))
+    temperature = reader.row("circuit", "temperature_degc", np.array([25.0]))
+    shape = (temperature.size, soc.size)
+    reader.check_points(*shape)
+    pairs = reader.listed("circuit", "rc", ("r_ohm", "tau_s"))
+    has_shift = reader.has("circuit", "ocv_shift_v")
+    return {
+        "soc_grid": soc,
+        "temperature_grid_degc": temperature,
+        "r0_ohm": reader.table("circuit", "r0_ohm", shape),
+        "r_ohm": np.array([reader.table(f"circuit.rc[{k}]", "r_ohm", shape) for k in pairs]).reshape(-1, *shape),
+        "tau_s": np.array([reader.table(f"circuit.rc[{k}]", "tau_s", shape) for k in pairs]).reshape(-1, *shape),
+        "overpotential_v": reader.table("asinh", "voltage_v", shape, 0.0),
+        "overpotential_current_a": reader.number("asinh", "current_a", 1.0),
+        "ocv_shift_v": reader.table("circuit", "ocv_shift_v", shape) if has_shift else None,
+    }
+
+
+def _surface(reader: CellDocument) -> SurfaceModel:
+    values: dict[str, Any] = {name: reader.number("surface", name) for name in NUMBERS}
+    values |= {name: tuple(reader.row("surface", name).tolist()) for name in ROWS if reader.has("surface", name)}
+    lags = [f"surface.lag[{k}]" for k in reader.listed("surface", "lag", Lag._fields)]
+    values["lags"] = tuple(Lag(*(reader.number(at, name) for name in Lag._fields)) for at in lags)
+    return SurfaceModel(**values)
+
+
+def _evidence(reader: CellDocument) -> Evidence:
+    def pairs(name: str, of: str) -> tuple[tuple[float, float], ...]:
+        if not reader.has("errors", name):
+            return ()
+        at, volts = reader.row("errors", name), reader.row("errors", of)
+        return tuple(zip(at.tolist(), volts.tolist(), strict=False))
+
+    sigma = tuple(
+        (name, reader.number("sigma", name)) for name in sorted(SECTIONS["sigma"]) if reader.has("sigma", name)
+    )
+    return Evidence(
+        has_ocv=bool(reader.number("fit", "has_ocv", 1.0)),
+        soc=tuple(reader.row("fit", "soc").tolist()) if reader.has("fit", "soc") else (),
+        sigma=sigma,
+        by_degc=pairs("degc", "degc_v"),
+        by_soc=pairs("soc", "soc_v"),
+        by_c=pairs("current_c", "current_v"),
+    )
 
 
 def save_cell(model: CellModel, path: str | Path) -> None:
@@ -146,6 +188,26 @@ def format_cell(model: CellModel) -> str:
         f"soc = {_row(model.ocv.soc)}",
         f"voltage_v = {_row(model.ocv.voltage_v)}",
         "",
+        *(_circuit_lines(model) if model.surface is None else _surface_lines(model.surface)),
+    ]
+    if model.hysteresis_v:
+        lines += ["", "[hysteresis]", f"voltage_v = {_number(model.hysteresis_v)}"]
+        lines.append(f"rate = {_number(model.hysteresis_rate)}")
+    lines += ["", "[fit]", f"voltage_rms_v = {_number(model.fit_voltage_rms_v)}"]
+    lines.append(f"current_max_a = {_number(model.fit_current_max_a)}")
+    if model.fit_temperature_degc is not None:
+        lines.append(f"temperature_degc = {_row(model.fit_temperature_degc)}")
+    lines.append(f"activation_sigma_j_mol = {_number(model.activation_sigma_j_mol)}")
+    if model.evidence is not None:
+        lines += _evidence_lines(model.evidence)
+    limits = {name: getattr(model.limits, name) for name in sorted(SECTIONS["limits"])}
+    if known := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
+        lines += ["", "[limits]  # of the data sheet", *known]
+    return "\n".join(lines) + "\n"
+
+
+def _circuit_lines(model: CellModel) -> list[str]:
+    lines = [
         "[circuit]  # tables: one row for each temperature, one column for each SOC",
         f"soc = {_row(model.soc_grid)}",
         f"temperature_degc = {_row(model.temperature_grid_degc)}",
@@ -158,18 +220,33 @@ def format_cell(model: CellModel) -> str:
     if model.overpotential_v is not None and model.overpotential_v.any():
         lines += ["", "[asinh]", f"current_a = {_number(model.overpotential_current_a)}"]
         lines.append(f"voltage_v = {_table(model.overpotential_v)}")
-    if model.hysteresis_v:
-        lines += ["", "[hysteresis]", f"voltage_v = {_number(model.hysteresis_v)}"]
-        lines.append(f"rate = {_number(model.hysteresis_rate)}")
-    lines += ["", "[fit]", f"voltage_rms_v = {_number(model.fit_voltage_rms_v)}"]
-    lines.append(f"current_max_a = {_number(model.fit_current_max_a)}")
-    if model.fit_temperature_degc is not None:
-        lines.append(f"temperature_degc = {_row(model.fit_temperature_degc)}")
-    lines.append(f"activation_sigma_j_mol = {_number(model.activation_sigma_j_mol)}")
-    limits = {name: getattr(model.limits, name) for name in sorted(SECTIONS["limits"])}
-    if known := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
-        lines += ["", "[limits]  # of the data sheet", *known]
-    return "\n".join(lines) + "\n"
+    return lines
+
+
+def _surface_lines(surface: SurfaceModel) -> list[str]:
+    lines = ["[surface]  # at 25 degC; what each means: docs/explanation/identification.md"]
+    lines += [f"{name} = {_number(getattr(surface, name))}" for name in NUMBERS]
+    lines += [f"{name} = {_row(np.array(getattr(surface, name)))}" for name in ROWS]
+    for lag in surface.lags:
+        lines += ["", "[[surface.lag]]", *(f"{name} = {_number(value)}" for name, value in lag._asdict().items())]
+    return lines
+
+
+def _evidence_lines(evidence: Evidence) -> list[str]:
+    lines = [f"has_ocv = {int(evidence.has_ocv)}  # 0: nothing measured it"]
+    if evidence.soc:
+        lines.append(f"soc = {_row(np.array(evidence.soc))}")
+    if evidence.sigma:
+        lines += ["", "[sigma]  # of the numbers above: shares, energies in J/mol"]
+        lines += [f"{name} = {_number(value)}" for name, value in evidence.sigma]
+    errors = {"degc": evidence.by_degc, "soc": evidence.by_soc, "current_c": evidence.by_c}
+    if any(errors.values()):
+        lines += ["", "[errors]  # RMS of the voltage that was fitted, by temperature, SOC and current"]
+    for name, found in errors.items():
+        if found:
+            at, volts = np.array(found).T
+            lines += [f"{name} = {_row(at)}", f"{name.removesuffix('_c')}_v = {_row(volts)}"]
+    return lines
 
 
 def _quote(text: str) -> str:

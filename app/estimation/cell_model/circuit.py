@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.ocv import OVERSHOOT, OcvCurve
+from app.estimation.cell_model.surface import GAS_CONSTANT, KELVIN, SurfaceModel
 from app.estimation.errors import ModelError
 
 MAX_RC_PAIRS: Final = 4
@@ -29,8 +30,6 @@ SECONDS_PER_HOUR: Final = 3600.0
 TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one
 VOLTAGE_MAX_V: Final = 10.0  # no single cell has more
 LEAST_WH_PER_KG: Final = 5.0  # of any cell, a capacitor included
-KELVIN: Final = 273.15
-GAS_CONSTANT: Final = 8.314462618  # J/(mol K)
 ACTIVATION_SIGMA_J_MOL: Final = 12e3  # between lithium-ion cells, of what the whole drop follows over temperature
 SHIFT_MAX_V: Final = 0.3
 ENTROPY_SIGMA_V_K: Final = 3e-4  # by which an OCV changes with temperature where nothing has shown it
@@ -59,6 +58,25 @@ class CellLimits:
             raise ModelError("limits.temperature_min_degc", "has to lie below temperature_max_degc")
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """What the identification rests on, and what it leaves over; nothing of it is needed to compute a voltage.
+
+    Attributes:
+        has_ocv: whether something measured the OCV: a slow test, or rests. Without, no filter is valid.
+        soc: lowest and highest SOC under load.
+        sigma: of the numbers in `surface`, by name; shares, but for energies [J/mol] and exponents.
+        by_degc, by_soc, by_c: (m, 2) temperature [degC], SOC or current [C], and the voltage's RMS error there [V].
+    """
+
+    has_ocv: bool = True
+    soc: tuple[float, ...] = ()
+    sigma: tuple[tuple[str, float], ...] = ()
+    by_degc: tuple[tuple[float, float], ...] = ()
+    by_soc: tuple[tuple[float, float], ...] = ()
+    by_c: tuple[tuple[float, float], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class CellModel:
     """Everything the filters know about a cell. Tables are (n_temperatures, n_soc), RC tables (n_rc, n_t, n_soc).
@@ -76,6 +94,7 @@ class CellModel:
         overpotential_v: factor e of the static asinh(i / overpotential_current_a) [V]; zeros switch it off.
         overpotential_current_a: the current i_ref of that term [A], where it is the same everywhere.
         reference_a: (n_t, n_soc) i_ref, twice the exchange current, where it is not [A]; None = the same everywhere.
+        surface: the few numbers that all tables were made of; None where the file has tables.
         surface_per_a: (n_rc, n_t) d_k, by which a current through a lag lowers the SOC at the surface [1/A]; None = 0.
         hysteresis_v: half the gap M between charge and discharge OCV [V]; 0 switches the state off.
         hysteresis_rate: how fast the hysteresis state follows charge, per unit of SOC moved.
@@ -83,6 +102,7 @@ class CellModel:
         v_min_v, v_max_v: limits of the cell's voltage [V].
         v_nominal_v: voltage by which the maker counts energy [V]; None where it was not said. Not used by any filter.
         mass_kg: of what the file describes, a cell or a module of them [kg]; None where it was not said.
+        evidence: what the identification rests on; None = not known.
         limits: the data sheet's other limits; no filter uses them.
         fit_voltage_rms_v: open-loop voltage error of the identification [V]; 0 = not known.
         fit_current_max_a: largest current magnitude the identification has seen [A]; 0 = not known.
@@ -120,6 +140,8 @@ class CellModel:
     activation_sigma_j_mol: float = ACTIVATION_SIGMA_J_MOL
     ocv_shift_v: FloatArray | None = None
     source: str = ""
+    surface: SurfaceModel | None = None
+    evidence: Evidence | None = None
     limits: CellLimits = CellLimits()
     _static: FloatArray = field(init=False, repr=False)
     _shift: FloatArray = field(init=False, repr=False)
@@ -138,7 +160,9 @@ class CellModel:
         measured = self.temperature_grid_degc if self.fit_temperature_degc is None else self.fit_temperature_degc
         object.__setattr__(self, "_measured_degc", measured)
         _check(self, shape)
-        per_a = np.full(shape, 1.0 / self.overpotential_current_a) if self.reference_a is None else 1.0 / self.reference_a
+        per_a = (
+            np.full(shape, 1.0 / self.overpotential_current_a) if self.reference_a is None else 1.0 / self.reference_a
+        )
         object.__setattr__(self, "_static", np.concatenate(([self.r0_ohm, over], self.r_ohm, self.tau_s, [per_a])))
 
     @property
@@ -197,7 +221,7 @@ class CellModel:
         below = np.zeros_like(z)
         for d, i_k in zip(self.surface_per_a, np.asarray(branch_a, dtype=np.float64), strict=True):
             below = below + np.interp(temperature_degc, self.temperature_grid_degc, d) * i_k
-        return np.asarray(z - factor * below)
+        return np.asarray(z - np.asarray(factor, dtype=np.float64) * below)
 
     def drop_v(
         self,
@@ -219,10 +243,11 @@ class CellModel:
             factor: (...) or scalar, resistances of the cell, and its d_k, over those of the model.
         """
         i, branches = np.asarray(current_a, dtype=np.float64), np.asarray(branch_a, dtype=np.float64)
-        surface = self.surface_soc(soc, branches, temperature_degc, factor)
+        scale = np.asarray(factor, dtype=np.float64)
+        surface = self.surface_soc(soc, branches, temperature_degc, scale)
         p = self._look_up(surface, temperature_degc)
         ohmic = p[0] * i + (p[2 : 2 + self.n_rc] * branches).sum(axis=0)
-        drop = factor * (ohmic + p[1] * np.arcsinh(i * p[-1]))
+        drop = scale * (ohmic + p[1] * np.arcsinh(i * p[-1]))
         if self.has_surface:
             degc = temperature_degc
             drop = drop + self.open_circuit_voltage(soc, degc) - self.open_circuit_voltage(surface, degc)
@@ -254,8 +279,10 @@ class CellModel:
         """Return by what share the resistances may be off at each temperature for want of measurements.
 
         sigma_E / R |1/T - 1/T_m| beyond the measured temperatures T_m; between two of them the distances count as
-        d1 d2 / (d1 + d2).
+        d1 d2 / (d1 + d2). Where nothing measured the OCV the share is 1.
         """
+        if self.evidence is not None and not self.evidence.has_ocv:
+            return np.ones(np.shape(temperature_degc))
         below, above = self._measured_around(1.0 / (np.asarray(temperature_degc, dtype=np.float64) + KELVIN))
         return np.asarray(self.activation_sigma_j_mol / GAS_CONSTANT * _bridge(below, above))
 
@@ -336,9 +363,10 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
         if model.reference_a.shape != shape or not (np.isfinite(model.reference_a) & (model.reference_a > 0)).all():
             raise ModelError("reference_a", f"has to be a table of {shape}, finite and positive")
         of_lags = (model.r_ohm.shape[0], shape[0])
-        if model.surface_per_a.shape != of_lags or not (
-            np.isfinite(model.surface_per_a) & (model.surface_per_a >= 0)
-        ).all():
+        if (
+            model.surface_per_a.shape != of_lags
+            or not (np.isfinite(model.surface_per_a) & (model.surface_per_a >= 0)).all()
+        ):
             raise ModelError("surface_per_a", f"has to be a table of {of_lags}, finite and not negative")
     if model._shift.shape != shape:
         raise ModelError("ocv_shift_v", f"has shape {model._shift.shape}, the grids ask for {shape}")

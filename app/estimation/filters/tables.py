@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray, IntArray
-from app.estimation.cell_model.circuit import GAS_CONSTANT, KELVIN, CellModel
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.surface import GAS_CONSTANT, KELVIN
 
 SOC_LOW: Final = -0.1  # the tables reach past 0 and 1, because sigma points do
 SOC_HIGH: Final = 1.1
@@ -62,9 +63,13 @@ class CellTables:
         # what temperature does to the OCV may not make it fall anywhere: its inverse has to exist
         ocv = np.maximum.accumulate(model.open_circuit_voltage(self.soc, self.temperature_degc[:, None]), axis=1)
         lasting_ohm, lasting_s = np.full_like(r0, LASTING_OHM), np.full_like(r0, LASTING_S)
-        self.table = np.ascontiguousarray(np.stack([ocv, r0, over, per_reference, *rc[: model.n_rc], lasting_ohm], axis=-1))
+        self.table = np.ascontiguousarray(
+            np.stack([ocv, r0, over, per_reference, *rc[: model.n_rc], lasting_ohm], axis=-1)
+        )
         self.has_surface = model.has_surface
-        surface = np.zeros((model.n_rc, self.temperature_degc.size)) if model.surface_per_a is None else model.surface_per_a
+        surface = (
+            np.zeros((model.n_rc, self.temperature_degc.size)) if model.surface_per_a is None else model.surface_per_a
+        )
         self.surface = np.ascontiguousarray(surface.T)
         self.ocv_slope_v = model.ocv.slope(self.soc)
         self.reading_slope_v = reading_slope(model, np.asarray(self.soc, dtype=np.float64))

@@ -91,21 +91,21 @@ def rest_after(recording: Recording, row: int) -> int | None:
     return begin + int(stop[0]) - 1 if stop.size else len(idle) - 1
 
 
-def rests_of(branch: Branch) -> IntArray:
-    """Return the last rows of the long rests before, within and after a branch."""
-    recording, idle = branch.recording, _idle(branch.recording)
+def long_rests(recording: Recording, first: int = 0, last: int | None = None) -> IntArray:
+    """Return the last rows of the long rests that reach into rows `first` to `last`."""
+    idle, last = _idle(recording), len(recording.time_s) if last is None else last
     found = []
     for run in np.split(np.arange(idle.size), np.flatnonzero(np.diff(idle)) + 1):
         lasted_s = recording.time_s[run[-1]] - recording.time_s[run[0]]
-        is_near = branch.rows[0] - 1 <= run[-1] and run[0] <= branch.rows[-1] + 1
-        if (
-            idle[run[0]]
-            and is_near
-            and (lasted_s >= REST_S or run[0] == 0)
-            and np.isfinite(recording.voltage_v[run[-1]])
-        ):
+        is_long = idle[run[0]] and (lasted_s >= REST_S or run[0] == 0)
+        if is_long and first <= run[-1] and run[0] <= last and np.isfinite(recording.voltage_v[run[-1]]):
             found.append(int(run[-1]))
     return np.array(found, dtype=np.intp)
+
+
+def rests_of(branch: Branch) -> IntArray:
+    """Return the last rows of the long rests before, within and after a branch."""
+    return long_rests(branch.recording, int(branch.rows[0]) - 1, int(branch.rows[-1]) + 1)
 
 
 def _idle(recording: Recording) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ SHORT_REST_S: Final = 60.0  # a rest this long ends not far from it
 SHORT_REST_SIGMA_V: Final = 0.01
 LOADED_SIGMA_V: Final = 0.015  # of a first row under load, its ohmic drop given back
 SLOPE_MIN_V: Final = 1e-3  # of the OCV over SOC: flatter tells nothing
+UNSEEN_GAP_V: Final = 0.06  # between the branches where one alone is known: hysteresis of LFP
 REFUTED_SIGMAS: Final = 2.0
 FOREIGN_FRAC: Final = 0.5  # of the charge moved: further apart than that, count and voltage are not of one cell
 COUNT_DRIFT_FRAC: Final = 0.25  # of the charge moved to and fro: a counter may be as bad as that
@@ -209,7 +210,7 @@ def choose_capacity(
             )
         return column
     rests = capacity_from_rests(recordings, slow, resistance_ohm)
-    if rests is not None and not slow.is_loaded:
+    if rests is not None and not slow.is_loaded and not slow.is_flat:
         capacity_ah, sigma_ah = rests
         limit = max(DISAGREEMENT_FRAC * slow.counted_ah, REFUTED_SIGMAS * sigma_ah)
         if abs(capacity_ah - slow.counted_ah) > limit and 0.5 < capacity_ah / slow.counted_ah < 2.0:
@@ -281,7 +282,7 @@ def _soc_of(slow: SlowCurves, anchors: Anchors) -> tuple[FloatArray, FloatArray]
     """Return the SOC of anchors on the curve that a rest after a discharge ends on, and its sigma."""
     soc = np.interp(anchors.ocv_v, slow.rested_v + 1e-9 * np.arange(slow.soc.size), slow.soc)
     slope = np.interp(soc, slow.soc, np.gradient(slow.rested_v, slow.soc))
-    gap_v = np.interp(soc, slow.soc, slow.charge_v - slow.discharge_v)
+    gap_v = np.interp(soc, slow.soc, slow.charge_v - slow.discharge_v) if slow.has_charge else UNSEEN_GAP_V
     return soc, np.hypot(anchors.sigma_v, 0.25 * gap_v) / np.maximum(slope, SLOPE_MIN_V)
 
 

@@ -16,17 +16,29 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.ocv import from_rests, from_two_currents
 from app.estimation.errors import ModelError
-from app.estimation.identification.branches import Branch, find_branches, rest_after, rests_of
+from app.estimation.identification.branches import (
+    Branch,
+    find_branches,
+    long_rests,
+    rest_after,
+    rests_of,
+    stretches,
+)
 from app.estimation.recording.cell_recording import Recording
 
 SLOW_C: Final = 0.15  # faster, the drop at the current is no longer small
 FAST_C: Final = 1.5  # a discharge from full to empty at more than this is a piece of a drive or of a pulse test
 ALIKE_FRAC: Final = 0.8  # of the largest charge moved: discharges that went as far
 RESTS_MIN: Final = 5  # rested points that make a curve
+RESTS_SPAN: Final = 0.5  # of the SOC that they lie over
+RESTS_BEYOND: Final = 0.02  # of SOC 1: counts drift
+KNOWN_SHARE: Final = 0.5  # of the rows whose soc column is filled
 CURRENTS_RATIO: Final = 1.5  # between two discharges that tell the drop
 COUNT_TOLERANCE: Final = 0.03  # of the capacity: more disagreement of count and rest voltage and the count is wrong
 REST_SHARE: Final = 0.3  # of the way from discharge to charge branch: half for diffusion, less with hysteresis
 GRID_POINTS: Final = 401
+FLAT_V: Final = 0.15  # per unit of SOC: an OCV that rises less tells little
+FLAT_SHARE: Final = 0.25  # of the range: less is a dip that a drive passes
 END_SOC: Final = 0.02  # the last part of the discharge ...
 END_STEEPNESS: Final = 3.0  # ... falls at least this many times as fast as the middle where a cell is empty
 
@@ -62,8 +74,18 @@ class SlowCurves:
         """(n,) voltage that a rest after a discharge comes to [V]: between the branches, nearer the discharge."""
         return self.discharge_v + REST_SHARE * (self.charge_v - self.discharge_v)
 
+    @property
+    def flat_share(self) -> float:
+        """Share of the SOC over which the OCV rises by less than `FLAT_V`."""
+        return float(np.mean(np.diff(self.rested_v) / np.diff(self.soc) < FLAT_V))
 
-def read_slow(recordings: Sequence[Recording]) -> SlowCurves:
+    @property
+    def is_flat(self) -> bool:
+        """Whether a voltage hardly tells the SOC, so that charge that was counted says more."""
+        return self.flat_share >= FLAT_SHARE
+
+
+def read_slow(recordings: Sequence[Recording], pulses: Sequence[Recording] = ()) -> SlowCurves:
     """Return the branches of the slow tests on the SOC axis.
 
     SOC comes from the soc column where the branch has one. Without it the discharge runs from SOC 1 to 0, and the
@@ -72,6 +94,7 @@ def read_slow(recordings: Sequence[Recording]) -> SlowCurves:
 
     Args:
         recordings: one or more slow tests of the same cell.
+        pulses: pulse tests, whose rests stand for the OCV where the slow test is not slow.
 
     Raises:
         ModelError: no recording holds a branch, one has too few samples, or its current is no slow test's.
@@ -92,11 +115,14 @@ def read_slow(recordings: Sequence[Recording]) -> SlowCurves:
             discharge_v = _raised_to_rests(base, soc, grid, discharge_v, notes)
     else:
         at_rest_v = _without_slow(discharges, base, counted_ah, grid, notes)
+        if at_rest_v is None:
+            at_rest_v = _raised_to_pulses(base, soc, counted_ah, pulses, grid, notes)
         is_loaded = at_rest_v is None
         if is_loaded:
             warnings.append(
-                f"{base.recording.source} ran at {rate_c:.2g} C, not at C/10 or less: its OCV is off by the drop at "
-                "that current; add a discharge at another current, or a stepwise one with rests"
+                f"nothing measured the OCV: {base.recording.source} ran at {rate_c:.2g} C, not at C/10 or less, and "
+                "its voltage holds the drop at that current: filters will say that this model is not valid; add a slow "
+                "discharge, or a stepwise one whose charge is counted, with rests of ten minutes"
             )
         discharge_v = _on_grid(grid, soc, base.recording.voltage_v[base.rows]) if at_rest_v is None else at_rest_v
         charges = []
@@ -152,6 +178,40 @@ def _raised_to_rests(
         f"{base.recording.source}: its OCV is raised to {rests.size} rests, by {1e3 * np.median(drop_v):.0f} mV"
     )
     return np.maximum.accumulate(loaded_v + np.interp(grid, soc[before][::-1], drop_v[::-1]))
+
+
+def _raised_to_pulses(
+    base: Branch, soc: FloatArray, counted_ah: float, pulses: Sequence[Recording], grid: FloatArray, notes: list[str]
+) -> FloatArray | None:
+    """Return the curve of a fast discharge with the drop given back that the rests of pulse tests show; None without.
+
+    The SOC of a rest is that of the soc column, else the charge counted since the cell was full.
+    """
+    found_soc, found_v = [], []
+    for recording in pulses:
+        rests = long_rests(recording)
+        if np.isfinite(recording.soc).mean() > KNOWN_SHARE:
+            at = recording.soc[rests]
+        elif len(stretches(recording)) == 1 and float(np.ptp(recording.seen_charge_ah)) > 0.5 * counted_ah:
+            at = 1.0 - (recording.seen_charge_ah[rests] - recording.seen_charge_ah.min()) / counted_ah
+        else:
+            continue
+        found_soc.append(at)
+        found_v.append(recording.voltage_v[rests])
+    at, volts = (np.concatenate(each) if each else np.zeros(0) for each in (found_soc, found_v))
+    known = np.isfinite(at) & np.isfinite(volts) & (at >= 0.0) & (at <= 1.0 + RESTS_BEYOND)
+    at, volts = at[known], volts[known]
+    if np.unique(np.round(at, 2)).size < RESTS_MIN or float(np.ptp(at)) < RESTS_SPAN:
+        return None
+    loaded_v = _on_grid(grid, soc, base.recording.voltage_v[base.rows])
+    bins = np.round(at, 2)
+    where = np.unique(bins)
+    drop_v = np.array([np.median(volts[bins == one] - np.interp(at[bins == one], grid, loaded_v)) for one in where])
+    notes.append(
+        f"no slow test: the OCV is {base.recording.source}, raised to {where.size} rests of the pulse tests, by "
+        f"{1e3 * np.median(drop_v):.0f} mV"
+    )
+    return np.maximum.accumulate(loaded_v + np.interp(grid, where, np.maximum(drop_v, 0.0)))
 
 
 def _without_slow(

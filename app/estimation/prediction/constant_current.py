@@ -1,7 +1,8 @@
 """Cells carried forward at a constant current, with what is not known of them, by the closed form of the cell model.
 
-    v(t) = OCV(z(t)) - drop(z(t), i_k(t), i),   z(t) = z - i t / Q,   i_k(t) = a_k i_k + (1 - a_k) i,   a_k = exp(-t / tau_k)
-    T(t) = T + ((OCV(z) - v(t)) i - cooling) t / C_th
+    v(t)   = OCV(z(t)) - drop(z(t), i_k(t), i),   z(t) = z - i t / Q
+    i_k(t) = a_k i_k + (1 - a_k) i,   a_k = exp(-t / tau_k)
+    T(t)   = T + ((OCV(z) - v(t)) i - cooling) t / C_th
 
 No time steps are taken. Sigmas are carried along to first order; a cell's own errors are taken to be independent.
 """

@@ -34,6 +34,25 @@ class Source(NamedTuple):
     factor: float
 
 
+MAP_FIELDS = ("time_s", "current_a", "voltage_v", "temperature_c", "soc")  # as the help names them
+
+
+def map_of(entries: Sequence[str], path: Path) -> list[str]:
+    """Return the entries that hold for a file: those without a file's name before a colon, and those with its own.
+
+    What names the file takes the place of what holds for all.
+    """
+    common, own = [], []
+    for entry in entries:
+        name, colon, rest = entry.partition(":")
+        is_named = bool(colon) and "=" not in name
+        if not is_named:
+            common.append(entry)
+        elif name in (path.name, str(path)):
+            own.append(rest)
+    return own or common
+
+
 def parse_map(entries: Sequence[str]) -> dict[str, Source]:
     """Return the sources of the fields out of texts like `current_a=I_batt` or `current_a=2*0.001`.
 
@@ -46,7 +65,9 @@ def parse_map(entries: Sequence[str]) -> dict[str, Source]:
         field = field.strip()
         field = {"temperature_c": "temperature_degc"}.get(field, field)
         if not sign or field not in FIELDS or not column.strip():
-            raise DatasetError("--map", f"{entry!r} is not FIELD=COLUMN[*FACTOR] with FIELD one of {', '.join(FIELDS)}")
+            raise DatasetError(
+                "--map", f"{entry!r} is not FIELD=COLUMN[*FACTOR] with FIELD one of {', '.join(MAP_FIELDS)}"
+            )
         name, star, factor = column.rpartition("*")
         try:
             sources[field] = Source(name.strip(), float(factor)) if star else Source(column.strip(), 1.0)

@@ -45,7 +45,10 @@ def test_cell_file_is_written_and_explains_the_data(files, tmp_path, capsys):
 def test_report_for_people_names_resistances_and_files(files, tmp_path, capsys):
     assert run("--ocv", files[0], "--pulses", files[1], "--out", tmp_path / "cell.toml") == 0
     text = capsys.readouterr().out
-    assert "R0" in text
+    assert "ohmic resistance" in text
+    assert "+-" in text
+    assert "would help most" in text
+    assert text.startswith("warning: "), "what to beware of comes first"
     assert "pulses.csv" in text
 
 

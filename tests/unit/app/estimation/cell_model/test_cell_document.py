@@ -52,7 +52,7 @@ def test_numbers_rows_and_tables_come_out_as_written():
     assert made.number("", "capacity_ah") == 2.5
     assert made.row("ocv", "voltage_v").tolist() == [3.0, 3.6, 4.2]
     assert made.table("circuit", "r0_ohm", (2, 2)).tolist() == [[2e-3, 1e-3], [1e-3, 5e-4]]
-    assert list(made.pairs()) == [0, 1]
+    assert list(made.listed("circuit", "rc", ("r_ohm", "tau_s"))) == [0, 1]
 
 
 @pytest.mark.parametrize(("pair", "expected"), [(0, [[1e-3, 1e-3]] * 2), (1, [[1e-3, 2e-3]] * 2)])
@@ -134,12 +134,12 @@ def test_a_field_alone_is_refused_where_it_needs_another():
 
 @pytest.mark.parametrize(("text", "field"), [("[circuit]\nrc = 3\n", "rc"), ("[[circuit.rc]]\nc_f = 3\n", "c_f")])
 def test_pairs_that_are_none_are_refused(text, field):
-    assert refused(document(text).pairs).field.endswith(field)
+    assert refused(document(text).listed, "circuit", "rc", ("r_ohm", "tau_s")).field.endswith(field)
 
 
 def test_more_pairs_than_there_can_be_are_refused():
     text = "[[circuit.rc]]\nr_ohm = 1e-3\ntau_s = 1\n" * 9
-    assert "9 pairs" in str(refused(document(text).pairs))
+    assert "one of 9" in str(refused(document(text).listed, "circuit", "rc", ("r_ohm", "tau_s")))
 
 
 def test_a_number_beyond_every_float_is_refused():
