@@ -3,7 +3,8 @@
 import json
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
+from hashlib import sha256
 from io import BytesIO
 from math import isnan
 from pathlib import Path
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.battery.library import file_name_of
+from app.estimation.cell_model.cell_file import format_cell
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.cell_watch import CellWatchMemory
 from app.estimation.health.charge_watch import STATES, ChargeMemory
@@ -34,6 +37,7 @@ class LearnedState:
 
     charge: RememberedCharge
     cells: LearnedCells
+    cell_file: str = ""  # digest of the one that resistances were learned against
 
 
 def learned_file(battery: str, *, is_team: bool) -> str:
@@ -41,8 +45,17 @@ def learned_file(battery: str, *, is_team: bool) -> str:
     return "cells.npz" if is_team else f"cells-{file_name_of(battery)}.npz"
 
 
-def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
-    """Return what was saved, None where there is nothing or it cannot be read (which is logged)."""
+def digest_of(cell: CellModel) -> str:
+    """Return a digest of all that a cell file says."""
+    return sha256(format_cell(cell).encode()).hexdigest()[:16]
+
+
+def load_learned_state(path: Path, n_cells: int, cell: CellModel | None = None) -> LearnedState | None:
+    """Return what was saved, None where there is nothing or it cannot be read (which is logged).
+
+    Resistances are shares of those of a cell file: where `cell` is another one, they are dropped, which is logged too.
+    Capacities are in ampere-hours and stay.
+    """
     if not path.is_file():
         return None
     try:
@@ -55,6 +68,7 @@ def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
                     file.get("resistance"),  # older versions saved none
                     _watched(file, n_cells),
                 ),
+                str(file["cell_file"]) if "cell_file" in file else "",
             )
     except (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
@@ -63,6 +77,11 @@ def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
     if shapes != {(n_cells,)} or state.cells.capacity_state.shape != (6, n_cells):
         log.warning("%s is of another accumulator and is ignored", path)
         return None
+    # versions before kept no digest, and had no model of the surface
+    is_same = cell is None or (state.cell_file == digest_of(cell) if state.cell_file else not cell.has_surface)
+    if not is_same and state.cells.resistance is not None:
+        log.warning("%s: resistances were learned against another cell file and are learned anew", path)
+        state = replace(state, cells=replace(state.cells, resistance=None))
     return state
 
 
@@ -83,6 +102,7 @@ def _arrays(state: LearnedState) -> dict[str, ArrayLike]:
         "soc": charge.soc,
         "soc_sigma": charge.soc_sigma,
         **{f"count_{name}": value for name, value in asdict(charge.count).items() if value is not None},
+        "cell_file": state.cell_file,
         "capacity_state": cells.capacity_state,
         "joint_baseline_ohm": cells.joint_baseline_ohm,
         "resistance": NOTHING if cells.resistance is None else cells.resistance,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from app.clock import Clock
-from app.live.learned_state import LearnedState, learned_file, load_learned_state, save_learned_state
+from app.live.learned_state import LearnedState, digest_of, learned_file, load_learned_state, save_learned_state
 from app.live.open_alarms import alarm_file, load_open_alarms, save_open_alarms
 from app.live.pipeline import Output, Pipeline
 from app.live.pipeline_factory import PipelineFactory
@@ -99,9 +99,8 @@ class LearnedStateSaver:
         charge = self._pipeline.charge
         if charge is not None:
             self._saved_findings = _findings_of(self._predictor)
-            self._state_writer.begin(
-                save_learned_state, self._path, LearnedState(charge, self._predictor.learned_cells)
-            )
+            state = LearnedState(charge, self._predictor.learned_cells, digest_of(self._predictor.cell))
+            self._state_writer.begin(save_learned_state, self._path, state)
 
 
 def _findings_of(predictor: Predictor) -> set[tuple[str, int]]:
@@ -119,7 +118,7 @@ def learning_pipeline(
     """Return the pipeline of the live source, which goes on from what earlier runs left, and what saves it."""
     battery = factory.battery.battery
     path = data / learned_file(battery.name, is_team=battery == team_battery().battery)
-    learned = load_learned_state(path, battery.n_cells)
+    learned = load_learned_state(path, battery.n_cells, factory.cell)
     predictor = factory.predictor(None if learned is None else learned.cells)
     remembered = None if learned is None else learned.charge
     open_path = data / alarm_file(path.name, is_simulated=source == "simulator")

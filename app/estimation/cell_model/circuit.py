@@ -220,7 +220,9 @@ class CellModel:
             return z
         below = np.zeros_like(z)
         for d, i_k in zip(self.surface_per_a, np.asarray(branch_a, dtype=np.float64), strict=True):
-            below = below + np.interp(temperature_degc, self.temperature_grid_degc, d) * i_k
+            below = (
+                below + np.interp(np.asarray(temperature_degc, dtype=np.float64), self.temperature_grid_degc, d) * i_k
+            )
         return np.asarray(z - np.asarray(factor, dtype=np.float64) * below)
 
     def drop_v(

@@ -35,7 +35,7 @@ SOC_STEP: Final = 0.001
 OFFSET_SOC: Final = np.linspace(0.0, 1.0, 11)
 ENTROPY_SOC: Final = np.array([0.0, 0.5, 1.0])
 CORRECTION_SOC: Final = np.array([0.05, 0.25, 0.5, 0.75, 1.0])
-LAG_S: Final = ((), (60.0,), (30.0, 600.0), (5.0, 40.0, 800.0), (3.0, 20.0, 120.0, 1000.0))  # by how many there are
+LAG_S: Final = ((), (60.0,), (30.0, 400.0), (5.0, 40.0, 800.0), (3.0, 20.0, 120.0, 1000.0))  # by how many there are
 
 # priors: mean and sigma, of logarithms where the number is positive, currents in C, resistances in V for 1C
 OHMIC_SHARE: Final = 0.7  # R_0, of the resistance that steps of the current show
@@ -47,9 +47,9 @@ KINETICS_J_MOL: Final = (35e3, 6e3)
 EXPONENT: Final = (0.5, 0.1)
 DIFFUSION_J_MOL: Final = (27e3, 5e3)
 LAG_J_MOL: Final = (27e3, 8e3)
-LAG_SIGMA: Final = 0.5  # of its time constant
-SURFACE_PER_C: Final = ((0.01, 1.0), (0.03, 1.0))  # fastest and slowest lag
-LAG_V_PER_C: Final = (0.02, 1.0)
+LAG_SIGMA: Final = 0.7  # of its time constant
+SURFACE_PER_C: Final = ((0.01, 1.0), (0.03, 0.7))  # of the lags, the slowest last
+LAG_V_PER_C: Final = ((0.02, 1.0), (0.01, 0.8))
 CORRECTION_SIGMA: Final = 0.3
 CORRECTION_BEND: Final = 0.15
 BLEND: Final = (0.5, 0.25)
@@ -116,9 +116,10 @@ class Unknowns:
             ("lag_energy", 1, *LAG_J_MOL),
         ]
         for k, tau_s in enumerate(LAG_S[n_lags]):
-            d, d_sigma = SURFACE_PER_C[k == n_lags - 1 and n_lags > 1]
-            rows += [(f"tau{k}", 1, float(np.log(tau_s)), LAG_SIGMA), (f"d{k}", 1, float(np.log(d)), d_sigma)]
-            rows.append((f"r{k}", 1, float(np.log(LAG_V_PER_C[0])), LAG_V_PER_C[1]))
+            is_slow = k == n_lags - 1 and n_lags > 1
+            rows.append((f"tau{k}", 1, float(np.log(tau_s)), LAG_SIGMA))
+            for short, (at, width) in (("d", SURFACE_PER_C[is_slow]), ("r", LAG_V_PER_C[is_slow])):
+                rows.append((f"{short}{k}", 1, float(np.log(at)), width))
         offset_v = OFFSET_SIGMA_V if slow.has_charge else OFFSET_SIGMA_ALONE_V
         rows += [
             ("correction", CORRECTION_SOC.size, 0.0, CORRECTION_SIGMA),

@@ -8,7 +8,7 @@ from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.cell_watch import CellWatchMemory
 from app.estimation.health.charge_watch import STATES, ChargeMemory
 from app.estimation.health.joint_watch import LooseJoints
-from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
+from app.live.learned_state import LearnedState, digest_of, load_learned_state, save_learned_state
 from app.live.prediction import Predictor
 from app.live.remembered_charge import MasterCount, RememberedCharge
 from firmware_protocol.memory_map import N_CELLS
@@ -30,6 +30,18 @@ def test_learned_resistances_survive_a_restart_and_are_counted_with_at_once(tmp_
     predictor = Predictor(CELL, (12,) * 8, load_learned_state(file, 96).cells)
     assert predictor.learned.has_resistance.all()
     np.testing.assert_allclose(predictor.learned.resistance_factor, FACTOR)
+
+
+def test_resistances_learned_against_another_cell_file_are_dropped_with_a_message(tmp_path, caplog):
+    file = tmp_path / "past.npz"
+    learned = state(np.array((FACTOR, np.full(N_CELLS, 0.02))))
+    save_learned_state(file, replace(learned, cell_file=digest_of(CELL)))
+    assert load_learned_state(file, 96, CELL).cells.resistance is not None
+    assert not caplog.records
+    other = load_learned_state(file, 96, load_cell("panasonic-ncr18650pf"))
+    assert other.cells.resistance is None
+    np.testing.assert_array_equal(other.cells.capacity_state, learned.cells.capacity_state)
+    assert "another cell file" in caplog.text
 
 
 def test_a_file_of_an_older_version_knows_no_resistances_and_is_read(tmp_path):
