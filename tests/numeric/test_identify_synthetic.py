@@ -6,6 +6,7 @@ import pytest
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
+from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
 from app.estimation.recording.cell_recording import clean
 from tests.open_loop import simulate
@@ -216,3 +217,42 @@ def test_every_part_that_misses_the_voltage_is_warned_of():
     missed = {part.name for part in result.parts if part.voltage_rms_v > 0.03}
     assert missed
     assert missed == {w.split(":")[0] for w in result.warnings if "misses the voltage" in w}
+
+
+def test_a_fast_discharge_is_raised_to_the_rests_of_the_pulse_tests():
+    model = cell()
+    fast = record(model, "fast", [(0, 60), (1, 3400), (0, 60)], 1.0)
+    result = identify([fast], [pulses(model)], [drive(model)])
+    assert result.model.evidence.has_ocv
+    assert any("raised to" in note for note in result.notes)
+    inside = np.linspace(0.15, 0.9, 20)
+    np.testing.assert_allclose(result.model.ocv.voltage(inside), model.ocv.voltage(inside), atol=0.015)
+
+
+def test_where_nothing_measured_the_ocv_the_first_warning_says_so_and_no_filter_is_valid():
+    model = cell()
+    fast = record(model, "fast", [(0, 60), (1, 3400), (0, 60)], 1.0, with_soc=False)
+    result = identify([fast], [], [drive(model)])
+    assert "nothing measured the OCV" in result.warnings[0]
+    estimator = make_estimator("fused", result.model, 1)
+    estimator.start([3.7], [25.0], 0.0)
+    assert not estimator.step(1.0, 0.0, [3.7], [25.0]).model_valid.any()
+
+
+def test_on_a_flat_curve_with_hysteresis_the_counted_charge_holds():
+    """Rests that hysteresis has raised would, read on the curve, say that less charge was drawn."""
+    model = cell(ocv_v=FLAT_V)
+    test = pulses(model, with_soc=False)
+    idle = test.current_a == 0.0
+    test.voltage_v[:] += np.where(idle & (test.time_s > 0.6 * test.time_s[-1]), 0.03, 0.0)
+    counted_ah = float(np.ptp(test.seen_charge_ah))
+    assert identify([test], [test], n_rc=1).model.capacity_ah == pytest.approx(counted_ah, rel=0.02)
+
+
+def test_a_cold_drive_that_ends_low_is_fitted_and_no_offset_runs_away():
+    model = cell(factors=(3.0, 1.0, 0.65))
+    tests = [pulses(model, degc=degc) for degc in (25.0, 0.0)]
+    result = identify([slow(model)], tests, [drive(model, degc=0.0, seconds=2600, peak_c=5.0, soc_start=1.0)])
+    assert np.abs(result.model.ocv_shift_v).max() < 0.1
+    inside = np.linspace(0.1, 0.95, 20)
+    np.testing.assert_allclose(result.model.ocv.voltage(inside), model.ocv.voltage(inside), atol=0.01)

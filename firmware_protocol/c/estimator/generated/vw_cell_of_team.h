@@ -1,5 +1,5 @@
 /* Samsung INR18650-25R, 10 in parallel, 25 Ah: written by `voltwall firmware` from its cell file.
- * Columns of the table: OCV [V], R0 [ohm], RC resistances [ohm], overpotential [V] where there is one. */
+ * Columns of the table: OCV [V], R0 [ohm], R_k [ohm], overpotential [V], one over its current [1/A]. */
 #ifndef VW_CELL_OF_TEAM_H
 #define VW_CELL_OF_TEAM_H
 
@@ -816,6 +816,7 @@ static const vw_cell_model vw_cell_model_of_team = {
     .n_temperatures = 7,
     .has_overpotential = 0,
     .has_tau_table = 0,
+    .has_surface = 0,
     .slow_pair = 1,
     .n_doubt = 73,
     .width = 4,
@@ -835,6 +836,7 @@ static const vw_cell_model vw_cell_model_of_team = {
     .reading_slope_v = vw_cell_reading_slope_v,
     .tau_s = vw_cell_tau_s,
     .doubt = vw_cell_doubt,
+    .surface = 0,
 };
 
 static const vw_sigma_rule vw_rule_of_team = {

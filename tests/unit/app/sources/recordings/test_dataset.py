@@ -1,8 +1,10 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from app.estimation.errors import DatasetError
-from app.sources.recordings.dataset import load_recording, parse_map
+from app.sources.recordings.dataset import load_recording, map_of, parse_map
 
 PLAIN = "time_s,current_a,voltage_v,temperature_c,soc\n0,0,4.1,25,1\n1,2,4.0,25,\n2,2,3.99,25.5,0.99\n"
 
@@ -99,3 +101,16 @@ def test_a_table_without_a_time_needs_the_time_between_its_rows(tmp_path):
     with pytest.raises(DatasetError, match="no time column"):
         load_recording(path)
     assert load_recording(path, period_s=0.1).step_s[1] == pytest.approx(0.1)
+
+
+def test_a_map_with_a_files_name_holds_for_that_file_in_place_of_the_others():
+    entries = ["current_a=I,voltage_v=U", "slow.csv:current_a=2*0.001,voltage_v=3"]
+    assert map_of(entries, Path("tests/slow.csv")) == ["current_a=2*0.001,voltage_v=3"]
+    assert map_of(entries, Path("pulses.csv")) == ["current_a=I,voltage_v=U"]
+    assert map_of(["time_s=clock:s"], Path("slow.csv")) == ["time_s=clock:s"], "a column may have a colon"
+
+
+def test_an_unknown_field_is_refused_with_the_names_that_the_help_has():
+    with pytest.raises(DatasetError, match="temperature_c, soc") as caught:
+        parse_map(["warmth=3"])
+    assert "temperature_degc" not in str(caught.value)
