@@ -35,7 +35,7 @@ SOC_STEP: Final = 0.001
 OFFSET_SOC: Final = np.linspace(0.0, 1.0, 11)
 ENTROPY_SOC: Final = np.array([0.0, 0.5, 1.0])
 CORRECTION_SOC: Final = np.array([0.05, 0.25, 0.5, 0.75, 1.0])
-LAG_S: Final = ((), (60.0,), (30.0, 400.0), (5.0, 40.0, 800.0), (3.0, 20.0, 120.0, 1000.0))  # by how many there are
+LAG_S: Final = ((), (60.0,), (25.0, 300.0), (5.0, 40.0, 800.0), (3.0, 20.0, 120.0, 1000.0))  # by how many there are
 
 # priors: mean and sigma, of logarithms where the number is positive, currents in C, resistances in V for 1C
 OHMIC_SHARE: Final = 0.7  # R_0, of the resistance that steps of the current show
@@ -47,9 +47,9 @@ KINETICS_J_MOL: Final = (35e3, 6e3)
 EXPONENT: Final = (0.5, 0.1)
 DIFFUSION_J_MOL: Final = (27e3, 5e3)
 LAG_J_MOL: Final = (27e3, 8e3)
-LAG_SIGMA: Final = 0.7  # of its time constant
-SURFACE_PER_C: Final = ((0.01, 1.0), (0.03, 0.7))  # of the lags, the slowest last
-LAG_V_PER_C: Final = ((0.02, 1.0), (0.01, 0.8))
+LAG_SIGMA: Final = 0.25  # of its time constant: what is slower would stand for OCV and capacity
+SURFACE_PER_C: Final = ((0.01, 1.0), (0.03, 0.5))  # of the lags, the slowest last
+LAG_V_PER_C: Final = ((0.02, 1.0), (0.006, 0.5))
 CORRECTION_SIGMA: Final = 0.3
 CORRECTION_BEND: Final = 0.15
 BLEND: Final = (0.5, 0.25)
