@@ -91,7 +91,7 @@ static inline vw_real vw_surface_soc(const vw_cells *x, int n_pairs, int c)
 }
 
 /* asinh(x) = sign(x) ln(|x| + root) with root = sqrt(x^2 + 1), without a call, so that vector instructions take several
- * cells at a time; to 1e-13. */
+ * cells at a time; to 1e-10. */
 static inline vw_real vw_asinh_with(vw_real x, vw_real root)
 {
 #if VW_LANES == 1
@@ -112,18 +112,14 @@ static inline vw_real vw_asinh_with(vw_real x, vw_real root)
     n -= 4503599627370496.0;
     m = m > 1.4142135623730951 ? 0.5 * m : m;
     const double s = (m - 1) / (m + 1), s2 = s * s;
-    double p = 1.0 / 15;
-    p = p * s2 + 1.0 / 13;
-    p = p * s2 + 1.0 / 11;
+    double p = 1.0 / 11;
     p = p * s2 + 1.0 / 9;
     p = p * s2 + 1.0 / 7;
     p = p * s2 + 1.0 / 5;
     p = p * s2 + 1.0 / 3;
     p = p * s2 + 1;
     const double ln = n * 0.6931471805599453 + 2 * s * p;
-    /* small x: what the sum has lost */
-    const double small = a * (1 - a * a * (1.0 / 6 - a * a * (3.0 / 40)));
-    return copysign(a < 1e-2 ? small : ln, x);
+    return copysign(ln, x);
 #endif
 }
 
