@@ -103,7 +103,9 @@ def run_orders(data: Path, plots: Path | None) -> None:
     if loaded is None:
         return
     training, cycle, test = loaded
-    models = [identify(training[:1], training[1:], [cycle], n_rc, f"{n_rc} RC").model for n_rc in range(5)]
+    models = [
+        identify(training[:1], training[1:], [cycle], n_rc, f"{n_rc} RC", is_circuit=True).model for n_rc in range(5)
+    ]
     print("US06: RC filter   RMSE 2 % start  RMSE 50 % start  to 5 %  to 2 %  largest after 60 s  us a step")
     shown = {}
     for n_rc, model in enumerate(models):
@@ -164,7 +166,7 @@ def run_secant(data: Path, plots: Path | None) -> None:
     if loaded is None:
         return
     training, cycle, test = loaded
-    monotone = identify(training[:1], training[1:], [cycle], 1, "1 RC").model
+    monotone = identify(training[:1], training[1:], [cycle], 1, "1 RC", is_circuit=True).model
     model = replace(monotone, ocv=replace(monotone.ocv, method="polynomial"))
     shown = {
         "notes: C = OCV / SOC": secant_run(model, test, 0.5, tangent=False),

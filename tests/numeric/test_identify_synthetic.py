@@ -147,6 +147,13 @@ def test_any_number_of_pairs_fits(n_rc):
     assert np.isfinite(result.model.fit_voltage_rms_v)
 
 
+def test_a_circuit_of_the_theses_has_no_surface_and_its_pairs_come_back():
+    model = cell()
+    result = identify([slow(model)], [pulses(model)], [drive(model)], is_circuit=True)
+    assert result.model.surface_per_a.max() < 1e-6
+    assert result.parts[1].voltage_rms_v < 0.005
+
+
 def test_recordings_without_soc_are_laid_on_the_curve_by_their_rests():
     model = cell()
     result = identify(

@@ -123,6 +123,7 @@ def identify(
     n_rc: int = 2,
     name: str = "cell",
     on_progress: OnProgress = lambda done, of: None,
+    is_circuit: bool = False,
 ) -> Identification:
     """Return the cell model that explains the recordings best.
 
@@ -133,6 +134,7 @@ def identify(
         n_rc: number of first-order lags, 0..4.
         name: name of the cell.
         on_progress: called with how many rounds are done, of how many.
+        is_circuit: an equivalent circuit of n_rc RC pairs, as in the theses, without a SOC of the surface.
 
     Raises:
         ModelError: a recording lacks what the fit needs; the error names it.
@@ -163,9 +165,9 @@ def identify(
     columned = [part for part in parts if has_soc_column(part.recording)]
     if 0 < len(columned) < len(parts):
         # the rests of the others lie on the OCV at their temperature, which those with a soc column show
-        first = fit_surface(columned, slow, capacity_ah, typical_ohm, n_rc)
+        first = fit_surface(columned, slow, capacity_ah, typical_ohm, n_rc, has_surface=not is_circuit)
         parts = laid([], _ocv_shift(first, typical_temperature(slow_tests)))
-    fit = fit_surface(parts, slow, capacity_ah, typical_ohm, n_rc, told)
+    fit = fit_surface(parts, slow, capacity_ah, typical_ohm, n_rc, told, not is_circuit)
     source = f"identified from {', '.join(r.source for r in (*slow_tests, *measured))}"
     model = _cell_model(fit, slow, measured, capacity_ah, name, source)
     fits = tuple(_part_fit(model, part) for part in parts)

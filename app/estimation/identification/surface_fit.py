@@ -49,6 +49,7 @@ DIFFUSION_J_MOL: Final = (27e3, 5e3)
 LAG_J_MOL: Final = (27e3, 8e3)
 LAG_SIGMA: Final = 0.25  # of its time constant: what is slower would stand for OCV and capacity
 SURFACE_PER_C: Final = ((0.01, 1.0), (0.03, 0.5))  # of the lags, the slowest last
+NO_SURFACE: Final = (1e-9, 1e-3)  # of an equivalent circuit
 LAG_V_PER_C: Final = ((0.02, 1.0), (0.006, 0.5))
 CORRECTION_SIGMA: Final = 0.3
 CORRECTION_BEND: Final = 0.15
@@ -96,13 +97,14 @@ def branch_current(time_s: FloatArray, current_a: FloatArray, tau_s: float) -> F
 class Unknowns:
     """Names, priors and places of the unknowns; `x` holds their values everywhere."""
 
-    def __init__(self, slow: SlowCurves, typical_v: float, n_lags: int) -> None:
+    def __init__(self, slow: SlowCurves, typical_v: float, n_lags: int, has_surface: bool = True) -> None:
         """Begin.
 
         Args:
             slow: branches that the OCV lies between.
             typical_v: voltage that steps of 1C show.
             n_lags: first-order lags, 0..4.
+            has_surface: False for an equivalent circuit, whose lags are RC pairs alone.
         """
         rows: list[tuple[str, int, float, float]] = [
             ("ohmic", 1, float(np.log(OHMIC_SHARE * typical_v)), OHMIC_SIGMA),
@@ -118,7 +120,8 @@ class Unknowns:
         for k, tau_s in enumerate(LAG_S[n_lags]):
             is_slow = k == n_lags - 1 and n_lags > 1
             rows.append((f"tau{k}", 1, float(np.log(tau_s)), LAG_SIGMA))
-            for short, (at, width) in (("d", SURFACE_PER_C[is_slow]), ("r", LAG_V_PER_C[is_slow])):
+            surface = SURFACE_PER_C[is_slow] if has_surface else NO_SURFACE
+            for short, (at, width) in (("d", surface), ("r", LAG_V_PER_C[is_slow and has_surface])):
                 rows.append((f"{short}{k}", 1, float(np.log(at)), width))
         offset_v = OFFSET_SIGMA_V if slow.has_charge else OFFSET_SIGMA_ALONE_V
         rows += [
@@ -317,9 +320,10 @@ def fit_surface(
     typical_ohm: float,
     n_lags: int,
     told: Callable[[], None] = lambda: None,
+    has_surface: bool = True,
 ) -> SurfaceFit:
     """Return the numbers that explain all parts best; `told` is called after each of `ROUNDS`."""
-    unknowns, basis = Unknowns(slow, typical_ohm * capacity_ah, n_lags), OcvBasis(slow)
+    unknowns, basis = Unknowns(slow, typical_ohm * capacity_ah, n_lags, has_surface), OcvBasis(slow)
     rows = [Rows(part, slow, capacity_ah) for part in parts]
     degc = np.array([each.degc for each in rows])
     x = unknowns.mean.copy()
