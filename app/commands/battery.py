@@ -17,6 +17,7 @@ from app.words import render
 
 if TYPE_CHECKING:
     from app.battery.battery import Battery
+    from app.battery.serial import SerialMapping
     from app.battery.sizing import Figure
     from app.battery.source import CellSignals, SpeaksDbc
     from app.battery.table_reader import ProfileError
@@ -56,7 +57,10 @@ def _add_check(actions: Actions) -> None:
     checking.add_argument("--json", action="store_true", help="as JSON")
     checking.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
     checking.add_argument(
-        "--log", type=Path, metavar="FILE", help="a CAN log of this battery: .log (candump), .trc, .asc, .blf, .mf4"
+        "--log",
+        type=Path,
+        metavar="FILE",
+        help="a CAN log of this battery: .log (candump), .trc, .asc, .blf, .mf4; of a serial line: its bytes, or hex",
     )
     checking.set_defaults(run=_check)
 
@@ -128,6 +132,7 @@ def _list(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     """Print what one means."""
     from app.battery.library import load_profile
+    from app.battery.serial import SerialMapping
     from app.battery.source import SpeaksDbc, SpeaksMaster
 
     loaded = load_profile(args.profile)
@@ -140,6 +145,8 @@ def _show(args: argparse.Namespace) -> int:
         print("source: the team's own master, over RS232 and CAN")
     elif isinstance(source, SpeaksDbc):
         _show_source(source)
+    elif isinstance(source, SerialMapping):
+        _show_serial(source)
     return 0
 
 
@@ -171,6 +178,17 @@ def _show_source(source: SpeaksDbc) -> None:
         print(f"  {name}: where {state.signal} is {wanted}")
 
 
+def _show_serial(source: SerialMapping) -> None:
+    port = source.port
+    print(f"source: serial, {port.baud} bit/s, {port.data_bits} data bits, parity {port.parity}")
+    for part in source.parts:
+        checksum = getattr(part, "checksum", None)
+        request = f", asked for every {part.poll_s:g} s" if part.poll else ""
+        print(f"  {part.name}: {'no checksum' if checksum is None else checksum.kind}{request}")
+        for each in part.fields:
+            print(f"    {each.name}: {each.count} {each.kind}, raw * {each.scale:g} + {each.offset:g}")
+
+
 def _in_words(entry: CellSignals) -> str:
     parts = [f"signals {entry.signal}" + ("" if entry.message == "*" else f" of messages {entry.message}")]
     parts += [f"{part} by signal {signal} of the frame" for part, signal in entry.numbers.items()]
@@ -190,6 +208,7 @@ def _check(args: argparse.Namespace) -> int:
     """Print every doubt; 1 where there is one, 2 where the profile cannot work."""
     from app.battery.library import load_part
     from app.battery.profile_errors import errors_of
+    from app.battery.serial import SerialMapping
     from app.battery.source import SpeaksDbc
 
     document = load_part(args.profile)
@@ -200,6 +219,8 @@ def _check(args: argparse.Namespace) -> int:
         doubts = _of_cell(profile.battery.cell, profile.file)
         if isinstance(profile.source, SpeaksDbc):
             doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
+        elif isinstance(profile.source, SerialMapping):
+            doubts += _of_serial(profile.battery, profile.source, profile.file, args)
         elif not args.json:
             print(f"{profile.file}: the team's own master; nothing of a DBC to check")
         if errors:  # doubts would be of what was set aside
@@ -249,6 +270,20 @@ def _of_dbc(battery: Battery, source: SpeaksDbc, file: str, log: Path | None) ->
         return [Doubt(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
     definitions = battery_learn.definitions_of(map(Path, source.dbc))
     return doubts_of(battery, source, definitions, file, None if log is None else battery_learn.log_frames(log))
+
+
+def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argparse.Namespace) -> list[Doubt]:
+    """Doubts of serial tables; with captured bytes also prints what they hold."""
+    from app.sources.serial.check import captured_bytes, serial_doubts, shown_values
+
+    try:
+        capture = None if args.log is None else captured_bytes(args.log)
+    except (OSError, ValueError) as error:
+        raise ConfigError("log", args.log, getattr(error, "strerror", None) or str(error)) from error
+    doubts = serial_doubts(battery, mapping, file, capture)
+    if capture is not None and not args.json and not any(each.is_error for each in doubts):
+        print("\n".join(shown_values(battery, mapping, capture)))
+    return doubts
 
 
 def _of_cell(cell: str, file: str) -> list[Doubt]:

@@ -142,6 +142,8 @@ def _source(
         return "replay", None, None, None
     Connections(settings.serial, settings.can, settings.battery).check(by_operator=by_operator)
     speaks_can = load_battery(settings.battery).speaks_dbc is not None
+    if settings.simulates and load_battery(settings.battery).serial is not None:
+        raise ConfigError("serial", "none", Message("battery-not-simulated", battery=settings.battery))
     if not settings.simulates:
         return "serial" if settings.serial else "can", settings.serial, settings.can, None
     of_battery = command_of("app.cli", "simulate", "--battery", settings.battery) if speaks_can else None

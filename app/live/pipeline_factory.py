@@ -15,6 +15,7 @@ from app.live.remembered_charge import RememberedCharge
 from app.sources.dbc.source import DbcSource
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
+from app.sources.serial.source import SerialSource
 from app.sources.source import MeasurementSource
 from app.sources.table_source import TableSource
 from app.telemetry import Alarm, Source
@@ -138,11 +139,13 @@ class PipelineFactory:
         )
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
-        speaks = self.battery.speaks_dbc
-        if speaks is None and not self.battery.has_memory_map:
-            return TableSource(self.battery.battery, name)
-        if speaks is None:
+        speaks, serial = self.battery.speaks_dbc, self.battery.serial
+        if self.battery.has_memory_map:
             return MasterSource(name, rs232_url, can_url)
+        if serial is not None:
+            return SerialSource(self.battery.battery, serial, rs232_url, name=name)
+        if speaks is None:
+            return TableSource(self.battery.battery, name)
         return DbcSource(self.battery.battery, speaks, self.battery.definitions, can_url, name=name)
 
     def _new_estimator(self) -> SocEstimator:

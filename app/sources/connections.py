@@ -51,9 +51,11 @@ class Connections:
             ConfigError, ProfileError: names the setting and what it has to be.
             ImportFailed, ExtraMissing: a DBC of the battery cannot be read.
         """
-        speaks_can = load(self.battery, own_folder=not by_operator).speaks_dbc is not None
-        if speaks_can and self.serial is not None:
+        kind = load(self.battery, own_folder=not by_operator).kind
+        if kind == "dbc" and self.serial is not None:
             raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
+        if kind == "serial" and self.can is not None:
+            raise ConfigError("can", self.can, Message("battery-on-serial", battery=self.battery))
         if self.serial is not None:
             check_url(self.serial, by_operator=by_operator)
         if self.can is not None and first_bus(self.can) != self.can:

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Query, Response, WebSocket
@@ -71,8 +71,7 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
 def battery(battery: BatteryPart, live: LivePart) -> dict[str, Any]:
     """Shape, drawing, sensors and limits of the battery, and whether its configuration can be written."""
     limits = None if live.snapshot is None else live.snapshot.limits
-    source: Literal["master", "dbc"] = "master" if battery.speaks_dbc is None else "dbc"
-    return battery_json(battery.battery, source, hindrance(battery), limits)
+    return battery_json(battery.battery, battery.kind, hindrance(battery), limits)
 
 
 @router.get("/history", responses={200: {"model": HistoryOut}})

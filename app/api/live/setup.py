@@ -112,7 +112,7 @@ def _setup_json(setup: Setup) -> dict[str, Any]:
                 "id": name,
                 "name": each.battery.name,
                 "cells": each.battery.n_cells,
-                "reads": "master" if each.speaks_dbc is None else "dbc",
+                "reads": each.kind,
                 "uploaded": BATTERIES in name,
             }
             for name, each in setup.batteries().items()

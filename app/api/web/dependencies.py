@@ -113,7 +113,7 @@ async def _writable(connection: HTTPConnection) -> None:
 
 def hindrance(battery: LoadedBattery) -> Message | None:
     """Why the configuration of a battery cannot be written; None where it can."""
-    return None if battery.speaks_dbc is None else Message("battery-not-writable")
+    return None if battery.has_memory_map else Message("battery-not-writable")
 
 
 async def _user(connection: HTTPConnection) -> User:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.serial import SerialMapping
 from app.battery.source import SpeaksDbc
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.session_info import meta_of
@@ -246,7 +247,11 @@ CARRIED_US = round(UNKNOWN_AGE_S * 1e6)  # what was told longer before a range i
 
 
 def in_rows(
-    blocks: Iterable[Block], wanted: Mapping[str, ElementArray], signals: Signals, source: SpeaksDbc, first_us: int
+    blocks: Iterable[Block],
+    wanted: Mapping[str, ElementArray],
+    signals: Signals,
+    source: SpeaksDbc | SerialMapping,
+    first_us: int,
 ) -> Iterator[Block]:
     """Yield blocks in which all wanted elements share one track; rows in which nothing is known are left out.
 

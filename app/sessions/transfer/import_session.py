@@ -229,7 +229,7 @@ def _notes(info: SessionInfo, battery: LoadedBattery, writer: SessionWriter) -> 
     Raises:
         ImportFailed: it is the log of another one.
     """
-    if battery.speaks_dbc is None:
+    if battery.mapping is None:
         yield Message("own-master")
         return
     heard, n_cells = len(writer.cells), battery.battery.n_cells
