@@ -145,7 +145,7 @@ describe('words', () => {
 
   it('shows Norwegian once chosen, names of the data too', async () => {
     chosen.words = await load('nb');
-    expect(t('common.pack_pack_cell_cell', { pack: 3, cell: 7 })).toBe('pakke 3, celle 7');
+    expect(t('common.pack_cell', { pack: 3, cell: 7 })).toBe('pakke 3, celle 7');
     expect(named('group.fans', 'fans')).toBe('vifter');
     expect(named('group.of tomorrow', 'of tomorrow')).toBe('of tomorrow');
     chosen.words = null;

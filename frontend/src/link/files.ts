@@ -21,7 +21,7 @@ export async function copy(content: Blob, name: string): Promise<string> {
     return t('common.copied');
   } catch {
     saveAs(content, name);
-    return t('common.saved_as_name', { name });
+    return t('common.saved_as', { name });
   }
 }
 
@@ -38,7 +38,7 @@ export async function download(address: string, fallbackName: string): Promise<s
     answer = await fetch(address, { cache: 'no-store' });
     file = await answer.blob();
   } catch {
-    return t('common.service_does_answer');
+    return t('common.service_does_not_respond');
   }
   if (!answer.ok) return (JSON.parse(await file.text()) as { detail?: string }).detail ?? answer.statusText;
   const named = /filename="([^"]+)"/.exec(answer.headers.get('content-disposition') ?? '')?.[1];

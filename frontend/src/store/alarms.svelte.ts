@@ -93,15 +93,14 @@ export function causeText({ message, cell }: PossibleCause, trip: Alarm, shape?:
 /** Since when it holds, or when it ended. */
 export const when = ({ since, ended, active }: Alarm): string =>
   active
-    ? t('common.since_time', { time: clock(since) })
-    : t('alarms.ended_time', { time: clock(ended).slice(0, 5) });
+    ? t('common.since', { time: clock(since) })
+    : t('alarms.cleared', { time: clock(ended).slice(0, 5) });
 
 /** Its value and, where it has one, the limit; empty where nothing was measured. */
 export const withLimit = ({ value, limit, unit }: Alarm): string =>
   value === null
     ? ''
-    : quantity(value, unit) +
-      (limit === null ? '' : t('alarms.limit_limit', { limit: quantity(limit, unit) }));
+    : quantity(value, unit) + (limit === null ? '' : t('alarms.limit', { limit: quantity(limit, unit) }));
 
 /** Every cell that an alarm is about. */
 export const cellsOf = (alarm: Alarm): number[] =>

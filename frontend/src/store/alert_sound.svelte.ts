@@ -68,7 +68,7 @@ class AlertSound {
     if (!this.sound.value) return t('common.sound_off');
     return this.mutedUntil === null
       ? t('common.sound_on')
-      : t('common.muted_until_time', { time: clock(this.mutedUntil) });
+      : t('common.muted_until', { time: clock(this.mutedUntil) });
   }
 
   mute(minutes: number): void {
@@ -91,7 +91,7 @@ class AlertSound {
   /** Let a voice name new alarms from now on; what it says first is that it does. */
   setSpeaking(on: boolean): void {
     this.speak.value = on;
-    if (on) this.say(t('common.alarms_are_spoken'));
+    if (on) this.say(t('common.alarms_read_aloud'));
     else speechSynthesis.cancel();
   }
 

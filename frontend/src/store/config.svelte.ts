@@ -8,8 +8,8 @@ import { changes, draftOf, rawBody, rebase, type Draft } from './draft';
 
 const KEY = 'voltwall.draft';
 const notRead = (): Problem =>
-  new Problem(503, t('parameters.not_read_yet'), {
-    detail: t('parameters.master_sent_configuration_yet_page'),
+  new Problem(503, t('parameters.not_received_yet'), {
+    detail: t('parameters.master_not_sent_configuration_yet'),
   });
 
 class ConfigStore {
@@ -96,7 +96,7 @@ class ConfigStore {
     const result = await this.attempt('writing', (hash) =>
       call<WriteResult>('config', this.request(hash, reason)),
     );
-    if (result) await this.written(result, t('parameters.written_read_back'));
+    if (result) await this.written(result, t('parameters.written_and_verified'));
   }
 
   /** Say that a write came to its end, and show what is in force now. */
@@ -106,9 +106,9 @@ class ConfigStore {
     this.checked = null;
     this.outcome = {
       kind: result.verified ? 'good' : 'bad',
-      title: result.verified ? title : t('common.written_but_read_back_differs'),
+      title: result.verified ? title : t('common.written_but_read_back_does'),
       text: [
-        n === 1 ? t('parameters.1_value_now_force') : t('parameters.n_values_now_force', { n }),
+        n === 1 ? t('parameters.1_value_now_active') : t('parameters.values_now_active', { n }),
         afterRestart(this.nothingStored || this.stored !== null ? !this.unstored : null),
       ].join(' '),
       difference: result.difference,
@@ -125,13 +125,13 @@ class ConfigStore {
     const n = this.changes.length;
     this.outcome = {
       kind: 'good',
-      title: n === 0 ? t('parameters.same_what_force') : t('parameters.taken_draft'),
+      title: n === 0 ? t('parameters.same_active_configuration') : t('parameters.added_changes'),
       text:
         n === 0
           ? ''
           : n === 1
-            ? t('parameters.1_value_differs_what_force')
-            : t('parameters.n_values_differ_what_force', { n }),
+            ? t('parameters.1_value_differs_active_configuration')
+            : t('parameters.values_differ_active_configuration', { n }),
     };
   }
 
@@ -141,9 +141,9 @@ class ConfigStore {
       this.outcome = {
         kind: result.verified ? 'good' : 'bad',
         title: result.verified
-          ? t('parameters.stored_eeprom_read_back')
-          : t('parameters.eeprom_differs_what_stored'),
-        text: t('parameters.store_number_n_master_starts', { n: result.counter }),
+          ? t('parameters.stored_eeprom_verified')
+          : t('parameters.eeprom_does_not_match_stored'),
+        text: t('parameters.store_number_master_uses_next', { n: result.counter }),
       };
       await this.load();
     });
@@ -154,8 +154,8 @@ class ConfigStore {
       await post('config/load');
       this.outcome = {
         kind: 'good',
-        title: t('parameters.loaded_eeprom'),
-        text: t('parameters.stored_configuration_force_again'),
+        title: t('parameters.loaded_from_eeprom'),
+        text: t('parameters.stored_configuration_active_again'),
       };
       await this.load();
     });
@@ -198,8 +198,8 @@ class ConfigStore {
       await this.load();
       this.outcome = {
         kind: 'conflict',
-        title: t('parameters.somebody_else_changed_configuration'),
-        text: t('parameters.nothing_written_what_force_read'),
+        title: t('parameters.another_user_changed_configuration'),
+        text: t('parameters.nothing_written_active_configuration'),
         difference,
         meanwhile,
       };
@@ -225,10 +225,10 @@ class ConfigStore {
 
 /** What a restart would bring, after a write. */
 function afterRestart(isStored: boolean | null): string {
-  if (isStored === null) return t('parameters.what_eeprom_holds_known_read');
+  if (isStored === null) return t('parameters.eeprom_contents_unknown_read_them');
   return isStored
-    ? t('parameters.eeprom_holds_same_configuration')
-    : t('parameters.eeprom_does_hold_store_keep');
+    ? t('parameters.eeprom_contains_same_configuration')
+    : t('parameters.not_eeprom_yet_store_keep');
 }
 
 function asProblem(error: unknown): Problem {
@@ -264,34 +264,34 @@ export function writeUnconfirmed(inForce: InForce): WriteOutcome {
     case 'old':
       return {
         kind: 'bad',
-        title: t('parameters.written_old_configuration_force'),
-        text: t('parameters.master_read_again_your_draft'),
+        title: t('parameters.not_written_old_configuration_active'),
+        text: t('parameters.master_read_again_changes_kept'),
       };
     case 'new':
       return {
         kind: 'good',
-        title: t('parameters.written_new_configuration_force'),
-        text: t('parameters.only_answer_lost_master_read'),
+        title: t('parameters.written_new_configuration_active'),
+        text: t('parameters.only_response_lost_master_read'),
       };
     case 'other':
       return {
         kind: 'bad',
-        title: t('parameters.another_configuration_force'),
-        text: t('parameters.neither_old_one_nor_new'),
+        title: t('parameters.different_configuration_active'),
+        text: t('parameters.neither_old_nor_new_one'),
       };
     case 'unknown':
       return {
         kind: 'bad',
-        title: t('parameters.known_configuration_force'),
-        text: t('parameters.answer_came_master_holds_old'),
+        title: t('parameters.active_configuration_unknown'),
+        text: t('parameters.no_response_master_uses_either'),
       };
   }
 }
 
 export const storeUnconfirmed = (detail: string): WriteOutcome => ({
   kind: 'bad',
-  title: t('parameters.known_configuration_stored'),
-  text: `${detail}. ${t('parameters.eeprom_holds_old_one_new')}`,
+  title: t('parameters.stored_configuration_unknown'),
+  text: `${detail}. ${t('parameters.eeprom_contains_either_old_new')}`,
 });
 
 /** What the EEPROM holds after a store whose answer was lost. */
@@ -299,11 +299,11 @@ export const storeResult = (differs: boolean): WriteOutcome =>
   differs
     ? {
         kind: 'bad',
-        title: t('parameters.eeprom_holds_old_configuration'),
-        text: t('parameters.store_did_come_end_left'),
+        title: t('parameters.not_stored_eeprom_still_contains'),
+        text: t('parameters.store_did_not_finish_safely'),
       }
     : {
         kind: 'good',
-        title: t('parameters.eeprom_holds_configuration_force'),
-        text: t('parameters.only_answer_lost_eeprom_read'),
+        title: t('parameters.stored_eeprom_contains_active'),
+        text: t('parameters.only_response_lost_eeprom_read'),
       };

@@ -17,20 +17,20 @@ export function contradictions(snapshot: Maybe<Snapshot>): string[] {
   if (!p) return [];
   const found: string[] = [];
   if (p.sum.verdict === false) {
-    found.push(t('system.cells_do_add_up_master', { v: quantity(p.sum.value, 'V') }));
+    found.push(t('system.sum_cell_voltages_accumulator_voltage', { v: quantity(p.sum.value, 'V') }));
   }
   if (p.current.verdict === false) {
     found.push(
       p.current.value === null
-        ? t('system.voltages_move_while_current_stands')
-        : t('system.current_voltage_do_fit_together', {
+        ? t('system.voltages_change_while_current_constant')
+        : t('system.current_voltage_inconsistent_they', {
             r: fixed(p.current.value * 1000, 2),
           }),
     );
   }
   if (p.chips.verdict === false) {
     found.push(
-      t('system.chip_master_disagree_cell_v', {
+      t('system.slave_master_differ_mv', {
         cell: cellName(p.chips.cell),
         v: fixed((p.chips.value ?? 0) * 1000, 0),
       }),
@@ -43,7 +43,7 @@ export function contradictions(snapshot: Maybe<Snapshot>): string[] {
 export const unframed = (snapshot: Maybe<Snapshot>): string => {
   const link = snapshot?.links.rs232;
   return link?.unframed
-    ? t('system.bytes_arrive_rs232_n_second', {
+    ? t('system.rs232_receives_bytes_per_second', {
         n: fixed(link.bytes_per_s, 0),
       })
     : '';
@@ -74,38 +74,38 @@ export function dataWarnings(
   if (snapshot) {
     const { links, estimator, cells, accumulator } = snapshot;
     const missing = shapes.live.nCells - (accumulator.loaded_cells ?? 0);
-    if (missing === 1) found.push(t('system.one_cell_voltage'));
-    else if (missing > 1) found.push(t('common.n_cells_voltage', { n: missing }));
-    if (!estimator.started) found.push(t('system.estimate_charge_yet'));
+    if (missing === 1) found.push(t('system.1_cell_without_voltage_reading'));
+    else if (missing > 1) found.push(t('common.cells_without_voltage_reading', { n: missing }));
+    if (!estimator.started) found.push(t('system.no_soc_estimate_yet'));
     const untrusted = cells.model_valid.filter((v) => v === false).length;
-    if (untrusted === 1) found.push(t('system.model_does_fit_one_cell'));
-    else if (untrusted > 1) found.push(t('system.model_does_fit_n_cells', { n: untrusted }));
-    if (accumulator.soc_source === 'master') found.push(t('system.charge_shown_master_own_count'));
+    if (untrusted === 1) found.push(t('system.model_does_not_fit_1'));
+    else if (untrusted > 1) found.push(t('system.model_does_not_fit_cells', { n: untrusted }));
+    if (accumulator.soc_source === 'master') found.push(t('system.soc_shown_master_not_estimate'));
     const { current_offset_a: offset, current_offset_sigma_a: sigma } = estimator;
     if (offset !== null && Math.abs(offset) > Math.max(OFFSET_A, 3 * (sigma ?? 0))) {
       const said = { a: fixed(Math.abs(offset), 2), sigma: fixed(sigma, 2) };
       found.push(
         offset > 0
-          ? t('system.current_sensor_reads_sigma_too', said)
-          : t('system.current_sensor_reads_sigma_too_2', said),
+          ? t('system.current_sensor_reads_too_high', said)
+          : t('system.current_sensor_reads_too_low', said),
       );
     }
     const noFrame = unframed(snapshot);
     if (noFrame) found.push(noFrame);
     const { lost, frames } = links.rs232;
     if (lost > LOST_SHARE * frames) {
-      found.push(t('system.n_rs232_frames_lost', { n: fixed((100 * lost) / (lost + frames), 1) }));
+      found.push(t('system.rs232_frames_lost', { n: fixed((100 * lost) / (lost + frames), 1) }));
     }
   }
   if (clockOffS !== null && Math.abs(clockOffS) > CLOCK_OFF_S) {
-    found.push(t('system.service_clock_device_n_apart', { n: fixed(clockOffS, 0) }));
+    found.push(t('system.service_clock_device_differ', { n: fixed(clockOffS, 0) }));
   }
   if (system?.clock.was_set) {
-    found.push(t('system.service_clock_set_n_since', { n: fixed(system.clock.moved_s, 0) }));
+    found.push(t('system.service_clock_adjusted_since_started', { n: fixed(system.clock.moved_s, 0) }));
   }
   if (system?.disk) {
     const hours = system.disk.recording_hours_left;
-    if (hours !== null && hours < DISK_HOURS) found.push(t('system.disk_full_n_h', { n: fixed(hours, 1) }));
+    if (hours !== null && hours < DISK_HOURS) found.push(t('system.disk_full_h', { n: fixed(hours, 1) }));
     else if (system.disk.free_bytes < DISK_FREE_BYTES) found.push(t('system.disk_nearly_full'));
   }
   return found;

@@ -36,13 +36,13 @@ export function judge(field: SchemaField, text: string): Verdict {
   if (field.minimum !== null && raw < field.minimum) {
     return {
       raw,
-      error: t('common.below_limit_limit', { limit: `${rawText(field, field.minimum)} ${unit}`.trim() }),
+      error: t('common.below_limit', { limit: `${rawText(field, field.minimum)} ${unit}`.trim() }),
     };
   }
   if (field.maximum !== null && raw > field.maximum) {
     return {
       raw,
-      error: t('common.above_limit_limit', { limit: `${rawText(field, field.maximum)} ${unit}`.trim() }),
+      error: t('common.above_limit', { limit: `${rawText(field, field.maximum)} ${unit}`.trim() }),
     };
   }
   return { raw, error: null };

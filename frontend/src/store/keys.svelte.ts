@@ -71,7 +71,7 @@ export const SHORTCUTS: readonly Shortcut[] = [
   },
   {
     key: 'm',
-    does: 'keys.mute_sound_5_minutes_end',
+    does: 'keys.mute_sound_5_minutes_unmute',
     act: () => alertSound.mute(alertSound.mutedUntil ? 0 : 5),
     can: () => alertSound.sound.value,
   },
@@ -81,8 +81,8 @@ export const SHORTCUTS: readonly Shortcut[] = [
     act: () => mark.begin(),
     can: () => user.mayWrite && !!live.snapshot?.recording,
   },
-  { key: '[', does: 'keys.cell_before', act: () => step(-1), can: isAtCells },
-  { key: ']', does: 'keys.cell_after', act: () => step(1), can: isAtCells },
+  { key: '[', does: 'keys.previous_cell', act: () => step(-1), can: isAtCells },
+  { key: ']', does: 'keys.next_cell', act: () => step(1), can: isAtCells },
   {
     key: 't',
     does: 'keys.next_theme',

@@ -101,11 +101,11 @@ export const METRICS: readonly Metric[] = [
     lastColumn('temperature_degc'),
   ),
   metric('soc', 'common.soc', '%', 1, 2, 'voltage', column('soc', 100), lastColumn('soc', 100)),
-  metric('sigma', 'common.sigma', '%', 2, 0.5, 'voltage', column('soc_sigma', 100)),
+  metric('sigma', 'common.soc_uncertainty_1sigma', '%', 2, 0.5, 'voltage', column('soc_sigma', 100)),
   metric('resistance', 'common.r0', 'mΩ', 2, 0.2, 'voltage', column('resistance_ohm', 1000)),
-  metric('joint', 'common.joint', 'mΩ', 2, 0.2, 'voltage', column('joint_excess_ohm', 1000)),
+  metric('joint', 'common.busbar_joint', 'mΩ', 2, 0.2, 'voltage', column('joint_excess_ohm', 1000)),
   metric('capacity', 'common.capacity', 'Ah', 2, 0.5, 'voltage', column('capacity_ah')),
-  metric('health', 'common.health', '%', 1, 2, 'voltage', column('soh_capacity', 100)),
+  metric('health', 'common.soh', '%', 1, 2, 'voltage', column('soh_capacity', 100)),
   metric('balancing', 'common.balancing', '', 0, 1, 'slaves', (s) =>
     s.cells.balancing.map((b) => (b === null ? null : Number(b))),
   ),
@@ -115,7 +115,7 @@ export const metricById = (id: string): Metric => METRICS.find((m) => m.id === i
 
 export function metricText(metric: Metric, value: number | null): string {
   if (metric.id === 'balancing')
-    return value === null ? fixed(null, 0) : value ? t('common.bleed') : t('common.off');
+    return value === null ? fixed(null, 0) : value ? t('common.balancing_2') : t('common.off');
   return fixed(value, metric.decimals);
 }
 

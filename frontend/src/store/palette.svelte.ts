@@ -18,7 +18,7 @@ const MOST = 60; // more than anybody reads; typing narrows them
 const SUBPAGES: readonly { path: string; name: Text; page: Text }[] = [
   { path: 'sessions/boxes', name: 'common.black_boxes', page: 'common.sessions' },
   { path: 'sessions/import', name: 'common.import', page: 'common.sessions' },
-  { path: 'setup', name: 'common.what_shall_voltwall_read', page: 'common.system' },
+  { path: 'setup', name: 'common.connect_battery', page: 'common.system' },
 ];
 
 /** What people look for that no page is called after: tasks of the documents, English and Norwegian. */
@@ -58,7 +58,7 @@ function fixedEntries(): Entry[] {
     list.push({
       id: 'acknowledge-all',
       name: t('palette.acknowledge_all_alarms'),
-      detail: t('palette.n_not_seen', { n: nUnseen }),
+      detail: t('palette.not_acknowledged', { n: nUnseen }),
       also: 'Acknowledge all alarms',
       waits: true,
       act: acknowledgeAll,
@@ -67,7 +67,7 @@ function fixedEntries(): Entry[] {
     add('lap', 'palette.mark_a_lap', '', () => mark.begin('lap'));
   for (const { key, does, act, can, isPage } of SHORTCUTS)
     if (!isPage && (can?.() ?? true)) add(`key-${key}`, does, '', act, key);
-  add('keys', 'common.keys', '', () => void (keys.list = true), '?');
+  add('keys', 'common.keyboard_shortcuts', '', () => void (keys.list = true), '?');
   for (const theme of THEMES.filter((each) => each !== user.theme))
     list.push({
       id: `theme-${theme}`,
@@ -131,12 +131,12 @@ export class Palette {
 
   find(typed: string): Entry[] {
     const shape = shapes.live;
-    const names = { pack: ['pack', t('common.pack_lower')], cell: ['cell', t('common.cell_lower')] };
+    const names = { pack: ['pack', t('common.pack_2')], cell: ['cell', t('common.cell_2')] };
     const places = placesIn(typed, shape, names).map(({ pack, cell }): Entry => {
       if (cell === null)
         return {
           id: `pack-${pack}`,
-          name: t('common.pack_n_lower', { n: pack }),
+          name: t('common.pack_lower', { n: pack }),
           detail: t('common.packs'),
           act: go(`packs/${pack}`),
         };
@@ -144,7 +144,7 @@ export class Palette {
       return {
         id: `cell-${index}`,
         name: cellName(index, shape),
-        detail: t('common.cell_n', { n: ordinal(index) }),
+        detail: t('common.cell_lower', { n: ordinal(index) }),
         act: go(`packs/${pack}/${cell}`),
       };
     });

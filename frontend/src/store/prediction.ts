@@ -5,19 +5,19 @@ import type { EnergyTarget, PowerReason, Trip, TripLimit } from '../link/types';
 import type { Text } from '../words/words.svelte';
 
 export const LIMITS: Record<TripLimit, Text> = {
-  v_min: 'overview.lowest_voltage',
-  v_max: 'overview.highest_voltage',
+  v_min: 'overview.undervoltage',
+  v_max: 'overview.overvoltage',
   soc_min: 'overview.empty',
   soc_max: 'overview.full',
-  temperature_max: 'overview.too_hot',
+  temperature_max: 'overview.overtemperature',
 };
 
 export const REASONS: Record<PowerReason, Text> = {
   voltage: 'overview.voltage',
-  soc: 'overview.charge',
-  temperature: 'overview.heat',
+  soc: 'common.soc',
+  temperature: 'overview.temperature',
   current: 'overview.current_limit',
-  relays: 'common.relays_open',
+  relays: 'common.contactors_open',
 };
 
 /** The limit that is met first; null when none is within the hour that is looked at. */
