@@ -125,7 +125,10 @@ N_WRITTEN = sum(len(page.data) for page in plan_store(b"\xff" * 1024, default_im
 
 @pytest.mark.parametrize(
     ("cut_after", "said"),
-    [(100, "Not stored: the EEPROM still contains the old configuration"), (N_WRITTEN - 40, "Stored: the EEPROM contains the active configuration")],
+    [
+        (100, "Not stored: the EEPROM still contains the old configuration"),
+        (N_WRITTEN - 40, "Stored: the EEPROM contains the active configuration"),
+    ],
     ids=["old", "new"],
 )
 def test_the_power_is_cut_in_a_store_and_the_page_says_what_the_eeprom_holds(

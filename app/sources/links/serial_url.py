@@ -18,9 +18,9 @@ from serial.tools import list_ports
 from app.battery.serial import Port
 from app.errors import ConfigError
 from app.words import Message
-from firmware_protocol.framing import BAUD_RATE
+from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM
 
-MASTER_PORT = Port(BAUD_RATE, "even")
+MASTER_PORT = Port(BAUD_RATE, "even", start=bytes([START_STREAM]), stop=bytes([STOP_STREAM]))
 _PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 _OPTIONS = {
     "socket": ("logging",),
