@@ -95,8 +95,8 @@ PROFILE_NOTES = {
     "source.balancing": "As voltages: 1 where a cell is being balanced.",
     "source.resistance": "As voltages: the resistance that the BMS reports.",
     "serial": "A battery on a serial line, instead of `[source]`. A table of frames, or of lines of text.",
-    "serial.frame": "Binary frames. Without a checksum a frame is valid if another header or silence follows; values that"
-    " no battery has, and a jump of one cell that does not last, are left out.",
+    "serial.frame": "Binary frames. Without a checksum a frame is valid if another header or silence follows;"
+    " implausible values, and a jump of one cell that does not last, are left out.",
     "serial.frame.fields": "A list of inline tables, `fields = [{ signal = ..., type = ..., at = ... }]`.",
     "serial.frame.fields.index": "For samples of several frames: the value's place = (number - `base`) * `count`.",
     "serial.line": "One line of text a sample.",
