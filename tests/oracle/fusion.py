@@ -56,7 +56,7 @@ def fuse(
         d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, doubt_soc^2)),  w_0 = start_unknown
         z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
         u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
-        e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved as it had said that it might
+        e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved within its own covariance
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
     Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,

@@ -106,10 +106,10 @@ def test_between_agreement_and_contradiction_sigma_covers_both():
         assert 0.6 - gap - 1e-12 <= soc <= 0.6 + 1e-12
 
 
-@pytest.mark.parametrize(("said_sigma", "trusts_filter"), [(0.1, True), (0.01, False)])
-def test_what_a_filter_moves_while_it_settles_as_it_had_said_is_no_wander(said_sigma, trusts_filter):
+@pytest.mark.parametrize(("own_sigma", "trusts_filter"), [(0.1, True), (0.01, False)])
+def test_what_a_filter_moves_within_its_covariance_while_it_settles_is_no_wander(own_sigma, trusts_filter):
     pair = Pair(0.52, 0.50)
-    pair.state = replace(pair.state, apart_v2=np.array([said_sigma**2]))
+    pair.state = replace(pair.state, apart_v2=np.array([own_sigma**2]))
     for _ in range(30):
         soc, _ = pair.fuse(1.0, 1e-4, filter_soc=0.60)
     assert (soc > 0.59) == trusts_filter
