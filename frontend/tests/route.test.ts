@@ -29,6 +29,8 @@ describe('addresses', () => {
 
   it('leads to the overview from anywhere unknown', () => {
     for (const hash of ['', '#', '#/', '#/nowhere', 'overview']) expect(parse(hash).page).toBe('overview');
+    expect(parse('#/nowhere/3?a=1').unknown).toBe('#/nowhere/3');
+    for (const hash of ['', '#/', '#/overview', '#/packs/%E0']) expect(parse(hash).unknown).toBeNull();
   });
 
   it('is not taken back by what the page that was left notes', async () => {

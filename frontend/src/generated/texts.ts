@@ -147,6 +147,8 @@ export interface Texts {
   'common.charger_current': null;
   'common.last_received_ago': 'age';
   'common.skip_page': null;
+  'common.no_such_page': 'address';
+  'common.no_such_page_text': null;
   'common.page_could_not_loaded_reload': null;
   'common.pages': null;
   'common.more': null;

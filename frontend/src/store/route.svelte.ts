@@ -33,17 +33,28 @@ export const PAGES: readonly { id: Page; name: Text; icon: string }[] = [
 
 export interface Place {
   page: Page;
+  unknown: string | null; // the address, where there is no such page
   args: string[];
   query: URLSearchParams;
+}
+
+/** Decode a part of an address; one that is no valid encoding stays as it is. */
+function decoded(part: string): string {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
+  }
 }
 
 /** Split "#/packs/3/7?a=1" into page, arguments and query; an unknown page is the overview. */
 export function parseHash(hash: string): Place {
   const [path = '', query = ''] = hash.replace(/^#\/?/, '').split('?');
-  const [first = '', ...args] = path.split('/').filter(Boolean).map(decodeURIComponent);
+  const [first = '', ...args] = path.split('/').filter(Boolean).map(decoded);
   const known = first === 'judge' || first === 'setup' || PAGES.some((p) => p.id === first);
+  const unknown = known || first === '' ? null : `#/${path}`;
   // eslint-disable-next-line svelte/prefer-svelte-reactivity -- made anew with every address, never changed
-  return { page: known ? (first as Page) : 'overview', args, query: new URLSearchParams(query) };
+  return { page: known ? (first as Page) : 'overview', unknown, args, query: new URLSearchParams(query) };
 }
 
 /** The address of another place that shows what this one does, but for the part of charts in view: that is of here. */
