@@ -165,10 +165,7 @@ def _grown(cell: CellVoltage, model: CellModel, onsets: FloatArray) -> Iterator[
         w' = ((k - 1) u - w) / (k R C),  so w = (k - 1) R slow(i_j), 0 at the onset
     """
     usual_ohm, lagged_ohm = resistances(model)
-    lags = [
-        (float(ohm) / usual_ohm, float(tau_s.mean()))
-        for ohm, tau_s in zip(lagged_ohm, model.tau_s, strict=True)
-    ]
+    lags = [(float(ohm) / usual_ohm, float(tau_s.mean())) for ohm, tau_s in zip(lagged_ohm, model.tau_s, strict=True)]
     for onset_s in onsets:
         since = cell.time_s >= onset_s
         candidate = next(_drops(cell, cell.current_a, np.array([onset_s])), None)
