@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from app.battery.sizing import Layout, figures_of
+from app.battery.sizing import CellLayout, figures_of
 from app.estimation.cell_model.cell_file import load_cell
 from benchmarks.sources_units import units
 from benchmarks.thesis_curves import load_curves
@@ -24,7 +24,7 @@ PRINTED_MASS_KG = {"segment": 7.40, "battery": 59.2}  # by CAD, with electronics
 
 def key_data() -> list[str]:
     """Return Tables 1 to 3 as they follow from one 25R cell, 10 in parallel, 12 in series, 8 segments."""
-    figures = figures_of(load_cell("samsung-25r-10p"), Layout(8, 12))
+    figures = figures_of(load_cell("samsung-25r-10p"), CellLayout(8, 12))
     charge, highest = figures["capacity_ah"], figures["voltage_max_v"]
     energy, mass = figures["energy_nominal_mj"], figures["mass_kg"]
     lines = [

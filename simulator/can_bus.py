@@ -214,7 +214,7 @@ class CanBus:
 
     def _unanswered(self, sender: Station, item: Waiting, now_s: float) -> float:
         """Count a missing acknowledge; it never leads to bus-off."""
-        self._tell_error()
+        self._broadcast_error()
         heapq.heappush(sender.waiting, item)
         if sender.transmit_errors >= PASSIVE:
             return now_s + _HOPELESS_S
@@ -223,7 +223,7 @@ class CanBus:
 
     def _destroyed(self, sender: Station, item: Waiting, others: list[Station], now_s: float) -> float:
         rate = sender.node.bit_rate
-        self._tell_error()
+        self._broadcast_error()
         sender.transmit_errors += SENDER_STEP
         for station in others:
             station.receive_errors = min(station.receive_errors + 1, PASSIVE)
@@ -234,7 +234,7 @@ class CanBus:
             heapq.heappush(sender.waiting, item)
         return now_s + ERROR_FRAME_BITS / rate
 
-    def _tell_error(self) -> None:
+    def _broadcast_error(self) -> None:
         self.error_frames += 1
         for listener in self.error_listeners:
             listener()

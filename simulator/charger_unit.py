@@ -45,7 +45,7 @@ class ChargerParameters:
 class ChargerUnit:
     """One charger. `current_a` is what it gives, positive INTO the battery.
 
-    Faults to be set from outside: `has_mains`, `is_reversed`, `is_silent` (sends nothing, hears nothing),
+    Faults to be set from outside: `has_mains`, `is_reversed`, `is_silent` (sends nothing, receives nothing),
     `has_hardware_fault`, `extra_heat_w` (a blocked fan of its own).
     """
 

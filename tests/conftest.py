@@ -19,7 +19,7 @@ from firmware_protocol.config_image import default_image
 from firmware_protocol.eeprom import EEPROM_SIZE, encode_slot
 from hatch_build import build_libraries
 from tests.bytecode import write_bytecode
-from tests.campaign import IS_FULL, examples, tell_figure
+from tests.campaign import IS_FULL, examples, report_figure
 from tests.service_process import Service
 
 # On a loaded machine the time of one example says nothing.
@@ -72,7 +72,7 @@ def keep_files_in_memory() -> None:
 @pytest.fixture
 def tell() -> Callable[[str], None]:
     """Say the figure of a campaign, in one line."""
-    return tell_figure
+    return report_figure
 
 
 @pytest.hookimpl(optionalhook=True)

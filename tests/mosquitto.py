@@ -58,7 +58,7 @@ class Mosquitto:
             self.process = None
 
 
-class ToldCar:
+class CarUpdates:
     """A car that tells its state several times a second, by a clock of its own."""
 
     def __init__(self, port: int, name: str, *, url: str | None = None, alarms: Sequence[object] = ()) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.survey import Piece, Survey, Surveyor
+from app.analysis.survey import Survey, Surveyor, SurveyPiece
 from app.analysis.totals import Totals
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import FloatArray, latest_at, row_mean
@@ -96,31 +96,31 @@ def read_pieces(
     totals: TotalsCollector | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
-) -> Iterator[Piece]:
+) -> Iterator[SurveyPiece]:
     """Yield the session a minute at a time on the time axis of the cell voltages; `totals` is collected meanwhile.
 
     Minutes count from the first sample, however the session is stored: what is made of a piece, as a mean, is the same
     for a file that was committed, cut off or fetched in other parts. `from_s` and `to_s` are a range in unix time [s],
     ends included.
     """
-    parts: list[Piece] = []
+    parts: list[SurveyPiece] = []
     first_s = minute = np.nan
     for stored in _stored_pieces(session, totals, from_s, to_s):
         first_s = float(stored.time_s[0]) if np.isnan(first_s) else first_s
         minutes = np.floor((stored.time_s - first_s) / PIECE_S)
         for begin, end in pairwise([0, *(np.flatnonzero(np.diff(minutes)) + 1).tolist(), len(minutes)]):
             if parts and minutes[begin] != minute:
-                yield Piece.joined(parts)
+                yield SurveyPiece.joined(parts)
                 parts = []
             minute = float(minutes[begin])
             parts.append(stored.rows(slice(begin, end)))
     if parts:
-        yield Piece.joined(parts)
+        yield SurveyPiece.joined(parts)
 
 
 def _stored_pieces(
     session: SessionFile, totals: TotalsCollector | None, from_s: float | None, to_s: float | None
-) -> Iterator[Piece]:
+) -> Iterator[SurveyPiece]:
     """The blocks of the file as pieces."""
     held: dict[str, tuple[float, FloatArray]] = {}  # time and last row of each field: some are told seldom
     fields = (*_FIELDS, *_fields_of_kind(session))
@@ -134,10 +134,10 @@ def _stored_pieces(
 
 
 def survey_session(
-    session: SessionFile, also: Callable[[Piece], None] | None = None, totals: TotalsCollector | None = None
+    session: SessionFile, also: Callable[[SurveyPiece], None] | None = None, totals: TotalsCollector | None = None
 ) -> Survey:
     """Return the survey of a session; `also` is given every piece, and `totals` is collected in the same pass."""
-    surveyor = Surveyor(session.battery.n_cells, in_turns=session.loaded_battery.speaks_dbc is not None)
+    surveyor = Surveyor(session.battery.n_cells, in_turns=session.loaded_battery.dbc_mapping is not None)
     for piece in read_pieces(session, totals):
         surveyor.add(piece)
         if also is not None:
@@ -147,14 +147,14 @@ def survey_session(
 
 def _fields_of_kind(session: SessionFile) -> tuple[str, ...]:
     """The team's boards tell their switches; another battery its cells, in turns, and balancing where it says so."""
-    if session.loaded_battery.speaks_dbc is None:
+    if session.loaded_battery.dbc_mapping is None:
         return _REGISTERS
     return ("balancing", IS_NEW) if "balancing" in session.signals.order else (IS_NEW,)
 
 
 def _piece(
     time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, tuple[float, FloatArray]], n_cells: int
-) -> Piece:
+) -> SurveyPiece:
     def table(name: str, width: int, held_s: float = np.inf) -> FloatArray:
         samples = found.get(name)
         before_s, before = held.get(name, (-np.inf, np.full(width, np.nan)))
@@ -175,7 +175,7 @@ def _piece(
     balancing = fresh("balancing", n_cells)
     if any(name in found or name in held for name in _REGISTERS):
         balancing = np.concatenate([_balancing_of(table(name, 6)) for name in _REGISTERS], axis=1)
-    return Piece(
+    return SurveyPiece(
         time_s=time_s,
         current_a=fresh("i_fs", 1)[:, 0],
         voltage_v=fresh("v", n_cells),

@@ -27,7 +27,7 @@ SAG_A: Final = 50.0  # a cell's sag is judged above this current
 
 
 @dataclass(frozen=True)
-class Piece:
+class SurveyPiece:
     """About a minute: (n,) and (n, n_cells) arrays on one time axis, NaN where not measured."""
 
     time_s: FloatArray
@@ -43,9 +43,9 @@ class Piece:
         """(n, n_cells) voltages that belong to their row's current; NaN where one is held from before."""
         return self.voltage_v if self.is_new is None else np.where(self.is_new, self.voltage_v, np.nan)
 
-    def rows(self, rows: slice) -> Piece:
+    def rows(self, rows: slice) -> SurveyPiece:
         """Return a part of it; its arrays are views."""
-        return Piece(
+        return SurveyPiece(
             self.time_s[rows],
             self.current_a[rows],
             self.voltage_v[rows],
@@ -56,12 +56,12 @@ class Piece:
         )
 
     @staticmethod
-    def joined(parts: Sequence[Piece]) -> Piece:
+    def joined(parts: Sequence[SurveyPiece]) -> SurveyPiece:
         """Return parts behind each other as one."""
         if len(parts) == 1:
             return parts[0]
         is_new = [np.isfinite(part.voltage_v) if part.is_new is None else part.is_new for part in parts]
-        return Piece(
+        return SurveyPiece(
             np.concatenate([part.time_s for part in parts]),
             np.concatenate([part.current_a for part in parts]),
             np.concatenate([part.voltage_v for part in parts]),
@@ -167,7 +167,7 @@ class Surveyor:
             "soc": np.zeros(len(SOC_EDGES) + 1),
         }
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: SurveyPiece) -> None:
         """Take the next minute."""
         if not len(piece.time_s):
             return
@@ -205,7 +205,7 @@ class Surveyor:
         self._end_rest()
         return survey
 
-    def _energies(self, piece: Piece, dt_s: FloatArray) -> None:
+    def _energies(self, piece: SurveyPiece, dt_s: FloatArray) -> None:
         survey = self._survey
         current = np.nan_to_num(piece.current_a)
         missing = np.isnan(piece.voltage_v).any(axis=1)
@@ -230,7 +230,7 @@ class Surveyor:
             apart = row_mean(rows)[:, None] - rows
             self._sag += np.array([np.nansum(apart, axis=0), np.isfinite(apart).sum(axis=0)])
 
-    def _extremes(self, piece: Piece, dt_s: FloatArray) -> None:
+    def _extremes(self, piece: SurveyPiece, dt_s: FloatArray) -> None:
         survey = self._survey
         survey.missing += np.isnan(piece.voltage_v).sum(axis=0)
         if self._waited is not None:
@@ -268,7 +268,7 @@ class Surveyor:
             unit, edges[low : high + 1].round(6).tolist(), seconds[low:high].round(3).tolist(), below_s, above_s
         )
 
-    def _track(self, piece: Piece) -> None:
+    def _track(self, piece: SurveyPiece) -> None:
         time_s = piece.time_s
         before_s = time_s[0] if self._tracked_s is None else self._tracked_s
         chosen = _spaced(time_s, before_s - TRACKER_STEP_S if self._tracked_s is None else before_s)
@@ -277,7 +277,7 @@ class Surveyor:
             self._tracked_s = float(time_s[chosen[-1]])
             self._tracker.take(dt_s, piece.current_a[chosen], piece.fresh_voltage_v[chosen])
 
-    def _rests(self, piece: Piece) -> None:
+    def _rests(self, piece: SurveyPiece) -> None:
         quiet = np.abs(piece.current_a) < REST_A
         edges = np.flatnonzero(np.diff(quiet, prepend=not quiet[0]))
         for start, end in zip(edges, [*edges[1:], len(quiet)], strict=True):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.battery.by_shape import files_of_shape
-from app.battery.profile import WITHDRAWN, Document, Profile, read_document, refuse_withdrawn, understand
+from app.battery.profile import WITHDRAWN, BatteryProfile, Document, read_document, refuse_withdrawn, understand
 from app.battery.table_reader import ProfileError
 from app.words import Message
 
@@ -28,7 +28,7 @@ def _folder() -> Path:
 class LoadedProfile:
     """A profile with its text and the files that it names."""
 
-    profile: Profile
+    profile: BatteryProfile
     text: str
     dbc_files: tuple[Path, ...]
 
@@ -97,7 +97,7 @@ def profile_files(name: str, *, own_folder: bool = False) -> dict[str, bytes]:
     return found
 
 
-def profile_of(files: Mapping[str, bytes]) -> Profile:
+def profile_of(files: Mapping[str, bytes]) -> BatteryProfile:
     """Return the profile of such files; it names its DBCs as they are named there.
 
     Raises:

@@ -10,12 +10,12 @@ from app.battery.source import (
     KINDS,
     STATES,
     CellSignals,
-    Reading,
+    DbcMapping,
+    MemoryMap,
+    ScalarSignal,
     Source,
-    SpeaksDbc,
-    SpeaksMaster,
-    SpeaksTable,
     StateSignal,
+    TableMapping,
 )
 from app.battery.table_reader import ProfileError, TableReader
 from app.battery.toml_lines import line_of, lines_of_keys
@@ -38,7 +38,7 @@ class Document:
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class BatteryProfile:
     """A battery and how it speaks."""
 
     file: str
@@ -80,7 +80,7 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def understand(document: Document) -> Profile:
+def understand(document: Document) -> BatteryProfile:
     """Return the battery and source of a profile's tables.
 
     Raises:
@@ -89,7 +89,7 @@ def understand(document: Document) -> Profile:
     refuse_withdrawn(document)
     _table(document, "").check_names(("battery", "source"))
     _table(document, "battery").check_names(("drawing", "temperatures", "limits", "rules"))
-    return Profile(document.file, _battery(document), _source(document))
+    return BatteryProfile(document.file, _battery(document), _source(document))
 
 
 def refuse_withdrawn(document: Document) -> None:
@@ -183,16 +183,16 @@ def _listed(table: TableReader, cells: list[Any], n_sensors: int, n_cells: int) 
 def _source(document: Document) -> Source:
     table = _table(document, "source")
     if table.text("kind", "dbc") == "master":
-        return SpeaksMaster()
+        return MemoryMap()
     if table.text("kind", "dbc") == "table":
-        return SpeaksTable()
+        return TableMapping()
     table.check_names((*KINDS, *_READINGS, "state"))
     values = table.values
     readings = {name: _reading(document, f"source.{name}") for name in _READINGS if name in values}
     states = values.get("state", {})
     if not isinstance(states, Mapping) or not set(states) <= set(STATES):
         raise table.error("state", str(states)[:60], Message("no-such-key", names=STATES))
-    return SpeaksDbc(
+    return DbcMapping(
         dbc=table.texts("dbc"),
         cells={kind: _cell_signals(document, f"source.{kind}") for kind in KINDS if kind in values},
         states={name: _state(document, f"source.state.{name}") for name in states},
@@ -235,11 +235,11 @@ def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
     return tuple(found)
 
 
-def _reading(document: Document, path: str) -> Reading:
+def _reading(document: Document, path: str) -> ScalarSignal:
     table = _table(document, path)
     table.check_names()
     has_sign = any(field.name == "positive" for field in table.fields)
-    return Reading(
+    return ScalarSignal(
         signal=table.signal("signal"),
         unit=table.text("unit"),
         positive="charge" if has_sign and table.text("positive", "discharge") == "charge" else "discharge",

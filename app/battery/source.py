@@ -43,12 +43,12 @@ class CellSignals:
     valid_signal: str = ""  # pattern of a signal that is 0 where the value is invalid
     valid_range: tuple[float, float] | None = None  # V or degC; beyond it a value is missing
     checksum: str = ""
-    max_age_s: float | None = None  # older is missing; None: measured from what is heard
+    max_age_s: float | None = None  # older is missing; None: measured from what is received
     line: int | None = None  # of the profile
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ScalarSignal:
     """One quantity of the whole battery: value = sign * (decoded * unit - zero)."""
 
     signal: SignalName
@@ -70,29 +70,29 @@ class StateSignal:
 
 
 @dataclass(frozen=True, slots=True)
-class SpeaksDbc:
-    """A battery that is heard by a DBC."""
+class DbcMapping:
+    """A battery that is received by a DBC."""
 
     dbc: tuple[str, ...]  # files, as the profile names them
     cells: dict[Kind, tuple[CellSignals, ...]] = field(default_factory=dict, hash=False)
-    current: Reading | None = None
-    pack_voltage: Reading | None = None
-    soc: Reading | None = None
-    charger_voltage: Reading | None = None
-    charger_current: Reading | None = None
+    current: ScalarSignal | None = None
+    pack_voltage: ScalarSignal | None = None
+    soc: ScalarSignal | None = None
+    charger_voltage: ScalarSignal | None = None
+    charger_current: ScalarSignal | None = None
     states: dict[str, StateSignal] = field(default_factory=dict, hash=False)  # by a name of STATES
-    period_s: float = 0.1  # between two measurements that are made of what was heard
+    period_s: float = 0.1  # between two measurements that are made of what was received
     bit_rate: int | None = None  # of the bus [bit/s]
 
 
 @dataclass(frozen=True, slots=True)
-class SpeaksMaster:
+class MemoryMap:
     """The team's own master, by its memory map."""
 
 
 @dataclass(frozen=True, slots=True)
-class SpeaksTable:
+class TableMapping:
     """Rows of a table that was imported: each tells every cell at one instant."""
 
 
-Source = SpeaksDbc | SpeaksMaster | SpeaksTable
+Source = DbcMapping | MemoryMap | TableMapping

@@ -18,10 +18,10 @@ from app.words import render
 if TYPE_CHECKING:
     from app.battery.battery import Battery
     from app.battery.sizing import Figure
-    from app.battery.source import CellSignals, SpeaksDbc
+    from app.battery.source import CellSignals, DbcMapping
     from app.battery.table_reader import ProfileError
     from app.estimation.cell_model.circuit import CellModel
-    from app.sources.dbc.check import Doubt
+    from app.sources.dbc.check import ProfileIssue
 
 _MOST_PARALLEL = 1000
 _NAMES = {"signal", "message", "numbers"}  # fields of an entry that name what is in the DBC
@@ -49,7 +49,7 @@ def _add_check(actions: Actions) -> None:
     """Declare the action."""
     checking = actions.add_parser(
         "check",
-        help="every doubt of a profile and its DBC, by line and field; exit code 1 where there is one,\n"
+        help="every error and warning of a profile and its DBC, by line and field; exit code 1 where there is one,\n"
         "2 where the profile cannot work",
         formatter_class=argparse.RawTextHelpFormatter,
     )
@@ -128,7 +128,7 @@ def _list(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     """Print what one means."""
     from app.battery.library import load_profile
-    from app.battery.source import SpeaksDbc, SpeaksMaster
+    from app.battery.source import DbcMapping, MemoryMap
 
     loaded = load_profile(args.profile)
     if args.toml:
@@ -136,9 +136,9 @@ def _show(args: argparse.Namespace) -> int:
         return 0
     battery, source = loaded.profile.battery, loaded.profile.source
     _show_battery(battery)
-    if isinstance(source, SpeaksMaster):
+    if isinstance(source, MemoryMap):
         print("source: the team's own master, over RS232 and CAN")
-    elif isinstance(source, SpeaksDbc):
+    elif isinstance(source, DbcMapping):
         _show_source(source)
     return 0
 
@@ -156,7 +156,7 @@ def _show_battery(battery: Battery) -> None:
             print(f"{title}: " + ", ".join(f"{name} = {value}" for name, value in values.items()))
 
 
-def _show_source(source: SpeaksDbc) -> None:
+def _show_source(source: DbcMapping) -> None:
     print(f"source: CAN by {', '.join(source.dbc)}")
     for kind, entries in source.cells.items():
         for entry in entries:
@@ -187,30 +187,30 @@ def _in_words(entry: CellSignals) -> str:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Print every doubt; 1 where there is one, 2 where the profile cannot work."""
+    """Print every warning; 1 where there is one, 2 where the profile cannot work."""
     from app.battery.library import load_part
     from app.battery.profile_errors import errors_of
-    from app.battery.source import SpeaksDbc
+    from app.battery.source import DbcMapping
 
     document = load_part(args.profile)
     errors, profile = errors_of(document)
     found = [_entry("error", error.file, error.line, error.path, _of_field(error)) for error in errors]
-    n_errors, n_doubts = len(errors), 0
+    n_errors, n_warnings = len(errors), 0
     if profile is not None:
-        doubts = _of_cell(profile.battery.cell, profile.file)
-        if isinstance(profile.source, SpeaksDbc):
-            doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
+        warnings = _of_cell(profile.battery.cell, profile.file)
+        if isinstance(profile.source, DbcMapping):
+            warnings += _of_dbc(profile.battery, profile.source, profile.file, args.log)
         elif not args.json:
             print(f"{profile.file}: the team's own master; nothing of a DBC to check")
-        if errors:  # doubts would be of what was set aside
-            doubts = [doubt for doubt in doubts if doubt.is_error and not _is_known(doubt.field, errors)]
-        for doubt in doubts:
-            kind = "error" if doubt.is_error else "doubt"
-            text = f"{doubt.field}: {render(doubt.what)}"
-            found.append(_entry(kind, doubt.file, doubt.line, doubt.field, text))
-        n_errors += sum(doubt.is_error for doubt in doubts)
-        n_doubts = len(doubts) - (n_errors - len(errors))
-    code = 2 if n_errors else int(bool(n_doubts))
+        if errors:  # warnings would be of what was set aside
+            warnings = [warning for warning in warnings if warning.is_error and not _is_known(warning.field, errors)]
+        for warning in warnings:
+            kind = "error" if warning.is_error else "warning"
+            text = f"{warning.field}: {render(warning.what)}"
+            found.append(_entry(kind, warning.file, warning.line, warning.field, text))
+        n_errors += sum(warning.is_error for warning in warnings)
+        n_warnings = len(warnings) - (n_errors - len(errors))
+    code = 2 if n_errors else int(bool(n_warnings))
     if args.json:
         print(json.dumps(found, indent=2))
         return code
@@ -218,7 +218,7 @@ def _check(args: argparse.Namespace) -> int:
         place = each["file"] if each["line"] is None else f"{each['file']}:{each['line']}"
         print(f"{place}: {each['kind']}: {each['text']}")
     cells = "" if profile is None or errors else f"{profile.battery.n_cells} cells, "
-    print(f"{cells}{n_errors} errors, {n_doubts} doubts")
+    print(f"{cells}{n_errors} errors, {n_warnings} warnings")
     return code
 
 
@@ -240,37 +240,37 @@ def _is_known(field: str, errors: list[ProfileError]) -> bool:
     )
 
 
-def _of_dbc(battery: Battery, source: SpeaksDbc, file: str, log: Path | None) -> list[Doubt]:
+def _of_dbc(battery: Battery, source: DbcMapping, file: str, log: Path | None) -> list[ProfileIssue]:
     """Doubts of the files that the profile names, and of what it says of them."""
-    from app.sources.dbc.check import Doubt, doubts_of
+    from app.sources.dbc.check import ProfileIssue, issues_of
 
     missing = [Path(name) for name in source.dbc if not Path(name).is_file()]
     if missing:
-        return [Doubt(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
+        return [ProfileIssue(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
     definitions = battery_learn.definitions_of(map(Path, source.dbc))
-    return doubts_of(battery, source, definitions, file, None if log is None else battery_learn.log_frames(log))
+    return issues_of(battery, source, definitions, file, None if log is None else battery_learn.log_frames(log))
 
 
-def _of_cell(cell: str, file: str) -> list[Doubt]:
+def _of_cell(cell: str, file: str) -> list[ProfileIssue]:
     from app.estimation.cell_model.cell_file import load_cell
     from app.estimation.errors import CellFileError
-    from app.sources.dbc.check import Doubt
+    from app.sources.dbc.check import ProfileIssue
 
     try:
         load_cell(cell)
     except CellFileError as error:
-        return [Doubt(file, None, "battery.cell", str(error), is_error=True)]
+        return [ProfileIssue(file, None, "battery.cell", str(error), is_error=True)]
     return []
 
 
 def _size(args: argparse.Namespace) -> int:
     """Print what a battery of these cells can do."""
-    from app.battery.sizing import Layout, figures_of
+    from app.battery.sizing import CellLayout, figures_of
 
     cell = chosen_cell(args.cell)
     _check_temperature(cell, args.temperature)
     n_segments, n_in_series = args.segments
-    layout = Layout(n_segments, n_in_series, args.parallel)
+    layout = CellLayout(n_segments, n_in_series, args.parallel)
     figures = figures_of(cell, layout, args.soc / 100.0, args.temperature)
     if args.json:
         document = {

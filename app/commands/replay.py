@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _serve(path: Path, filter_name: Any, args: argparse.Namespace) -> int:
-    from app.api.application import Replay
+    from app.api.application import ServedReplay
     from app.commands.server import serve
     from app.service import log
     from app.service.settings import Settings
@@ -88,7 +88,7 @@ def _serve(path: Path, filter_name: Any, args: argparse.Namespace) -> int:
             host=args.host, port=args.port, filter=filter_name, cell=args.cell or DEFAULT_CELL, data=Path(data)
         )
         settings.check()
-        return serve(settings, replay=Replay(path, args.speed, args.estimates, args.cell))
+        return serve(settings, replay=ServedReplay(path, args.speed, args.estimates, args.cell))
 
 
 def _pipeline(session: SessionFile, filter_name: str, chosen: str | None) -> Pipeline:

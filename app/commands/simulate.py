@@ -14,7 +14,7 @@ from simulator.cli import add_arguments as add_simulator_arguments
 from simulator.cli import run as run_simulator
 
 if TYPE_CHECKING:
-    from app.battery.source import SpeaksDbc
+    from app.battery.source import DbcMapping
     from app.sources.loaded_battery import LoadedBattery
     from simulator.dbc_battery.battery import DbcBattery
 
@@ -37,28 +37,28 @@ def run(args: argparse.Namespace) -> int:
     from app.sources.loaded_battery import load_battery
 
     loaded = load_battery(args.battery)
-    source = loaded.speaks_dbc
+    source = loaded.dbc_mapping
     return run_simulator(args, None if source is None else simulated(loaded, source))
 
 
-def simulated(loaded: LoadedBattery, source: SpeaksDbc) -> DbcBattery:
+def simulated(loaded: LoadedBattery, source: DbcMapping) -> DbcBattery:
     """Return what the simulator makes of a battery; what its DBC has no place for is told on standard error.
 
     Raises:
         ConfigError: its cell file is wrong, or no signal of its DBC fits the profile.
     """
-    from app.sources.dbc.encoder import Speech
+    from app.sources.dbc.encoder import FrameEncoder
     from simulator.dbc_battery.battery import DbcBattery
     from simulator.shape import Shape
 
     battery = loaded.battery
     profile = next(iter(loaded.files))
     cell = chosen_cell(battery.cell, "battery.cell")
-    speech = Speech(battery, source, loaded.definitions)
+    speech = FrameEncoder(battery, source, loaded.definitions)
     for trouble in speech.lanes.troubles:
         place = profile if trouble.line is None else f"{profile}:{trouble.line}"
         print(f"voltwall simulate: {place}: {trouble.field}: {render(trouble.what)}", file=sys.stderr)
-    for kind, channels in speech.unsaid().items():
+    for kind, channels in speech.not_encoded().items():
         print(f"voltwall simulate: {len(channels)} values of {kind} have no place in the DBC", file=sys.stderr)
     if math.isinf(speech.due_s):
         raise ConfigError("source", profile, "no signal of the DBC fits the profile: nothing would be sent")

@@ -77,7 +77,7 @@ class Predictor:
         *,
         watch: CellWatch | None = None,
         sensors: Sensors | None = None,
-        looks_ahead: bool = True,
+        predicts: bool = True,
     ) -> None:
         """Start, or go on with what was learned before.
 
@@ -87,7 +87,7 @@ class Predictor:
             learned_before: by earlier sessions.
             watch: has watched these cells up to now.
             sensors: of each temperature sensor the cells that it stands for; None: one a cell.
-            looks_ahead: whether power, energy and times to the limits are wanted; nothing that is learned, found or
+            predicts: whether power, energy and times to the limits are wanted; nothing that is learned, found or
                 alarmed about depends on them.
         """
         n_cells = sum(segments)
@@ -96,7 +96,7 @@ class Predictor:
         before = learned_before
         self._watch = watch or CellWatch(cell, segments, _watched_before(before))
         self._sensors = sensors
-        self._looks_ahead = looks_ahead
+        self._predicts = predicts
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)
@@ -240,7 +240,7 @@ class Predictor:
             self.sensor = self._offset.estimate()
         if self._t_s - self._judged_s >= JUDGE_S:
             self._judge()
-        if not self._looks_ahead:
+        if not self._predicts:
             self.assessment = self._learned_so_far()
             return True
         branches = estimator.state_mean[1 : 1 + self.cell.n_rc]

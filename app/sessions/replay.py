@@ -306,13 +306,13 @@ class ReplayPlayer:
         elif replay.cause is None:
             replay.cause = Future()
             arguments = (replay.file, replay.file.unix_s(snapshot.t_mono_ns), replay.cause)
-            threading.Thread(target=self._look_for_cause, args=arguments, name="replay cause", daemon=True).start()
+            threading.Thread(target=self._set_cause, args=arguments, name="replay cause", daemon=True).start()
         elif replay.cause.done() and any(alarm.cause is None for alarm in trips):
             cause = replay.cause.result()
             if cause is not None:
                 replay.pipeline.explain(cause)
 
-    def _look_for_cause(self, file: SessionFile, at_s: float, found: "Future[TripCause | None]") -> None:
+    def _set_cause(self, file: SessionFile, at_s: float, found: "Future[TripCause | None]") -> None:
         try:
             with SessionFile(file.path, parse=file.parse) as session:
                 found.set_result(self._find_cause(session, at_s))

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.battery.battery import Battery
 from app.battery.library import profile_files, profile_of
 from app.battery.shape import TEAM_PROFILE
-from app.battery.source import Source, SpeaksDbc, SpeaksMaster, SpeaksTable
+from app.battery.source import DbcMapping, MemoryMap, Source, TableMapping
 from app.battery.table_reader import ProfileError
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
@@ -27,14 +27,14 @@ class LoadedBattery:
     files: Mapping[str, bytes]  # the profile first, then what it names; equal files are the same battery
 
     @property
-    def speaks_dbc(self) -> SpeaksDbc | None:
+    def dbc_mapping(self) -> DbcMapping | None:
         """How it speaks, where that is by a DBC."""
-        return self.source if isinstance(self.source, SpeaksDbc) else None
+        return self.source if isinstance(self.source, DbcMapping) else None
 
     @property
     def has_memory_map(self) -> bool:
         """Whether its values are those of our own master."""
-        return isinstance(self.source, SpeaksMaster)
+        return isinstance(self.source, MemoryMap)
 
     @property
     def uses_fd(self) -> bool:
@@ -54,7 +54,7 @@ def load_battery(name: str, *, own_folder: bool = False) -> LoadedBattery:
         ImportFailed, ExtraMissing: a DBC cannot be read.
     """
     loaded = battery_from_files(profile_files(name, own_folder=own_folder))
-    if isinstance(loaded.source, SpeaksTable):
+    if isinstance(loaded.source, TableMapping):
         raise ProfileError(name, None, "source.kind", "table", Message("table-in-session"))
     cell = Path(name).parent / loaded.battery.cell
     if not cell.is_file():
@@ -77,7 +77,7 @@ def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
     files = dict(items)
     profile = profile_of(files)
     definitions = Definitions(())
-    for name in profile.source.dbc if isinstance(profile.source, SpeaksDbc) else ():
+    for name in profile.source.dbc if isinstance(profile.source, DbcMapping) else ():
         if name not in files:
             raise ProfileError(profile.file, None, "source.dbc", name, Message("no-such-file"))
         definitions = definitions.joined(parse_definitions(files[name], name))

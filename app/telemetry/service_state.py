@@ -9,7 +9,7 @@ from app.words import Message
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class RecordingState:
     """The session being recorded."""
 
     session_id: str
@@ -59,7 +59,7 @@ class Replay:
 class ServiceState:
     """The service at the instant at which a snapshot is sent."""
 
-    recording: Recording | None
+    recording: RecordingState | None
     replay: Replay | None
     last_event_id: int
     config_stored_hash: str | None

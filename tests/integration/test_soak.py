@@ -22,7 +22,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from app.live.history import CELLS_EVERY_NS, CELLS_LENGTH, PER_CELL
-from tests.campaign import of_size, tell_figure
+from tests.campaign import of_size, report_figure
 from tests.service_process import N_CELLS
 
 LENGTH_S = int(os.environ.get("VOLTWALL_SOAK_S") or of_size(0, 0, 240, 7200))
@@ -172,7 +172,7 @@ def _judge(soak: Soak, looks: np.ndarray) -> None:
     when_s, late_s = np.array(soak.late_s).T
     p50_s = [float(np.median(late_s[(when_s >= k * quarters) & (when_s < (k + 1) * quarters)])) for k in (1, 3)]
     p99_s = [float(np.quantile(late_s[(when_s >= k * quarters) & (when_s < (k + 1) * quarters)], 0.99)) for k in (1, 3)]
-    tell_figure(
+    report_figure(
         f"soak of {LENGTH_S / 3600:.2f} h with {READERS} readers, {soak.done}: memory {memory[0]:.1f} to "
         f"{memory[1]:.1f} MB, of which {filling:.1f} are the history that fills, "
         f"descriptors {descriptors[0]:.0f} to {descriptors[1]:.0f}, threads {threads[0]:.0f} to {threads[1]:.0f}, "

@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 from app.api.application import create_app
 from app.api.web.connection import server_config
 from app.api.web.connection_limits import ClientConnections
-from app.service.host import give_freed_memory_back
+from app.service.host import release_freed_memory
 from app.service.settings import Settings
 from app.sources.items import LinkChange, SerialItem
 from firmware_protocol.framing import FrameDecoder
@@ -198,7 +198,7 @@ def main() -> None:
     parser.add_argument("hours", type=float, nargs="?", default=24.0)
     parser.add_argument("--data", type=Path)
     arguments = parser.parse_args()
-    give_freed_memory_back()  # as `voltwall serve` does
+    release_freed_memory()  # as `voltwall serve` does
     with tempfile.TemporaryDirectory(prefix="voltwall-day-") as folder:
         day = HurriedDay(arguments.data or Path(folder))
         day.run(arguments.hours, lambda look: print(json.dumps(look), flush=True))

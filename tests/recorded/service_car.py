@@ -64,10 +64,10 @@ class _NoForecast(PipelineFactory):
     """Without power, energy and times to limits: a third of the work, and nothing that is found depends on them."""
 
     def predictor(
-        self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None, *, looks_ahead: bool = False
+        self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None, *, predicts: bool = False
     ) -> Predictor:
         """Return a predictor that judges the cells alone."""
-        return super().predictor(learned_before, watch, looks_ahead=False)
+        return super().predictor(learned_before, watch, predicts=False)
 
 
 class Car:

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.analysis.incidents import Trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
-from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording
+from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, SessionStretch
 from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray, latest_at, row_median
 from app.sessions.reading.reader import SessionFile
@@ -31,11 +31,11 @@ _KELVIN = 273.0
 _CODE_V = 1e-4
 
 
-def read_stretch(session: SessionFile, from_s: float, to_s: float) -> Recording:
+def read_stretch(session: SessionFile, from_s: float, to_s: float) -> SessionStretch:
     """Return what a session holds between two unix times."""
     found: dict[str, list[FieldSamples]] = defaultdict(list)
     battery, is_team = session.battery, session.loaded_battery.has_memory_map
-    in_turns = session.loaded_battery.speaks_dbc is not None
+    in_turns = session.loaded_battery.dbc_mapping is not None
     for piece in session.fields((*_FIELDS, IS_NEW) if in_turns else _FIELDS, from_s, to_s):
         for name, samples in piece.items():
             found[name].append(samples)
@@ -49,7 +49,7 @@ def read_stretch(session: SessionFile, from_s: float, to_s: float) -> Recording:
 
     configs = [config for config in session.configs() if session.unix_s(config.t_mono_ns) <= to_s]
     image = configs[-1].image if configs else None
-    return Recording(
+    return SessionStretch(
         time_s=time_s,
         current_a=column("i_fs"),
         steady_a=column("i_fc" if is_team else "i_fs"),

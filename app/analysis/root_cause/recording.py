@@ -50,7 +50,7 @@ class BusTraffic:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording(Stretch):
+class SessionStretch(Stretch):
     """A stretch of a session; NaN and UNKNOWN = not measured.
 
     Attributes:

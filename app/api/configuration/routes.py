@@ -12,8 +12,8 @@ from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InFor
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body, RawBody
 from app.configuration.config_sources import ConfigSources
-from app.configuration.profile import is_profile, profile_of
 from app.configuration.safe_write import ConfigurationWriter, Draft, Written
+from app.configuration.saved_configuration import is_profile, profile_of
 from app.words import Message, rendered_or_none
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
@@ -158,7 +158,7 @@ def write_response(configuration: ConfigurationWriter, written: Written, *, dry_
         "verified": not dry_run,  # without a difference it was read and found equal
         "hash": image_hash(written.image),
         "warnings": [finding_json(found) for found in written.findings],
-        "hindrance": rendered_or_none(written.block_reason),
+        "block_reason": rendered_or_none(written.block_reason),
     }
     etag = quoted(configuration.show(shown))
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})

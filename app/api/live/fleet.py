@@ -40,7 +40,7 @@ class LastOut(BaseModel):
 
 
 class CarOut(BaseModel):
-    """A car as it was last heard; `since` is the unix time of its last values, null and missing are never 0."""
+    """A car as it was last received; `since` is the unix time of its last values, null and missing are never 0."""
 
     name: str
     state: Literal["live", "late", "silent", "vanished"]
@@ -67,7 +67,7 @@ class CarOut(BaseModel):
 
 
 class FleetOut(BaseModel):
-    """All cars of a broker, by name; `problem` says why none is heard, `notice` that messages were left out."""
+    """All cars of a broker, by name; `problem` says why none is received, `notice` that messages were left out."""
 
     broker: str
     problem: RenderedMessage | None

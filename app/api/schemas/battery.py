@@ -37,7 +37,7 @@ def battery_json(
 
     Args:
         battery: drawn on the pages.
-        source: how it is heard.
+        source: how it is received.
         why_not: why nothing can be written to it; None where it can.
         limits: in force, for those that the profile does not state as numbers.
     """

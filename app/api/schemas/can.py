@@ -73,7 +73,7 @@ class TransmitOut(BaseModel):
     """Whether frames may be sent, and what is being sent, or was last."""
 
     allowed: bool
-    hindrance: RenderedMessage | None
+    block_reason: RenderedMessage | None
     running: bool
     what: str | None
     who: str | None

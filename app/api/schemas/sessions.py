@@ -204,7 +204,7 @@ class ReplayChoicesOut(BaseModel):
     cells: list[str]
 
 
-class ImportProfileOut(BaseModel):
+class ImportMappingOut(BaseModel):
     """Which column is what; empty: not there."""
 
     time: str
@@ -231,7 +231,7 @@ class UploadOut(BaseModel):
     filename: str
     is_can: bool
     columns: list[str]
-    guessed: ImportProfileOut | None
+    guessed: ImportMappingOut | None
 
 
 class ColumnOut(BaseModel):
@@ -265,7 +265,7 @@ class UnderstoodOut(BaseModel):
 class PreviewOut(BaseModel):
     """What is in an upload, and what the profile makes of it; `understood` is null where `error` says why."""
 
-    profile: ImportProfileOut
+    profile: ImportMappingOut
     columns: list[ColumnOut]
     cells: list[CellColumnOut]
     understood: UnderstoodOut | None

@@ -37,12 +37,12 @@ router = APIRouter(tags=["sessions"])
 
 
 class RecorderFollowedOut(BaseModel):
-    """A recorder whose sessions are copied; `heard_s` is the unix time of its last answer."""
+    """A recorder whose sessions are copied; `last_contact_s` is the unix time of its last answer."""
 
     url: str
     is_reached: bool
     error: RenderedMessage | None
-    heard_s: Number
+    last_contact_s: Number
 
 
 class CopyOut(BaseModel):

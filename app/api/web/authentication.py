@@ -20,7 +20,7 @@ from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.access.accounts import TOKEN_PREFIX, Accounts
-from app.api.access.guesses import Guesses
+from app.api.access.login_attempts import LoginAttempts
 from app.api.access.login_log import LoginLog, log_without_car
 from app.api.access.roles import Role
 from app.api.web.problems import Problem
@@ -70,7 +70,7 @@ class Authentication:
         self.accounts = accounts or Accounts(settings.data)
         self._clock = clock
         self._logins: dict[str, Login] = {}  # by the digest of the token
-        self._guesses = Guesses(clock)
+        self._guesses = LoginAttempts(clock)
         self._proven: dict[bytes, tuple[User, str | None]] = {}  # by name and password; with the account's stamp
         self._proof_key = secrets.token_bytes(32)
         self._lock = threading.Lock()

@@ -204,7 +204,7 @@ class Connection(asyncio.Protocol):
     def await_body(self) -> None:
         """Begin to wait for more of a body."""
         self._body_since_s = self._loop.time()
-        self._wait(max(LATE_S, BODY_S - self._body_waited_s), self._look_at_body)
+        self._wait(max(LATE_S, BODY_S - self._body_waited_s), self._check_body)
 
     def got_body(self) -> None:
         """End to wait."""
@@ -263,7 +263,7 @@ class Connection(asyncio.Protocol):
             self._upper.write(_LATE)
         cast(UpperTransport, self._upper).close()
 
-    def _look_at_body(self) -> None:
+    def _check_body(self) -> None:
         if self._n_taken < BODY_BYTES:
             self.cut()
             return
@@ -272,9 +272,9 @@ class Connection(asyncio.Protocol):
 
     def _watch_answer(self) -> None:
         n_taken = cast(UpperTransport, self._upper).n_taken
-        self._stall = self._loop.call_later(ANSWER_S, self._look_at_answer, n_taken)
+        self._stall = self._loop.call_later(ANSWER_S, self._check_answer, n_taken)
 
-    def _look_at_answer(self, before: int) -> None:
+    def _check_answer(self, before: int) -> None:
         if cast(UpperTransport, self._upper).n_taken > before:
             self._watch_answer()
         else:

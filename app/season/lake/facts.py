@@ -13,15 +13,15 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from app import __version__
-from app.analysis.cell_findings import cell_findings
 from app.analysis.laps.figures import Lap, figures_of
 from app.analysis.laps.from_session import find_laps
 from app.analysis.limits import limits_of, limits_of_profile
 from app.analysis.root_cause.from_session import incidents_of
 from app.analysis.root_cause.kept_verdict import kept_verdicts
 from app.analysis.session_cell import cell_of
+from app.analysis.session_judge import cell_findings
 from app.analysis.session_survey import read_pieces, read_totals
-from app.analysis.survey import Piece, Rest, Survey, Surveyor
+from app.analysis.survey import Rest, Survey, Surveyor, SurveyPiece
 from app.battery.battery import Battery
 from app.battery.library import file_name_of
 from app.estimation.arrays import FloatArray
@@ -132,7 +132,7 @@ class _Stretch:
         self.surveyor = Surveyor(battery.n_cells, in_turns=in_turns)
         self.sums = CellSums(battery.n_cells, battery.bleed_ohm)
 
-    def add(self, piece: Piece, limits: Mapping[str, float]) -> None:
+    def add(self, piece: SurveyPiece, limits: Mapping[str, float]) -> None:
         self.surveyor.add(piece)
         self.sums.add(piece, limits)
 
@@ -148,7 +148,7 @@ class _Stretches:
         self._info = session.info
         in_force = [(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in session.configs()]
         self._in_force = in_force or [(0.0, limits_of_profile(battery))]
-        in_turns = session.loaded_battery.speaks_dbc is not None
+        in_turns = session.loaded_battery.dbc_mapping is not None
         self.whole = _Stretch(battery, in_turns=in_turns)
         self._of_lap = [_Stretch(battery, in_turns=in_turns) for _ in laps]
         self._estimate = SessionEstimate(cell, FILTER, battery.n_cells)
@@ -156,7 +156,7 @@ class _Stretches:
         edges = {edge for lap in laps for edge in (lap.start_s, lap.end_s)}
         self._edges_s = sorted(edges | {since_s for since_s, _ in self._in_force})
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: SurveyPiece) -> None:
         """Take the next piece, cut where a lap or another configuration begins."""
         self._rests.add(piece)
         self._estimate.add(piece)
@@ -166,7 +166,7 @@ class _Stretches:
             if last > first:
                 self._add_part(piece.rows(slice(first, last)))
 
-    def _add_part(self, part: Piece) -> None:
+    def _add_part(self, part: SurveyPiece) -> None:
         at_s = float(part.time_s[0])
         config = bisect_right(self._in_force, at_s, key=lambda each: each[0]) - 1
         limits = self._in_force[max(config, 0)][1]

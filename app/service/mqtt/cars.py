@@ -53,18 +53,18 @@ class CarClock:
 
 @dataclass
 class Car:
-    """What was heard of one car; times in seconds of our monotonic clock."""
+    """What was received of one car; times in seconds of our monotonic clock."""
 
     name: str
     is_online: bool | None = None  # None: it never said
     kept: dict[str, Any] = field(default_factory=dict)  # of each topic, what is shown of its newest message
     kept_bytes: int = 0  # of all of them, as JSON
     _bytes_of: dict[str, int] = field(default_factory=dict)
-    heard_s: float | None = None  # the newest message that was no retained one
+    last_contact_s: float | None = None  # the newest message that was no retained one
     waited_s: float = 0.0  # the newest values, on their way
     values_s: float | None = None  # when they came; None: they are retained ones, of whenever
     clock: CarClock = field(default_factory=CarClock)
-    runs: list[object] = field(default_factory=list)  # that were heard, the newest last
+    runs: list[object] = field(default_factory=list)  # that were received, the newest last
     conflict_s: float | None = None  # when an earlier run spoke again
 
     def take(
@@ -80,7 +80,7 @@ class Car:
             room_bytes: by which what is kept may grow.
         """
         if not is_retained:
-            self.heard_s = now_s
+            self.last_contact_s = now_s
         if topic == "status":
             self.is_online = body == b"online"
             return True
@@ -128,7 +128,7 @@ class Car:
 
     def state(self, now_s: float) -> State:
         """Whether its values may be taken for the present."""
-        if self.is_online is False or self.heard_s is None or now_s - self.heard_s >= SILENT_S:
+        if self.is_online is False or self.last_contact_s is None or now_s - self.last_contact_s >= SILENT_S:
             return "vanished"
         age_s = self.age_s("voltage", now_s)
         if age_s is None or age_s >= SILENT_S:
@@ -176,7 +176,7 @@ class Car:
         return [{"severity": "warning", "message": message, "cell": None, "active": True}]
 
     def _measured_unix_s(self) -> float | None:
-        """By the car's own clock: nothing was heard by which ours could tell."""
+        """By the car's own clock: nothing was received by which ours could tell."""
         return _number(self._values.get("time"))
 
 

@@ -23,7 +23,7 @@ from app.service.settings import Settings
 from app.telemetry import Event, Snapshot, Source
 from app.telemetry.encoding import aged, encode, is_stale, plain
 from app.telemetry.fields import Part
-from app.telemetry.service_state import Recording
+from app.telemetry.service_state import RecordingState
 from app.words import Message, Text, rendered
 
 PERIOD_S = 1.0
@@ -44,7 +44,7 @@ class MqttPublisher:
     def __init__(
         self,
         broker: Broker,
-        recording: Callable[[], Recording | None],
+        recording: Callable[[], RecordingState | None],
         clock: Clock,
         *,
         source: Source = "serial",
@@ -190,10 +190,12 @@ class MqttPublisher:
                 self._client.publish(self._topic(name), body, qos=0, retain=True)
 
 
-def messages(snapshot: Snapshot, recording: Recording | None, sent: Mapping[str, object] | None = None) -> Messages:
+def messages(
+    snapshot: Snapshot, recording: RecordingState | None, sent: Mapping[str, object] | None = None
+) -> Messages:
     """Yield the state's topics and bodies; null is missing. Every object says whether the car is a simulated one.
 
-    `sent` is when, by a clock that never steps: whoever hears it knows by it how long the message was on its way.
+    `sent` is when, by a clock that never steps: whoever receives it knows by it how long the message was on its way.
     """
     car = car_of(snapshot.source)
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source} | car
@@ -230,7 +232,7 @@ def event_body(event: Event, source: Source, segments: Sequence[int] = ()) -> by
 
 
 def configured_publisher(
-    settings: Settings, recording: Callable[[], Recording | None], clock: Clock, source: Source, battery: Battery
+    settings: Settings, recording: Callable[[], RecordingState | None], clock: Clock, source: Source, battery: Battery
 ) -> MqttPublisher | None:
     """Return a publisher to the broker of the settings, None where they name none.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
 from app.sessions.export.table import SignalTable
-from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
+from app.sources.recordings.import_mapping import EXPORT_STAMP, EXPORT_TIMES
 
 _RUNS = ("=", "+", "-", "@", "\t", "\r", "\n")  # what a formula begins with, also behind what is skipped
 _NUMBER = re.compile(r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)

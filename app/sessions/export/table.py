@@ -19,14 +19,14 @@ from app.sessions.export.formats import Names
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.chunks import ESTIMATES
-from app.sessions.storage.signals import Signal, Signals
+from app.sessions.storage.signals import Signals, StoredSignal
 from app.sources.master.uptime_clock import UptimeClock
 
 _INDEX = re.compile(r"\[(\d+)\]")
 _NOT_OF_CELLS = "sensor"  # its elements are sensors, also where there are as many as cells
 
 
-def export_name(signal: Signal, names: Names, signals: Signals, segments: Sequence[int]) -> str:
+def export_name(signal: StoredSignal, names: Names, signals: Signals, segments: Sequence[int]) -> str:
     """Return a signal's name without its unit.
 
     Args:
@@ -46,7 +46,7 @@ def export_name(signal: Signal, names: Names, signals: Signals, segments: Sequen
     return _word(_INDEX.sub(lambda found: f"_{int(found[1]) + 1:03d}", signal.name))
 
 
-def _is_of_a_cell(signal: Signal, signals: Signals, n_cells: int) -> bool:
+def _is_of_a_cell(signal: StoredSignal, signals: Signals, n_cells: int) -> bool:
     is_one_of_many = signal.field in signals.order and signal.name != signal.field
     return is_one_of_many and signal.field != _NOT_OF_CELLS and signals.of_field(signal.field)[1] == n_cells
 
@@ -66,9 +66,9 @@ MARGIN_US = 1_000_000  # what belongs to one instant arrives within this time
 _UPTIME = 0xFFFFFFFF  # of an instant; the rest is how often the master had started
 _SAME_S = 1e-4  # a span is told to the millisecond
 # What every row is told besides its signals, in this order behind them.
-FILLED = Signal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
-SIMULATED = Signal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
-AGE = Signal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
+FILLED = StoredSignal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
+SIMULATED = StoredSignal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
+AGE = StoredSignal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
 
 
 def source_of(table: "SignalTable") -> dict[str, str]:
@@ -189,7 +189,7 @@ class SignalTable:
             last_us = min(last_us, self.session.mono_us(self.t_to_s))
         return first_us, last_us
 
-    def constant(self, signal: Signal, time_s: FloatArray) -> FloatArray:
+    def constant(self, signal: StoredSignal, time_s: FloatArray) -> FloatArray:
         """Return (n,) values of FILLED or SIMULATED."""
         return self.is_filled(time_s) if signal is FILLED else np.ones(len(time_s))
 

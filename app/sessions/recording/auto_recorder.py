@@ -207,14 +207,14 @@ class AutoRecorder:
             frame = item.frame
             good = isinstance(frame, Frame)
             if good:
-                self._master_spoke(item.t_mono_ns)
+                self._master_received(item.t_mono_ns)
             self._recorder.frame(item.t_mono_ns, item.t_wall_ns, SERIAL_LINK, frame.raw, good)
             if isinstance(frame, Frame) and item.t_mono_ns - self._last_clock_ns > CLOCK_S * 1e9:
                 self._last_clock_ns = item.t_mono_ns
                 self._recorder.clock(item.t_mono_ns, item.t_wall_ns, frame.uptime_ms)
         elif isinstance(item, CanItem):
             if not item.sent:
-                self._master_spoke(item.t_mono_ns)
+                self._master_received(item.t_mono_ns)
             self._recorder.can_frame(item.t_mono_ns, item.t_wall_ns, item.can_id, item.data)
 
     def on_output(self, output: Output) -> None:
@@ -258,7 +258,7 @@ class AutoRecorder:
         self._map_hash = map_hash
         self._recorder.memory_map(map_hash)
 
-    def _master_spoke(self, t_mono_ns: int) -> None:
+    def _master_received(self, t_mono_ns: int) -> None:
         first = self._last_good_ns is None
         self._last_good_ns = t_mono_ns
         if self._held_back or t_mono_ns < self._retry_ns or not (first or self._recorder_is_idle()):

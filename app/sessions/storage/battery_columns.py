@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.battery import Battery
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.estimation.arrays import FloatArray
 from app.sessions.storage.battery_fields import EXTREMES, FIELD_OF_KIND, ages_of, has_sensor_a_cell
 from app.sources.dbc.assembly import LEAST_AGE_S, PERIODS_BRIDGED, UNKNOWN_AGE_S
-from app.sources.dbc.battery_decoder import BatteryDecoder, Values
+from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import TimedFrame, frames_of
 
@@ -28,7 +28,7 @@ class Holder:
     """Remembers the newest value of each element from one call to the next."""
 
     def __init__(self, n_elements: int, max_age_s: float | None = None) -> None:
-        """`max_age_s`: from then on a value is missing; None: three of its own periods as heard."""
+        """`max_age_s`: from then on a value is missing; None: three of its own periods as received."""
         self._value = np.full(n_elements, np.nan)
         self._t_us = np.full(n_elements, _NEVER_US)
         self._period_us = np.full(n_elements, np.nan)
@@ -94,7 +94,7 @@ class ColumnOfBattery:
 class BatteryColumns:
     """Collects frames; `build` gives the columns."""
 
-    def __init__(self, battery: Battery, source: SpeaksDbc, definitions: Definitions) -> None:
+    def __init__(self, battery: Battery, source: DbcMapping, definitions: Definitions) -> None:
         self._battery = battery
         self._decoder = BatteryDecoder(battery, source, definitions)
         self._period_us = round(source.period_s * 1e6)
@@ -223,7 +223,7 @@ def _samples(columns: list[ColumnOfBattery]) -> Iterator[Samples]:
         yield np.arange(column.values.shape[1]) + column.first_element, column.times_us, column.values
 
 
-def _columns(field: str, values: Values) -> Iterator[ColumnOfBattery]:
+def _columns(field: str, values: ChannelValues) -> Iterator[ColumnOfBattery]:
     """Values in the order of frames to a column for each run of elements that are told by the same frames."""
     order = np.argsort(values.index, kind="stable")
     index, times_us, value = values.index[order], values.t_ns[order] // 1000, values.value[order]

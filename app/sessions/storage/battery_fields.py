@@ -6,7 +6,7 @@ A name of the team's memory map means the same here. Values are floating-point n
 from dataclasses import dataclass
 
 from app.battery.battery import Battery, each_cell
-from app.battery.source import STATES, SpeaksDbc
+from app.battery.source import STATES, DbcMapping
 from app.sources.dbc.assembly import longest_age
 
 FIELD_OF_KIND = {
@@ -38,7 +38,7 @@ def has_sensor_a_cell(battery: Battery) -> bool:
     return battery.sensors == each_cell(battery.n_cells)
 
 
-def battery_fields(battery: Battery, source: SpeaksDbc) -> dict[str, BatteryField]:
+def battery_fields(battery: Battery, source: DbcMapping) -> dict[str, BatteryField]:
     """Return what a session of this battery may hold, by name, in the order in which people want to read it."""
     n = battery.n_cells
     found = [
@@ -62,7 +62,7 @@ def battery_fields(battery: Battery, source: SpeaksDbc) -> dict[str, BatteryFiel
     return {field.name: field for field in found}
 
 
-def ages_of(source: SpeaksDbc) -> dict[str, float | None]:
+def ages_of(source: DbcMapping) -> dict[str, float | None]:
     """Return from what age on a field's values are missing, where the profile tells [s]."""
     found = {name: longest_age(tuple(each.max_age_s for each in entries)) for name, entries in source.cells.items()}
     temperature = found.pop("temperature", None)

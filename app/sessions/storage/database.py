@@ -106,7 +106,7 @@ def statements(script: str) -> list[str]:
 
 QUERY_S = 20.0  # of one query; those of the service take milliseconds
 LENGTH_BYTES = 256 << 20  # of one value
-_LOOK_AFTER = 100_000  # instructions of the virtual machine
+_CHECK_AFTER = 100_000  # instructions of the virtual machine
 
 
 @cache
@@ -168,7 +168,7 @@ class Watch:
         connection.execute("PRAGMA trusted_schema = OFF")
         connection.execute("PRAGMA cell_size_check = ON")
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LENGTH_BYTES)
-        connection.set_progress_handler(self._look, _LOOK_AFTER)
+        connection.set_progress_handler(self._look, _CHECK_AFTER)
         self._until_s = float("inf")
 
     @contextmanager

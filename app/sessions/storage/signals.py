@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.sessions.errors import UnknownSignal
 from app.sessions.storage.battery_fields import IS_NEW, battery_fields
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMATES
@@ -26,7 +26,7 @@ FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_m
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class StoredSignal:
     """One recorded number over time."""
 
     name: str
@@ -66,11 +66,11 @@ def _fields_of(battery: LoadedBattery, map_hash: str | None) -> dict[str, _Field
     if battery.has_memory_map:
         fields = fields_of(map_hash).values()
         return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in fields}
-    speaks = battery.speaks_dbc
+    speaks = battery.dbc_mapping
     is_new = {} if speaks is None else {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
     return is_new | {
         name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)
-        for name, field in battery_fields(battery.battery, speaks or SpeaksDbc(())).items()
+        for name, field in battery_fields(battery.battery, speaks or DbcMapping(())).items()
     }
 
 
@@ -85,7 +85,7 @@ class Signals:
         )
         self.order = {name: i for i, name in enumerate(self._fields)}  # of fields, as people want to read them
 
-    def find(self, name: str) -> Signal:
+    def find(self, name: str) -> StoredSignal:
         """Return the signal of this name.
 
         Raises:
@@ -98,7 +98,7 @@ class Signals:
             raise UnknownSignal(name)
         return self._signal(name, field, _element(name, indices, self._fields[field].shape))
 
-    def of_field(self, name: str) -> tuple[Signal, int]:
+    def of_field(self, name: str) -> tuple[StoredSignal, int]:
         """Return the first element of a field, which tells unit, scale and what is missing, and how many there are.
 
         Raises:
@@ -120,7 +120,7 @@ class Signals:
         indices = product(*(range(length) for length in self._fields[field].shape))
         return [field + "".join(f"[{i}]" for i in each) for each in indices]
 
-    def of_table(self) -> list[Signal]:
+    def of_table(self) -> list[StoredSignal]:
         """Return what an export holds unless told otherwise: what is measured of all cells, and the estimates."""
         found = []
         for name in self._of_table:
@@ -128,9 +128,9 @@ class Signals:
             found += [f"{name}[{i}]" for i in range(shape[0])] if shape else [name]
         return [self.find(name) for name in found]
 
-    def _signal(self, name: str, field: str, element: int) -> Signal:
+    def _signal(self, name: str, field: str, element: int) -> StoredSignal:
         of = self._fields[field]
-        return Signal(name, field, element, of.unit, of.scale, of.missing)
+        return StoredSignal(name, field, element, of.unit, of.scale, of.missing)
 
 
 def _parts(name: str) -> tuple[str, list[int]]:

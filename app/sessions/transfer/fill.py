@@ -38,11 +38,11 @@ READING = 0.1  # of its time is the reading of both sessions
 Progress = Callable[[int, int], None]  # parts done, parts in all
 
 
-class NothingInCommon(SessionError):
+class NoOverlap(SessionError):
     """The two sessions are not of the same run."""
 
 
-class HeardOnCanAlone(SessionError):
+class CanOnlySession(SessionError):
     """A session has no frames with a number of their own; frames of a bus repeat, byte for byte."""
 
 
@@ -114,7 +114,7 @@ def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Me
     for session in _candidates(catalogue, info):
         try:
             filled = fill_gaps(session.path, fetched, t_wall_ns=t_wall_ns, open_file=catalogue.open_file)
-        except NothingInCommon:
+        except NoOverlap:
             continue
         except AppError as error:
             done.append(Message("not-filled", session=session.id, error=error.message))
@@ -179,7 +179,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
     info = session.info
     for each in (session, source):
         if each.info.frames == 0 and each.info.can_frames:
-            raise HeardOnCanAlone(Message("heard-on-can-alone", session=each.path.stem))
+            raise CanOnlySession(Message("heard-on-can-alone", session=each.path.stem))
     n_here, of = info.frames, info.frames + source.info.frames
     of_session = _with_progress(session.frames(), 0, of, on_progress)
     here = {hash(frame.raw): frame.t_mono_ns for frame in of_session if frame.ok}
@@ -187,7 +187,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
     frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in of_source if frame.ok]
     common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]
     if not common:
-        raise NothingInCommon(Message("nothing-in-common", session=session.path.stem, other=source.path.stem))
+        raise NoOverlap(Message("nothing-in-common", session=session.path.stem, other=source.path.stem))
     found: list[_Missing] = []
     passed = 0  # common frames so far
     for there_ns, here_ns, raw in frames:

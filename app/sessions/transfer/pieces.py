@@ -42,7 +42,7 @@ Row = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class SessionPiece:
     """The rows of a piece by table, and the id of the first row of each of COUNTED, also where it has none."""
 
     first_ids: Mapping[str, int]
@@ -86,7 +86,7 @@ def read_piece(session: SessionFile, stored: StoredSession, info: SessionInfo, n
     return zlib.compress(orjson.dumps({"first_ids": first_ids, **body}))
 
 
-def parse_piece(body: bytes) -> Piece:
+def parse_piece(body: bytes) -> SessionPiece:
     """Return what a piece holds.
 
     Raises:
@@ -108,7 +108,7 @@ def parse_piece(body: bytes) -> Piece:
         ]
     except (zlib.error, KeyError, TypeError, RecursionError, binascii.Error) as error:
         raise ValueError(f"no piece of a session: {error}") from error
-    return Piece(first_ids, rows)
+    return SessionPiece(first_ids, rows)
 
 
 def _checked(kind: str, value: object) -> Any:

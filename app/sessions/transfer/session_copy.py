@@ -25,7 +25,7 @@ from app.sessions.reading.parse import Parse, in_process
 from app.sessions.recording.session_writer import SessionWriter, TableRow
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE
 from app.sessions.storage.files import FETCHED, SUFFIX, merge_log
-from app.sessions.transfer.pieces import PIECE_NS, Piece, parse_piece
+from app.sessions.transfer.pieces import PIECE_NS, SessionPiece, parse_piece
 from app.sources.data_file import parse_object
 from app.sources.loaded_battery import battery_from_files
 
@@ -162,7 +162,7 @@ class SessionCopy:
             writer.abandon()
         merge_log(info.path)
 
-    def _in_order(self) -> Iterator[Piece]:
+    def _in_order(self) -> Iterator[SessionPiece]:
         here = self.have()
         for number in sorted(here):
             yield parse_piece((self._pieces / _name(number, here[number])).read_bytes())
@@ -212,7 +212,7 @@ def _follows(before: Ids, after: Ids) -> bool:
     return (before[1], before[3]) == (after[0], after[2])
 
 
-def _table_rows(piece: Piece) -> Iterator[TableRow]:
+def _table_rows(piece: SessionPiece) -> Iterator[TableRow]:
     for table, rows in piece.rows.items():
         if table == "estimates":
             yield from ((table, (t, up, _estimate(soc), _estimate(sigma))) for t, up, soc, sigma in rows)

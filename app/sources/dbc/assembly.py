@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.battery import Battery
-from app.battery.source import STATES, SpeaksDbc
+from app.battery.source import STATES, DbcMapping
 from app.estimation.arrays import BoolArray, FloatArray
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 
 PERIODS_BRIDGED = 3.0  # a value is old after so many of its own periods
 LEAST_AGE_S = 0.5
 FIRST_ROUND_S = 3.0  # messages of a battery that comes more often than this may differ in how often they come
-UNKNOWN_AGE_S = 60.0  # of a channel that was heard once only
+UNKNOWN_AGE_S = 60.0  # of a channel that was received once only
 _SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 _ARRAYS = ("voltage", "temperature", "resistance", "balancing")
 PARTS = {  # of a measurement, which has an age each
@@ -63,14 +63,14 @@ class _Channels:
 
     value: FloatArray
     t_ns: NDArray[np.int64]
-    period_s: FloatArray  # as heard, NaN until a channel was heard twice
+    period_s: FloatArray  # as received, NaN until a channel was received twice
     max_age_s: float | None
 
     @classmethod
     def empty(cls, n: int, max_age_s: float | None) -> "_Channels":
         return cls(np.full(n, np.nan), np.full(n, _NEVER, np.int64), np.full(n, np.nan), max_age_s)
 
-    def take(self, values: Values, first: int, last: int) -> int:
+    def take(self, values: ChannelValues, first: int, last: int) -> int:
         """Take values of `first` up to `last`; return how many channels are new."""
         index, t_ns = values.index[first:last], values.t_ns[first:last]
         counts = np.bincount(index, minlength=len(self.value))
@@ -106,7 +106,7 @@ class _Scalar:
     t_ns: int = _NEVER
     period_s: float = float("nan")
 
-    def take(self, values: Values, first: int, last: int) -> int:
+    def take(self, values: ChannelValues, first: int, last: int) -> int:
         """As `_Channels.take`."""
         t_ns = int(values.t_ns[last - 1])
         if self.t_ns != _NEVER:
@@ -132,7 +132,7 @@ class _Scalar:
 class Assembler:
     """Makes measurements of decoded values. Called from one thread; time comes with the values."""
 
-    def __init__(self, battery: Battery, source: SpeaksDbc) -> None:
+    def __init__(self, battery: Battery, source: DbcMapping) -> None:
         self._battery = battery
         self._period_ns = round(source.period_s * 1e9)
         ages = {kind: longest_age(tuple(e.max_age_s for e in entries)) for kind, entries in source.cells.items()}
@@ -146,10 +146,12 @@ class Assembler:
         self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
         self._next_ns: int | None = None
         self._first_ns: int | None = None  # of all voltages
-        self._rest: dict[str, Values] = {}  # of the period that has not ended: taken when it does, as in one batch
+        self._rest: dict[
+            str, ChannelValues
+        ] = {}  # of the period that has not ended: taken when it does, as in one batch
 
     def awaited(self, t_ns: int) -> BoolArray | None:
-        """(n_cells,) which cells were not heard yet while the first round of all may still go on; None: none."""
+        """(n_cells,) which cells were not received yet while the first round of all may still go on; None: none."""
         voltage = self._arrays["voltage"]
         is_unheard = voltage.t_ns == _NEVER
         if self._first_ns is None or not is_unheard.any():
@@ -160,7 +162,7 @@ class Assembler:
         is_over = waited_s > FIRST_ROUND_S and (is_second_round or waited_s > longest_s)
         return None if is_over else is_unheard
 
-    def feed(self, values: Mapping[str, Values], until_ns: int | None = None) -> list[BatteryMeasurement]:
+    def feed(self, values: Mapping[str, ChannelValues], until_ns: int | None = None) -> list[BatteryMeasurement]:
         """Take values and return the measurements of the periods that ended.
 
         Args:
@@ -190,13 +192,13 @@ class Assembler:
         self._rest = {kind: _from(each, first) for kind, each, first in rest if first < len(each.t_ns)}
         return found
 
-    def _after_silence(self, values: Mapping[str, Values], at: Mapping[str, int], end_ns: int) -> int:
+    def _after_silence(self, values: Mapping[str, ChannelValues], at: Mapping[str, int], end_ns: int) -> int:
         """The period with which to go on: none is made of a silence in which all values have become old."""
         next_ns = min((int(v.t_ns[at[k]]) for k, v in values.items() if at[k] < len(v.t_ns)), default=end_ns)
         is_silent = self._next_ns is not None and next_ns - self._next_ns > _SILENCE_NS
         return next_ns // self._period_ns * self._period_ns if is_silent else 0
 
-    def _take(self, values: Mapping[str, Values], at: dict[str, int], until_ns: int) -> dict[str, int]:
+    def _take(self, values: Mapping[str, ChannelValues], at: dict[str, int], until_ns: int) -> dict[str, int]:
         """Take what came up to an instant, from `at` on, which moves; return how many channels of each kind are new."""
         new = {}
         for kind, each in values.items():
@@ -238,14 +240,14 @@ class Assembler:
         )
 
 
-def _from(values: Values, first: int) -> Values:
-    return Values(values.t_ns[first:], values.index[first:], values.value[first:])
+def _from(values: ChannelValues, first: int) -> ChannelValues:
+    return ChannelValues(values.t_ns[first:], values.index[first:], values.value[first:])
 
 
-def _joined(before: Values | None, after: Values) -> Values:
+def _joined(before: ChannelValues | None, after: ChannelValues) -> ChannelValues:
     if before is None:
         return after
-    return Values(*(np.concatenate((getattr(before, n), getattr(after, n))) for n in ("t_ns", "index", "value")))
+    return ChannelValues(*(np.concatenate((getattr(before, n), getattr(after, n))) for n in ("t_ns", "index", "value")))
 
 
 def longest_age(ages: tuple[float | None, ...]) -> float | None:

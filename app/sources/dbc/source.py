@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from app.battery.battery import LIMITS, Battery, SignalName
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.sources.dbc.assembly import PERIODS_BRIDGED, Assembler, BatteryMeasurement
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.definitions import Definitions
@@ -35,7 +35,7 @@ _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told count
 
 
 @dataclass(slots=True)
-class Rhythm:
+class UpdateInterval:
     """How often each part comes: with it, how long a value of the part is live."""
 
     newest_ns: dict[str, int] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class DbcSource:
     def __init__(
         self,
         battery: Battery,
-        source: SpeaksDbc,
+        source: DbcMapping,
         definitions: Definitions,
         url: str | None = None,
         *,
@@ -81,7 +81,7 @@ class DbcSource:
         self._waiting_of = 0  # number of the period of what waits
         self._newest: BatteryMeasurement | None = None
         self._sampled_ns: int | None = None
-        self._rhythm = Rhythm()
+        self._rhythm = UpdateInterval()
         self._two_senders = TwoSenders(battery.n_cells)
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
         self._can.bit_rate = source.bit_rate or bit_rate_of(url)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 from app.telemetry import Event
 from app.words import Cell, Message, Quantity
 
@@ -32,7 +32,7 @@ class TwoSenders:
         self.cells: BoolArray = np.zeros(n_cells, np.bool_)
         self._unreported: BoolArray = self.cells.copy()
 
-    def take(self, voltages: Values) -> None:
+    def take(self, voltages: ChannelValues) -> None:
         """Take voltages in the order of their frames; `cells` are then those that read two values in turn."""
         known = np.isfinite(voltages.value)
         index, value = voltages.index[known], voltages.value[known]

@@ -16,10 +16,10 @@ import numpy as np
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray, latest_at
 from app.sources.recordings.bad_rows import EARLY, BadRows, UnreadableLine
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import CAN_LOGS, kind_of
 from app.sources.recordings.line_logs import MOST_S, candump_frame, crtd_frame, savvycan_frame
 from app.sources.recordings.mf4_log import mf4_frames
-from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import GZIP_MAGIC, Table, matching
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -27,7 +27,7 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 _ID_BITS = 0x1FFFFFFF
 _MOST_BYTES = 64  # of CAN FD
 _READ_AT_ONCE = 1 << 18
-_TOLD_EVERY = 500  # frames
+_PROGRESS_EVERY = 500  # frames
 MOST_VALUES = 16_000_000  # of signals by a DBC: each takes 38 bytes until the table is made
 _ERROR_TEXT = 60  # characters of a library's reason
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
@@ -57,7 +57,7 @@ def read_frames(path: Path, bad: BadRows | None = None, on_read: OnRead | None =
     try:
         with path.open("rb", _READ_AT_ONCE) as file:
             for number, frame in enumerate(_frames(kind, path, file, bad)):
-                if on_read is not None and number % _TOLD_EVERY == 0:
+                if on_read is not None and number % _PROGRESS_EVERY == 0:
                     on_read(file.tell())
                 if not abs(frame[0]) < MOST_S:  # not a number, too
                     bad.add(None, Message("odd-time", time=f"{frame[0]:g}"))
@@ -199,7 +199,7 @@ class LogSignals(NamedTuple):
     found: Signals  # times [s] and values by name
     notes: tuple[Message, ...]  # what could not be read
 
-    def table(self, profile: ImportProfile) -> Table:
+    def table(self, profile: ImportMapping) -> Table:
         """Return the profile's signals at every frame that carries the current; others as last received.
 
         Raises:
@@ -245,7 +245,7 @@ def read_signals(
     return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded)))
 
 
-def column_profile(profile: ImportProfile) -> dict[str, object]:
+def column_profile(profile: ImportMapping) -> dict[str, object]:
     """What differs in the profile of a table of `LogSignals`: a time column, patterns for indexed signals."""
     changed: dict[str, object] = {"time": "time", "time_unit": "s"}
     for field in ("voltages", "temperatures"):

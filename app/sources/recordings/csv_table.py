@@ -15,7 +15,7 @@ from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.sources.recordings.bad_rows import REFUSED_SHARE, BadRows
 from app.sources.recordings.kind import text_of
-from app.sources.recordings.quantities import is_unit, state_of, tells_state
+from app.sources.recordings.quantities import is_unit, state_of, states_direction
 from app.words import Message, render
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
@@ -90,7 +90,7 @@ def read_csv(
         notes.append(Message("lines-above", lines=skipped))
     columns = _numbers(source, body, numbers[start:], delimiter, width, notes, on_read)
     for k, name in enumerate(header or []):
-        if tells_state(name) and np.isnan(columns[k]).all():
+        if states_direction(name) and np.isnan(columns[k]).all():
             states = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
             columns[k] = np.array(states) if any(states) else columns[k]
     return header, columns

@@ -216,7 +216,7 @@ SIGN_EVIDENCE = 0.4  # correlation of voltage and current from which on the sign
 _BLOCKS = 200  # of a test along which the charge counts: a slow one moves less from row to row than its meter tells
 
 
-def tells_state(name: str) -> bool:
+def states_direction(name: str) -> bool:
     """Return whether a column of this name may say what the cell does."""
     return re.sub(r"[\W\d_]", "", name.lower()) in _STATE_NAMES
 
@@ -243,7 +243,7 @@ def signed(current: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[Floa
     if not len(known) or np.min(known) < 0.0:
         return current, None
     for name, values in columns.items():
-        if tells_state(name) and {-1.0, 1.0} <= set(np.unique(values[np.isfinite(values)])) <= {-1.0, 0.0, 1.0}:
+        if states_direction(name) and {-1.0, 1.0} <= set(np.unique(values[np.isfinite(values)])) <= {-1.0, 0.0, 1.0}:
             return np.where(values == 0.0, current, -values * current), name
     return current, None
 

@@ -49,12 +49,12 @@ def shares(shown: str) -> list[float]:
     return [float(each) for each in re.findall(r"([0-9.]+) %, \d+ (?:s|min) left", shown)]
 
 
-def recordings(folder: Path, *heard: Container[int]) -> list[Path]:
-    """A session each of three minutes, with a current and 96 voltages ten times a second where it was heard."""
+def recordings(folder: Path, *received: Container[int]) -> list[Path]:
+    """A session each of three minutes, with a current and 96 voltages ten times a second where it was received."""
     now_ns = 0
     recorder = Recorder(folder / "sessions", FunctionClock(lambda: now_ns, lambda: WALL_NS + now_ns), version="1.0")
     made = []
-    for steps in heard:
+    for steps in received:
         made.append(recorder.start("", {}).path)
         for k in range(1800):
             now_ns += 100_000_000

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from app.analysis.evidence.evidence import NoEvidence, cell_of_test, coverage, evidence_of, judge, limit_rows
-from app.analysis.evidence.looks import Values
+from app.analysis.evidence.master_samples import SampledValues
 from app.analysis.evidence.steps import STEPS
 from app.analysis.evidence.timing import Timing, Unmeasured
 from app.estimation.cell_model.cell_file import format_cell, load_cell
@@ -64,7 +64,7 @@ def test_limits_stand_against_the_data_sheet_and_the_rules(field, value, standin
 def values(missing_v=(), missing_t=()):
     voltage, temperature = np.full(96, 39_000, np.uint16), np.full(96, 25, np.int8)
     voltage[list(missing_v)], temperature[list(missing_t)] = 0, -128
-    return Values(is_ok=True, is_loaded=True, current=(0, 0), voltage=voltage, temperature=temperature)
+    return SampledValues(is_ok=True, is_loaded=True, current=(0, 0), voltage=voltage, temperature=temperature)
 
 
 @pytest.mark.parametrize(

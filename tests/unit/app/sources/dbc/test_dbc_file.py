@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from app.errors import ImportFailed
 from app.sources.dbc.dbc_file import load_definitions, parse_definitions
-from app.sources.dbc.definitions import Layout
+from app.sources.dbc.definitions import BitLayout
 from app.sources.dbc.repair import repaired
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: BMS\n'
@@ -77,7 +77,7 @@ def test_the_same_message_is_the_same_from_every_format(tmp_path, name, text):
     (message,) = load_definitions(path).messages
     assert (message.can_id, message.name, message.length) == (0x100, "Cells", 8)
     for signal, start in zip(message.signals, (0, 16), strict=True):
-        assert signal.layout == Layout(start, 16, scale=0.001)
+        assert signal.layout == BitLayout(start, 16, scale=0.001)
         assert signal.unit == "V"
 
 

@@ -17,7 +17,7 @@ from app.sources.dbc.frames import load_log
 from app.sources.recordings import can_log, mf4_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from tests.recorded.mf4 import write_mf4
@@ -39,7 +39,7 @@ VAL_ 300 Mode 1 "charge" ;
 """
 PACK, CELLS, OTHER = 256, 0x200 | CAN_ID_EXTENDED, 300
 T0 = 1_780_000_000.0
-PROFILE = ImportProfile(current="Current", voltages="Voltage[CellID]", soc="Pack.Soc", hold_s=1.0)
+PROFILE = ImportMapping(current="Current", voltages="Voltage[CellID]", soc="Pack.Soc", hold_s=1.0)
 
 
 def pack(at_s, current_a, soc=50):
@@ -157,7 +157,7 @@ def test_one_signal_is_read_out_of_frames(log, dbc, frames, signal, times_s, exp
 
 def test_what_is_in_no_frame_is_named(log, dbc):
     with pytest.raises(ImportFailed, match="current = 'Amps'"):
-        read_signals(log(*DRIVE), dbc).table(ImportProfile(current="Amps", voltages="Voltage[CellID]"))
+        read_signals(log(*DRIVE), dbc).table(ImportMapping(current="Amps", voltages="Voltage[CellID]"))
     path = log((0, 0x7FF, b"\1"), (0.1, PACK | CAN_ID_EXTENDED, bytes(4)))
     with pytest.raises(ImportFailed, match=r"drive\.log: none of its frames is in bus\.dbc"):
         sorted(read_signals(path, dbc).found)
@@ -231,7 +231,7 @@ def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path, dbc):
     bad = BadRows()
     assert len(list(read_frames(tmp_path / "bad.log", bad))) == 38
     assert [line for line, _ in bad.first] == [8, 10]
-    table = read_signals(tmp_path / "bad.log", dbc).table(ImportProfile(current="Current", voltages="Soc"))
+    table = read_signals(tmp_path / "bad.log", dbc).table(ImportMapping(current="Current", voltages="Soc"))
     assert len(table.columns["time"]) == 38
     assert any("2 of 40 frames cannot be read" in note and "line 8" in note for note in map(render, table.notes))
 
