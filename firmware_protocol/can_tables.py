@@ -124,7 +124,7 @@ def response_code(message: RxMessage) -> int:
     """
     if message.response is None:
         if message.charges:
-            raise EncodeError("charges", True, "with a response only: a charger hears commands")
+            raise EncodeError("charges", True, "with a response only: a charger receives commands")
         return NO_RESPONSE
     return message.response | RESPONSE_CHARGES * message.charges
 

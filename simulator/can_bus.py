@@ -23,7 +23,7 @@ _HOPELESS_S = 0.1  # between tries that cannot succeed, which on a real bus foll
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67  # without data, with the space between frames
 _UNSTUFFED_BITS = 13  # of those: end of frame, acknowledge, space
 _FD_BITS, _FD_DATA_SPEED_UP = 30, 4  # of a CAN FD frame at the bus's rate; the rest is sent four times as fast
-_FD_FAST_BITS, _CLASSIC_BYTES = 40, 8  # of the rest, beside data
+_FD_FAST_BITS, _CLASSIC_BYTES = 40, 8  # bits at the fast rate without data, bytes of classic CAN
 _STUFFING = 0.033  # bits stuffed a bit, mean over random data
 _STANDARD_SHIFT = 18
 
@@ -105,7 +105,7 @@ class CanBus:
         self.noise_per_bit = 0.0
         self.frames = 0
         self.error_frames = 0
-        self.error_listeners: list[Callable[[], None]] = []  # told of each error frame
+        self.error_listeners: list[Callable[[], None]] = []  # called at each error frame
         self._current: tuple[Station, Waiting] | None = None
         self.due_s = math.inf  # when something happens on the bus by itself [s]
         self._free_s = 0.0

@@ -90,7 +90,7 @@ class SlcanPort:
 
 
 class PythonCanPort:
-    """A bus that python-can opens, at the bit rate it was given (500 kbit/s unless told otherwise).
+    """A bus that python-can opens, at the bit rate it was given (default: 500 kbit/s).
 
     Its `virtual` bus shows the error frames of ours in SocketCAN's form, with what this node's counters say of it; on
     real buses each controller makes its own.

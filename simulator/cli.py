@@ -27,7 +27,7 @@ DESCRIPTION = """\
 A simulated accumulator, to be opened like the real thing: the team's own, 96 cells behind a simulated master.
 
 It answers on the ports given here exactly as the car does: RS232 at 115200 8E1 and CAN.
-With --battery it is any battery by its profile, which speaks its DBC on CAN.
+With --battery it is any battery by its profile, which sends its DBC's messages on CAN.
 One line per open port is printed (what to give to `voltwall serve --serial` and `--can`), then `ready`.
 """
 EPILOG = """\
@@ -148,7 +148,7 @@ def _simulate(arguments: argparse.Namespace, scenario: Scenario, battery: DbcBat
     from simulator.scenario_player import ScenarioPlayer
 
     if battery is not None and (arguments.serial or arguments.eeprom):
-        raise InputError("serial", "--serial and --eeprom are of the team's own master; this battery speaks CAN only")
+        raise InputError("serial", "--serial and --eeprom are of the team's own master; this battery has CAN only")
     seed = None if arguments.seed is None else int(arguments.seed)
     player = ScenarioPlayer(scenario, eeprom=Eeprom(arguments.eeprom), seed=seed, battery=battery)
     player.on_notice = _print_notice

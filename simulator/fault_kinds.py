@@ -241,7 +241,7 @@ _AREAS = {
             _set("charger.unit.is_reversed", bool),
         ),
         _Kind(
-            *("charger-silent", "the charger neither sends nor hears", _NONE, *_ON),
+            *("charger-silent", "the charger neither sends nor receives", _NONE, *_ON),
             _set("charger.unit.is_silent", bool),
         ),
         _Kind(

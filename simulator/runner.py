@@ -19,7 +19,7 @@ _MAX_WAIT_S = 0.25
 
 
 class Runner:
-    """Drives one simulation with its ports until told to stop."""
+    """Drives one simulation with its ports until stopped."""
 
     def __init__(
         self,

@@ -204,7 +204,7 @@ class SlaveChain:
         return now_s >= self._ready_s - _TIME_TOLERANCE_S
 
     def _chips(self, slaves: slice) -> BoolArray:
-        """Return (n_slaves,) which of these hear a command."""
+        """Return (n_slaves,) which of these receive a command."""
         if slaves == _ALL:
             return self._listens
         chips = np.zeros(self.n_slaves, dtype=bool)

@@ -122,7 +122,7 @@ def _stored_pieces(
     session: SessionFile, totals: TotalsCollector | None, from_s: float | None, to_s: float | None
 ) -> Iterator[SurveyPiece]:
     """The blocks of the file as pieces."""
-    held: dict[str, tuple[float, FloatArray]] = {}  # time and last row of each field: some are told seldom
+    held: dict[str, tuple[float, FloatArray]] = {}  # time and last row of each field: some are rare
     fields = (*_FIELDS, *_fields_of_kind(session))
     names = fields if totals is None else tuple(dict.fromkeys((*fields, *TOTALS_FIELDS)))
     for found in session.fields(names, from_s, to_s):

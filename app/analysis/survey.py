@@ -36,7 +36,7 @@ class SurveyPiece:
     temperature_degc: FloatArray
     soc: FloatArray
     balancing: FloatArray  # 1 where the cell is bled
-    is_new: BoolArray | None = None  # where a voltage was told in this row; elsewhere it is held. None: all are
+    is_new: BoolArray | None = None  # where a voltage is new in this row, not held; None: all are new
 
     @property
     def fresh_voltage_v(self) -> FloatArray:
@@ -137,9 +137,9 @@ class Surveyor:
     """Takes a recording piece by piece, in order; `result` at the end."""
 
     def __init__(self, n_cells: int, *, in_turns: bool = False) -> None:
-        """`in_turns`: cells are told one after the other, so none is missing before it was told once."""
+        """`in_turns`: cells are sent one after the other, so none is missing before it was sent once."""
         self._n = n_cells
-        self._waited = np.zeros(n_cells) if in_turns else None  # rows until a cell was told
+        self._waited = np.zeros(n_cells) if in_turns else None  # rows until the first value of a cell
         nan = np.full(n_cells, np.nan)
         self._survey = Survey(
             n_cells,
@@ -190,7 +190,7 @@ class Surveyor:
     def result(self) -> Survey:
         """Return what was found."""
         survey = self._survey
-        if self._waited is not None:  # a cell that was never told is missing all the time
+        if self._waited is not None:  # a cell without any value is missing all the time
             survey.missing -= np.where(np.isnan(survey.voltage_max_v), 0.0, self._waited)
             self._waited[:] = 0.0
         survey.histograms = {

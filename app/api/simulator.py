@@ -188,7 +188,7 @@ def inject(body: FaultIn, simulator: SimulatorPart, events: EventsPart, user: Us
 def clear_all(simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Mend everything."""
     _ask(simulator, "clear-all")
-    events.note("info", "simulator-fault", Message("faults-mended"), user.name)
+    events.note("info", "simulator-fault", Message("all-faults-cleared"), user.name)
     return {"active": []}
 
 

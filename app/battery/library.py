@@ -1,4 +1,4 @@
-"""Where profiles are: bundled ones by name, files by path, what they include beside them."""
+"""Where profiles are: bundled ones by name, files by path, what they include next to them."""
 
 import re
 from collections.abc import Mapping
@@ -152,9 +152,9 @@ def _inner(name: str, folder: Path, file: str) -> tuple[str, str, Path]:
 
 
 def _found(folder: Path, name: str) -> Path:
-    """A file beside the profile, else a bundled one of this name."""
-    beside = folder / name
-    return _folder() / name if not beside.is_file() and (_folder() / name).is_file() else beside
+    """A file next to the profile, else a bundled one of this name."""
+    own = folder / name
+    return _folder() / name if not own.is_file() and (_folder() / name).is_file() else own
 
 
 def _read(name: str, folder: Path, included_by: str | None) -> tuple[str, Path, str]:

@@ -1,4 +1,4 @@
-"""A battery's profile: TOML text to the battery and how it speaks. What is wrong is told by line and field."""
+"""A battery's profile: TOML text to the battery and its source. Errors name line and field."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Document:
 
 @dataclass(frozen=True, slots=True)
 class BatteryProfile:
-    """A battery and how it speaks."""
+    """A battery and its source."""
 
     file: str
     battery: Battery

@@ -1,4 +1,4 @@
-"""How a battery speaks: which signals of a DBC carry cells, current, pack voltage and state. No protocol code here."""
+"""Sources of a battery: which signals of a DBC carry cells, current, pack voltage and state. No protocol code here."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -24,7 +24,7 @@ class CellSignals:
     """One way in which values of many cells are spoken.
 
     Index of a cell = first + start of its segment + (group - base) * group_cells + (cell - base); a part that is not
-    told counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or
+    seen counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or
     from `numbers`, signals of the same frame.
     """
 

@@ -232,7 +232,7 @@ def _of_field(error: ProfileError) -> str:
 
 
 def _is_known(field: str, errors: list[ProfileError]) -> bool:
-    """What can be said of a field comes from an error that was told: its own, or of a name in the same table."""
+    """Whether a field has an error that was printed: its own, or of a name in the same table."""
     table = f"{field.rpartition('.')[0]}."
     return any(
         error.path == field or (error.path.startswith(table) and set(error.path[len(table) :].split(".")) & _NAMES)

@@ -29,7 +29,7 @@ def add_arguments(actions: Actions) -> None:
     """Declare the action."""
     learning = actions.add_parser(
         "learn",
-        help="what speaks on a bus or in a log, and a profile with the reasons for it; exit code 1 where none fits",
+        help="create a profile from a DBC and from a bus or a log, with reasons; exit code 1 where none fits",
     )
     learning.add_argument(
         "--dbc", type=Path, action="append", default=[], metavar="FILE",
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     confirmed = {f"state.{name}": Choice(is_taken=True) for name in STATES} if args.with_states else {}
     inferred = infer_profile(found, frames, args.name or files[0].stem, names, confirmed)
     if inferred is None:
-        print(render(Message("learn-nothing")))
+        print(render(Message("infer-nothing")))
         return 1
     _print_summary(inferred, draft.running(inferred))
     print()
@@ -128,9 +128,8 @@ def _print_messages(found: BusSurvey, with_signals: bool) -> None:
     if not found.n_frames:
         print(f"{len(messages)} messages in the DBC; without --log or --can nothing is known of their values")
         return
-    print(
-        f"{found.n_frames} frames in {found.duration_s:.1f} s; {len(found.received)} of {len(messages)} messages heard"
-    )
+    summary = f"{len(found.received)} of {len(messages)} messages received"
+    print(f"{found.n_frames} frames in {found.duration_s:.1f} s; {summary}")
     print(f"{'id':>10}  {'message':32} {'signals':>7} {'frames':>8} {'Hz':>8}")
     for can_id, received in sorted(found.received.items()):
         message = received.message

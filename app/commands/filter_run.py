@@ -37,7 +37,7 @@ BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has n
 
 @dataclass(frozen=True)
 class Run:
-    """What a filter said along a recording, every array (n,); `innovation_v` is measured minus predicted [V].
+    """Estimates along a recording, every array (n,); `innovation_v` is measured minus predicted [V].
 
     Capacity [Ah] and resistance over that of the cell file are those learned at the end.
     """
@@ -172,11 +172,11 @@ def outside_notes(recording: Recording, cell: CellModel) -> list[str]:
     known = temperature[np.isfinite(temperature)]
     if known.size == 0:
         notes.append(f"no temperature: {DEFAULT_TEMPERATURE_DEGC:g} degC taken")
-    elif float(doubt := cell.drop_error(known[[known.argmin(), known.argmax()]]).max()) > TEMPERATURE_ERROR_NOTED:
+    elif float(error := cell.drop_error(known[[known.argmin(), known.argmax()]]).max()) > TEMPERATURE_ERROR_NOTED:
         seen = cell.measured_degc
         notes.append(
             f"warning: {known.min():.0f} to {known.max():.0f} degC, the cell was measured from {seen[0]:.0f} to "
-            f"{seen[-1]:.0f} degC: resistances may be off by {100.0 * doubt:.0f} %"
+            f"{seen[-1]:.0f} degC: resistances may be off by {100.0 * error:.0f} %"
         )
     largest_a = float(np.abs(recording.current_a).max())
     if cell.fit_current_max_a and largest_a > BEYOND_FIT * cell.fit_current_max_a:

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimates",
         choices=("recomputed", "recorded"),
         default="recomputed",
-        help="which estimates the pages show; both are told (default: recomputed)",
+        help="which estimates the pages show; the other is compared (default: recomputed)",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on; 0 takes a free one (default: 8000)")

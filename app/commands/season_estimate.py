@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def add_arguments(actions: Actions) -> None:
     """Declare the action."""
-    text = "all sessions through the filter again, in parallel; the new results beside the old, and what changed"
+    text = "all sessions through the filter again, in parallel; and what changed"
     parser = actions.add_parser(
         "estimate",
         help=text,

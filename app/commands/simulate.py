@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def simulated(loaded: LoadedBattery, source: DbcMapping) -> DbcBattery:
-    """Return what the simulator makes of a battery; what its DBC has no place for is told on standard error.
+    """Return what the simulator makes of a battery; what its DBC has no place for goes to standard error.
 
     Raises:
         ConfigError: its cell file is wrong, or no signal of its DBC fits the profile.

@@ -95,7 +95,7 @@ def _charger(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> 
             why = known[wire_id(message)]
             yield finding("error", "length", image, _about(message, "len"), message.index, "8 byte", why)
     if used and (rate := bit_rate(CONFIG["can_brp"].unpack(image)[0])) not in CHARGER_BIT_RATES:
-        why = Message("charger-speaks", rate=Quantity(rate / 1000, "kbit/s"))
+        why = Message("charger-bit-rates", rate=Quantity(rate / 1000, "kbit/s"))
         yield finding("warning", "charger-rate", image, "can_brp", 0, Message("charger-rates"), why)
 
 
@@ -127,7 +127,7 @@ def _timing(
 
 
 def _timeout(image: bytes, received: RxMessage, measured_period_s: Mapping[int, float]) -> Iterator[ConfigIssue]:
-    period_ms, known = measured_period_s.get(wire_id(received), 0.0) * 1000, Message("heard-on-bus")
+    period_ms, known = measured_period_s.get(wire_id(received), 0.0) * 1000, Message("received-on-bus")
     if wire_id(received) == elcon.STATUS_ID | CAN_ID_EXTENDED:
         period_ms, known = CHARGER_STATUS_MS, Message("of-charger")
     if period_ms and received.timeout_ms <= period_ms:
@@ -152,7 +152,7 @@ def _content(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> 
             if place is not None:
                 at = received.index * CAN_DATA_BYTES + position
                 why = Message("master-protects-by", field=place[0].name)
-                limit = Message("what-charger-says", low=charger.start, high=charger.stop - 1)
+                limit = Message("charger-reported-range", low=charger.start, high=charger.stop - 1)
                 yield finding("warning", "overwrites", image, "can_rx_msg_data", at, limit, why)
 
 

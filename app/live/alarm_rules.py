@@ -158,7 +158,7 @@ def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterato
 
 def _master(snapshot: Snapshot) -> Iterator[AlarmCondition]:
     master = snapshot.master
-    if master.state == "fault" and master.why.code == "bms-tells-state":
+    if master.state == "fault" and master.why.code == "bms-state":
         yield AlarmCondition("trip", Message("bms-fault"))
     elif master.state == "fault":
         yield _fault(master.why, snapshot.segments)

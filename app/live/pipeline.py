@@ -187,18 +187,18 @@ class Pipeline:
             self._estimator, self._estimates = found
 
     def _power_limits(self) -> Limits:
-        """The configuration's or the profile's, the cell's own where one is not told."""
+        """Limits of the configuration or of the profile; the cell's own where one is missing."""
         known = self._limits
         if known is None:
             return Limits()
-        told = {
+        limits = {
             "v_min_v": known.cell_voltage_min_v,
             "v_max_v": known.cell_voltage_max_v,
             "discharge_max_a": max(known.discharge_max_a, MIN_CURRENT_LIMIT_A),
             "charge_max_a": max(-known.discharge_min_a, MIN_CURRENT_LIMIT_A),
             "temperature_max_degc": known.temperature_max_degc,
         }
-        return Limits(**{name: limit for name, limit in told.items() if not np.isnan(limit)})
+        return Limits(**{name: limit for name, limit in limits.items() if not np.isnan(limit)})
 
     def acknowledge(self, alarm_id: int, who: str) -> bool:
         """Mark an alarm as seen."""
@@ -255,7 +255,7 @@ class Pipeline:
     def _estimate(
         self, measured: Measurement, dt_s: float | None, current_a: float
     ) -> tuple[Estimates | None, tuple[Event, ...]]:
-        """Step the estimator; one that fails is begun anew at the next measurement, which is told once."""
+        """Step the estimator; one that fails is restarted at the next measurement, with one event."""
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
         voltages_v, degc = measured.new_voltage_v, measured.temperature_degc
         try:

@@ -136,12 +136,12 @@ class PipelineFactory:
         return Predictor(self.cell, battery.segments, learned_before, watch=watch, sensors=sensors, predicts=predicts)
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
-        speaks = self.battery.dbc_mapping
-        if speaks is None and not self.battery.has_memory_map:
+        mapping = self.battery.dbc_mapping
+        if mapping is None and not self.battery.has_memory_map:
             return TableSource(self.battery.battery, name)
-        if speaks is None:
+        if mapping is None:
             return MasterSource(name, rs232_url, can_url)
-        return DbcSource(self.battery.battery, speaks, self.battery.definitions, can_url, name=name)
+        return DbcSource(self.battery.battery, mapping, self.battery.definitions, can_url, name=name)
 
     def _new_estimator(self) -> SocEstimator:
         return make_estimator(self._filter_name, self.cell, self.battery.battery.n_cells)

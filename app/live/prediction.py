@@ -34,7 +34,7 @@ ASSESS_S = 1.0
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
 DRIVING_A = 2.0
 DRIVING_MEMORY_S = 300.0  # of the current: four or five laps
-LOAD_S = 10.0  # time constant of the load that the next limit is told for: throttle and brake take turns
+LOAD_S = 10.0  # time constant of the load that the next limit is predicted for: throttle and brake alternate
 RESTING_A = 1.0  # of that load: no direction, so no limit comes nearer
 
 
@@ -110,9 +110,9 @@ class Predictor:
         self.sensor = self._offset.estimate()
         self._laps = LapWatch()
         self._unknown_cells = 0  # without an SOC
-        self._marks: deque[float] = deque()  # seconds since crossings of the line, not yet told to the above
+        self._marks: deque[float] = deque()  # seconds since crossings of the line that the lap counter has not yet seen
         self._target = TargetKeeper()
-        self._plans: deque[RacePlan | None] = deque()  # set, and not yet told to the above
+        self._plans: deque[RacePlan | None] = deque()  # new plans that the lap counter has not yet seen
         self._t_s = 0.0
         self._assessed_s = self._judged_s = -1e9
         self._driven = (0.0, 0.0, 0.0)  # fading sums of time, current and its square while driving [s], [A s], [A^2 s]
@@ -151,7 +151,7 @@ class Predictor:
 
     @property
     def factors_in_use(self) -> FloatArray:
-        """(n_cells,) resistances over those of the cell file that the estimator was last told to predict with."""
+        """(n_cells,) resistances over those of the cell file that the estimator predicts with."""
         return self._factors_in_use
 
     def apply_learned(self, estimator: SocEstimator) -> None:
@@ -172,7 +172,7 @@ class Predictor:
         time_s: float | None = None,
         balancing: BoolArray | None = None,
     ) -> None:
-        """Take one measurement, with what the estimator said of it if it did.
+        """Take one measurement, with its estimates, if any.
 
         Args:
             dt_s: since the one before; None = not known [s].

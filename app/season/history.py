@@ -38,7 +38,7 @@ class CellHistory:
     Attributes:
         sessions: their ids.
         start_s: unix time.
-        charge_ah: passed so far, out and in, as far as sessions told it.
+        charge_ah: throughput so far, out and in [Ah].
         resistance_ohm: as measured, with the joint.
         resistance: over that of the cell file where `is_absolute`, else over the median cell of the session.
         resistance_sigma: its standard deviation.

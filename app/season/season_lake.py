@@ -119,7 +119,7 @@ class SeasonLake:
         """Return what was answered to a question about the lake as it is; else make it, and remember it.
 
         Args:
-            question: all that the answer hangs on beside the lake; it can be pickled.
+            question: all that the answer depends on but the lake; it can be pickled.
             make: the answer.
         """
         state = self._state()

@@ -88,8 +88,7 @@ class SeasonTrend:
     """A line: per month with the ends of its band of 95 %, and where it is now.
 
     Attributes:
-        is_reportable: whether the sessions lie far enough apart to say what a month changes; else only `now` is to be
-            told.
+        is_reportable: whether the sessions lie far enough apart to give the change a month; else only `now` counts.
     """
 
     now: float

@@ -1,4 +1,4 @@
-"""What is known of a folder's finished sessions, kept beside them, so that a season is listed without opening it.
+"""An index of a folder's finished sessions, kept next to them, so that a season is listed without opening it.
 
 Only a shortcut: whoever finds it damaged, old or absent opens the sessions. A file that has changed since, by its time
 or its size, is opened again.

@@ -166,7 +166,7 @@ class ReplayPlayer:
             thread.join(timeout=self._end_s)  # one that compiles a filter ends later, and says nothing more
 
     def _is_current(self) -> bool:
-        """The thread that asks is the replay that is shown, not one that was told to end."""
+        """Whether the calling thread is that of the current replay, not of one that was stopped."""
         return threading.current_thread() is self._thread
 
     def _publish_state(self, replay: _Replay, now_s: float) -> None:

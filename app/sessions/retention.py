@@ -70,7 +70,7 @@ def apply_rule(catalogue: Catalogue, rule: RetentionRule, now_ns: int, note: Not
         catalogue: of the sessions.
         rule: what stays.
         now_ns: the clock.
-        note: told of each, with its severity.
+        note: called for each, with its severity.
         by_age: the clock is believed.
     """
     gone: list[str] = []

@@ -53,7 +53,7 @@ class Connections:
         """
         speaks_can = load(self.battery, own_folder=not by_operator).dbc_mapping is not None
         if speaks_can and self.serial is not None:
-            raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
+            raise ConfigError("serial", self.serial, Message("battery-needs-can", battery=self.battery))
         if self.serial is not None:
             check_url(self.serial, by_operator=by_operator)
         if self.can is not None and first_bus(self.can) != self.can:
@@ -165,7 +165,7 @@ class Setup:
 
     @property
     def is_needed(self) -> bool:
-        """Nobody ever said what to read."""
+        """Whether no connection was ever chosen."""
         return not self.fixed and self.chosen is None
 
     def choose(self, connections: Connections) -> None:

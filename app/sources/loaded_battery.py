@@ -1,4 +1,4 @@
-"""A battery with all that explains how it speaks: its profile, what that includes, and its DBCs, read and as bytes."""
+"""A battery with all that decodes it: its profile, what that includes, and its DBCs, read and as bytes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ CLASSIC_BYTES = 8  # of a CAN frame; more is CAN FD
 
 @dataclass(frozen=True, slots=True)
 class LoadedBattery:
-    """A battery, how it speaks, and the messages that it speaks in; none of a master."""
+    """A battery, its source, and its message definitions; none of a master."""
 
     battery: Battery
     source: Source
@@ -28,7 +28,7 @@ class LoadedBattery:
 
     @property
     def dbc_mapping(self) -> DbcMapping | None:
-        """How it speaks, where that is by a DBC."""
+        """Its mapping of DBC signals, None without one."""
         return self.source if isinstance(self.source, DbcMapping) else None
 
     @property
@@ -59,7 +59,7 @@ def load_battery(name: str, *, own_folder: bool = False) -> LoadedBattery:
     cell = Path(name).parent / loaded.battery.cell
     if not cell.is_file():
         return loaded
-    return replace(loaded, battery=replace(loaded.battery, cell=str(cell)))  # beside the profile
+    return replace(loaded, battery=replace(loaded.battery, cell=str(cell)))  # next to the profile
 
 
 def battery_from_files(files: Mapping[str, bytes]) -> LoadedBattery:

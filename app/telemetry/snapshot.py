@@ -245,7 +245,7 @@ class Plausibility:
 
 @dataclass(frozen=True, slots=True)
 class ProtectionLimits:
-    """At which the shutdown circuit opens, by the master's configuration or the profile; NaN: not told."""
+    """At which the shutdown circuit opens, by the master's configuration or the profile; NaN: unknown."""
 
     cell_voltage_min_v: float
     cell_voltage_max_v: float

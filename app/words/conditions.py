@@ -82,6 +82,14 @@ _BEFORE: Final[dict[str, tuple[str, ...]]] = {
 _NOW: Final = {old: code for code, before in _BEFORE.items() for old in before} | {
     "finding-thermistor-missing": "finding-temperature-sensor-open",
     "finding-channel-missing": "finding-cell-voltage-missing",
+    # messages, not conditions: their codes were other words
+    "boot-not-told": "boot-cause-unknown",
+    "bms-tells-state": "bms-state",
+    "bms-tells-no-state": "bms-no-state",
+    "cells-not-heard": "cells-not-received",
+    "faults-mended": "all-faults-cleared",
+    "heard-on-can-alone": "can-only-session",
+    "what-charger-says": "charger-reported-range",
 }
 _PREFIXES: Final = ("trip-", "finding-")  # before the condition's code, of events and messages
 

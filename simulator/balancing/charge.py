@@ -153,7 +153,7 @@ class _Log:
         self._max_degc = self._max_board_degc = self._highest_v = -np.inf
 
     def sample(self, current_a: float, done: float) -> None:
-        """Note the state before a step, with how much of the work is done, 0..1; once a minute that is told."""
+        """Note the state before a step, with how much of the work is done, 0..1; once a minute that is reported."""
         self._note_extremes()
         if self._samples % self._sample_every == 0:
             self._add_row(current_a)

@@ -1,4 +1,4 @@
-"""What is simulated of a battery that speaks by a DBC: its shape, sensors, limits, size of its cells, its voice."""
+"""The simulated battery with a DBC: its shape, sensors, limits, size of its cells, its encoder."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A battery that speaks by a DBC in virtual time: physics, its BMS, its frames on the bus."""
+"""A battery with a DBC in virtual time: physics, its BMS, its frames on the bus."""
 
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from simulator.accumulator import AccumulatorParameters

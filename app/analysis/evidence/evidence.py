@@ -30,7 +30,7 @@ from firmware_protocol.memory_map import CONFIG, MAP_HASH, T_MISSING, V_MISSING
 from firmware_protocol.messages import Ident, MessageType, Reply
 
 MARKER: Final = "evidence"  # kind of the markers: "STEP armed", "STEP done", "STEP skipped WHY"
-METADATA: Final = "evidence"  # key of what the test was told, in the session's metadata
+METADATA: Final = "evidence"  # key of the test's record in the session's metadata
 RULES_T_MAX_DEGC: Final = 60.0  # EV 5.8.5, or the data sheet's where that is lower
 RULES_SHARE: Final = 0.3  # EV 5.8.3: of the cells with a temperature
 Verdict = Literal["passed", "failed", "not-shown", "opened", "not-tested"]
@@ -47,7 +47,7 @@ class NoEvidence(AppError):
 
 @dataclass(frozen=True)
 class StepResult:
-    """One step: `timing` where it was measured, else `why` not, or what the crew said of skipping it.
+    """One step: `timing` where it was measured, else `why` not, or the crew's reason to skip it.
 
     `not-shown`: the limit lies inside the band. `opened`: it opened, and the rules name no time.
     """
@@ -221,7 +221,7 @@ def _outcome(steps: Sequence[StepResult], limits: Sequence[LimitRow], covered: C
 
 
 def limit_rows(image: bytes, cell: CellModel) -> list[LimitRow]:
-    """Return the limits in force beside those of the cell's data sheet and of the rules."""
+    """Return the active limits with those of the data sheet and of the rules."""
     sheet = cell.limits
     t_rule = (
         RULES_T_MAX_DEGC if sheet.temperature_max_degc is None else min(RULES_T_MAX_DEGC, sheet.temperature_max_degc)

@@ -1,4 +1,4 @@
-"""Recorded frames as looks at the master: what each told of limits and of the OK signal, on the master's own clock."""
+"""Samples of the master in recorded frames: limited values and OK signal, on the master's own clock."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from firmware_protocol.config_image import to_unit
 from firmware_protocol.memory_map import CONFIG, T_MISSING, V_MISSING
 from firmware_protocol.messages import EventCode
 
-UPTIME_STEP_S: Final = 0.001  # the master's clock is told in whole milliseconds
+UPTIME_STEP_S: Final = 0.001  # resolution of the master's clock
 MIN_SPAN_S: Final = 2.0  # over less the two clocks say nothing of each other
 TRIPS: Final = frozenset(code for code in EventCode if code.name.startswith("TRIP_"))
 Mask = NDArray[np.bool_]
@@ -53,16 +53,16 @@ class ClockRate:
     """Seconds of this computer in one of the master's, and how far that may be off."""
 
     rate: float
-    doubt: float
+    uncertainty: float
     latest_s: float  # the latest frame came so much after what the quickest one took
 
     def longest(self, seconds: float) -> float:
         """Return the longest that a time on the master's clock may have been."""
-        return seconds * max(1.0, self.rate + self.doubt)
+        return seconds * max(1.0, self.rate + self.uncertainty)
 
     def shortest(self, seconds: float) -> float:
         """Return the shortest."""
-        return seconds * min(1.0, self.rate - self.doubt)
+        return seconds * min(1.0, self.rate - self.uncertainty)
 
 
 @dataclass(frozen=True, slots=True)

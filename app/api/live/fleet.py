@@ -22,7 +22,7 @@ class CarLinkOut(BaseModel):
 
 
 class CarAlarmOut(BaseModel):
-    """An alarm as the car told it; the cell's index counts from 0."""
+    """An alarm as the car published it; the cell's index counts from 0."""
 
     severity: Severity
     message: RenderedMessage

@@ -1,4 +1,4 @@
-"""`battery learn` on a page: what speaks on a bus or in a log, the profile that it suggests, corrected line by line."""
+"""Profiles inferred from a DBC and from a bus or a log (`battery learn` on a page), corrected line by line."""
 
 import math
 from functools import partial
@@ -144,7 +144,7 @@ def infer_profile_of(body: InferIn, setup: SetupPart, imports: ImportsPart, work
 def correct_profile(draft_id: str, body: CorrectionIn, setup: SetupPart, workers: WorkersPart) -> dict[str, Any]:
     """The suggestion as corrected, its issues, and what each line reads now."""
     if setup.draft is None or setup.draft[0] != draft_id:
-        raise not_found("lesson", draft_id)
+        raise not_found("profile-draft", draft_id)
     if sum(body.segments) > _MOST_CELLS:
         raise invalid("segments", body.segments, Message("kind-counts", bounds=f"1..{_MOST_CELLS}"))
     choices = {
@@ -175,7 +175,7 @@ def _draft_json(
 
 def _nothing() -> dict[str, Any]:
     empty: dict[str, Any] = {"cells": 0, "segments": [], "parallel": 1, "sensors": 0, "name": "", "lines": []}
-    return {**empty, "questions": [rendered(Message("learn-nothing"))], "profile": None}
+    return {**empty, "questions": [rendered(Message("infer-nothing"))], "profile": None}
 
 
 def _inferred(inferred: InferredProfile, running: dict[str, CurrentValue]) -> dict[str, Any]:

@@ -89,7 +89,7 @@ class DriverCanIn(Body):
 
 
 class DriverMessageIn(Body):
-    """What the driver is told."""
+    """The message to the driver."""
 
     message: DriverMessage
 

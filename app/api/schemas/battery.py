@@ -66,7 +66,7 @@ def _limit(battery: Battery, name: str, limits: ProtectionLimits | None) -> floa
 
 
 def in_force(limits: ProtectionLimits) -> dict[str, float]:
-    """Return protection limits by the names that profiles use; NaN where one is not told."""
+    """Return protection limits by the names that profiles use; NaN where missing."""
     return {
         "cell_voltage_min_v": limits.cell_voltage_min_v,
         "cell_voltage_max_v": limits.cell_voltage_max_v,

@@ -71,7 +71,7 @@ class ConfigOut(BaseModel):
     raw: dict[str, RawValue]
     findings: list[ConfigIssueOut]
     allowed: dict[str, tuple[int, int]] = Field(
-        description="lowest and highest raw count of a field that is written without an error beside the others"
+        description="lowest and highest raw count of a field that is written without an error, given the other values"
     )
 
 
@@ -237,7 +237,7 @@ class CanTxOut(CanMessageOut):
 
 
 class CanRxOut(CanMessageOut):
-    """What the master listens for; `active` null while the master has not said."""
+    """What the master listens for; `active` null before the master reports it."""
 
     timeout_ms: int
     response: int | None

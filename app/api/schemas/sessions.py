@@ -170,7 +170,7 @@ class FetchStateOut(BaseModel):
 
 
 class RecordingPlanOut(BaseModel):
-    """What the next sessions are called; empty where nothing was said."""
+    """Names of the next sessions; empty by default."""
 
     event: str
     driver: str
@@ -249,7 +249,7 @@ class CellColumnOut(BaseModel):
 
 
 class UnderstoodOut(BaseModel):
-    """The first rows in our units, current positive on discharge; `soc` and temperatures empty where not told."""
+    """The first rows in our units, current positive on discharge; `soc` and temperatures empty where missing."""
 
     rows: int
     length_s: float

@@ -152,7 +152,7 @@ def _completed(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _add_examples(document: dict[str, Any]) -> None:
-    """Show an example beside every schema that has one in `app/api/schemas/examples.json`, by the schema's name."""
+    """Add an example to every schema that has one in `app/api/schemas/examples.json`, by the schema's name."""
     examples = json.loads(EXAMPLES.read_text(encoding="utf-8"))
     schemas = dict(document["components"]["schemas"])
     for methods in document["paths"].values():

@@ -114,7 +114,7 @@ _KINDS = {
     "command": Message("a-command"),
     "event": Message("an-event"),
     "file": Message("a-file"),
-    "lesson": Message("a-lesson"),
+    "profile-draft": Message("a-profile-draft"),
     "reaction test": Message("a-reaction-test"),
     "login": Message("a-login"),
     "record": Message("a-record"),

@@ -62,7 +62,7 @@ def estimate_season(
         filter_name: of the filter.
         results: where they go.
         engine: what runs the tasks.
-        tell: is told after each session.
+        tell: called after each session.
         again: also those of which there is a result.
     """
     began_s, outcome = time.monotonic(), Outcome()

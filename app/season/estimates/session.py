@@ -192,7 +192,7 @@ class SessionEstimate:
         self._estimator.use_resistance(self._factor)
 
     def resistance(self) -> tuple[FloatArray, FloatArray]:
-        """Return (n_cells,) resistance over that of the cell model, and its sigma; NaN and inf where it is not told."""
+        """Return (n_cells,) resistance over that of the cell model, and its sigma; NaN and inf where unknown."""
         xx, xy, yy, lasted_s = self._sums
         with np.errstate(divide="ignore", invalid="ignore"):
             factor = xy / xx

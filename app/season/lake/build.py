@@ -67,7 +67,7 @@ def build_lake(
         paths: of session files.
         again: make those too that are up to date.
         judge_anew: judge every cell again instead of taking what was found while recording.
-        progress: is told how many are done, of how many, and which comes next.
+        progress: called with how many are done, of how many, and which comes next.
 
     Raises:
         OSError: the lake cannot be written.

@@ -1,4 +1,4 @@
-"""What a stretch of a session asked of every cell, beside what the survey tells: sums over time."""
+"""Load of every cell in a stretch of a session: sums over time that the survey does not have."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def where_of(session: SessionFile) -> Where:
     info = session.info
     year = str(_time(info.started_wall_ns / 1e9).year)
     season = file_name_of(str(info.metadata.get("season") or year))
-    car = file_name_of(str(info.metadata.get("car") or session.battery.name))  # what `serve --car` said
+    car = file_name_of(str(info.metadata.get("car") or session.battery.name))  # by `serve --car`
     if info.metadata.get("source") == "simulator":
         car += "-simulated"
     return Where(car, season, info.id)
@@ -75,7 +75,7 @@ def where_of(session: SessionFile) -> Where:
 def facts_of(session: SessionFile, *, judge_anew: bool = False) -> Facts:
     """Read a session and return what is to be known of it in a season.
 
-    Findings are those that were told while it was recorded; with `judge_anew` all cells are judged again, which takes
+    Findings are those of the recording; with `judge_anew` all cells are judged again, which takes
     about ten times as long and finds in old sessions what only newer versions know.
 
     Raises:
@@ -251,7 +251,7 @@ class _Findings:
         self._findings += [(cause.since or cause.at, cell, cause.code) for cell, cause in tripped.items()]
 
     def by_cell(self, from_s: float | None, to_s: float | None) -> dict[int, str]:
-        """Return the codes of each cell that were first told in a range of unix time."""
+        """Return the codes of each cell that first came in a range of unix time."""
         found: dict[int, dict[str, None]] = {}
         for at_s, cell, code in self._findings:
             if (from_s is None or at_s >= from_s) and (to_s is None or at_s < to_s):

@@ -80,7 +80,7 @@ LAPS: Final = (
     LakeColumn("lap", "count", "", "from 1"),
     _START,
     LakeColumn("duration_s", "number", "s", "time of the lap"),
-    LakeColumn("driver", "text", "", "who drove; empty where nobody said"),
+    LakeColumn("driver", "text", "", "who drove; empty where unknown"),
     LakeColumn("note", "text", "", "what somebody wrote of it"),
     LakeColumn("counts", "flag", "", "false: an out-lap, an incident, a partial lap; not compared"),
     *_ENERGIES,

@@ -18,7 +18,7 @@ LIVE_S = 3.0  # a car tells its state once a second
 SILENT_S = 10.0  # values as old as this are no state of a car any more
 SETTLED_S = 2.5  # after its first message: until then nothing tells how long that one was on its way
 DRIFT = 500e-6  # of two clocks against each other, at most
-NAME_CONFLICT_S = 60.0  # for so long it is told that two services speak under one name
+NAME_CONFLICT_S = 60.0  # how long two services under one name are reported [s]
 MOST_RUNS = 20
 MOST_ALARMS = 50
 MOST_BYTES = 1 << 18  # of a message
@@ -56,7 +56,7 @@ class Car:
     """What was received of one car; times in seconds of our monotonic clock."""
 
     name: str
-    is_online: bool | None = None  # None: it never said
+    is_online: bool | None = None  # None: unknown
     kept: dict[str, Any] = field(default_factory=dict)  # of each topic, what is shown of its newest message
     kept_bytes: int = 0  # of all of them, as JSON
     _bytes_of: dict[str, int] = field(default_factory=dict)
@@ -111,7 +111,7 @@ class Car:
         self.values_s = now_s
 
     def _note_run(self, run: object, now_s: float) -> None:
-        """A service that starts again has a new run for good; one that comes back is of another that speaks, too."""
+        """Note the run of a service: a restart has a new one for good, one that comes back is a second service's."""
         if self.runs and run == self.runs[-1]:
             return
         if run in self.runs:

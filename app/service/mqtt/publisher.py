@@ -27,7 +27,7 @@ from app.telemetry.service_state import RecordingState
 from app.words import Message, Text, rendered
 
 PERIOD_S = 1.0
-NAME_CONFLICT_S = 60.0  # for so long it is told that another service publishes here
+NAME_CONFLICT_S = 60.0  # how long another service under this name is reported [s]
 MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
 PER_CELL: dict[str, Part] = {
     "voltage_v": "voltage",
@@ -140,7 +140,7 @@ class MqttPublisher:
         self._client.publish(self._topic("status"), b"online", qos=1, retain=True)
         if self._about is not None:
             self._client.publish(self._topic("about"), self._about, qos=1, retain=True)
-        self._client.subscribe(self._topic("accumulator"), qos=0)  # to hear whether somebody else speaks there
+        self._client.subscribe(self._topic("accumulator"), qos=0)  # to detect another service under this name
         self._is_connected.set()
 
     def _on_own_topic(self, _client: Any, _data: Any, message: Any) -> None:
@@ -208,13 +208,13 @@ def messages(
     for name, part in PER_CELL.items():
         of_cells = {"age_s": ages[part], "stale": stale[part], "values": cells[name], "last_known": last.get(name)}
         yield f"cells/{name}", encode(stamp | of_cells)
-    said = {
+    body = {
         "state": master.state,
         "why": rendered(master.why, snapshot.segments),
         "fit": master.fit,
         "flags": master.flags,
     }
-    yield "master", encode(said | {"stale": stale["status"]} | car)
+    yield "master", encode(body | {"stale": stale["status"]} | car)
     links = {name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()}
     yield "links", encode(links | car)
     yield "alarms", encode([plain(alarm, snapshot.segments) | car for alarm in snapshot.alarms])

@@ -54,7 +54,7 @@ def csv_parts(table: SignalTable) -> Iterator[bytes]:
 
 def texts_of(values: FloatArray, scale: float) -> Bytes:
     """The texts of (n, k) counts of one scale, each after a comma; NaN is empty. Each distinct text is made once."""
-    decimals = max(0, math.ceil(-math.log10(scale) - 1e-9))  # as many as one count can be told from the next with
+    decimals = max(0, math.ceil(-math.log10(scale) - 1e-9))  # enough to distinguish one count from the next
     is_known = np.isfinite(values)
     found, places = _distinct(np.rint(values[is_known] / scale).astype(np.int64))
     texts = np.array([",", *[f",%.{decimals}f" % value for value in (found * scale).tolist()]], "S")

@@ -86,7 +86,7 @@ def export(
 ) -> None:
     """Write signals of a range, both ends in unix time and included, as a file.
 
-    It appears whole or not at all: an export that is cut off leaves what was there before. `on_progress` is told how
+    It appears whole or not at all: an export that is cut off leaves what was there before. `on_progress` gets how
     much of how much is read.
 
     Raises:

@@ -164,7 +164,7 @@ def _channel(i: int, n: int, name: str, unit: str, data_at: int, n_samples: int,
 
 
 def write_motec(table: SignalTable, path: Path) -> None:
-    """Write a zip with the .ld and, where the range has laps, the .ldx beside it, both named as the session."""
+    """Write a zip with the .ld and, where the range has laps, the .ldx, both named as the session."""
     with TemporaryDirectory() as folder, ZipFile(path, "w", ZIP_DEFLATED) as archive:
         data, laps = (Path(folder, table.info.id + suffix) for suffix in (".ld", ".ldx"))
         write_ld(table, data)
@@ -175,7 +175,7 @@ def write_motec(table: SignalTable, path: Path) -> None:
 
 
 def write_ldx(table: SignalTable, path: Path) -> None:
-    """Write where laps begin and end as the .ldx file that i2 looks for beside a .ld of the same name.
+    """Write where laps begin and end as the .ldx file that i2 opens with a .ld of the same name.
 
     Raises:
         ConfigError: there is no lap in the table's range.

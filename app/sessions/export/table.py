@@ -64,8 +64,8 @@ _Instants = tuple[NDArray[np.int64], NDArray[np.int64]]  # times [us] and instan
 PIECE_S = 240.0
 MARGIN_US = 1_000_000  # what belongs to one instant arrives within this time
 _UPTIME = 0xFFFFFFFF  # of an instant; the rest is how often the master had started
-_SAME_S = 1e-4  # a span is told to the millisecond
-# What every row is told besides its signals, in this order behind them.
+_SAME_S = 1e-4  # resolution of a span: 1 ms
+# Columns of every row behind its signals, in this order.
 FILLED = StoredSignal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
 SIMULATED = StoredSignal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
 AGE = StoredSignal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
@@ -109,7 +109,7 @@ class SignalTable:
     ) -> None:
         """Choose signals and range, both ends included; `lap_times_s` are where laps meet, for formats with laps.
 
-        `names` are what `export_name` knows; `on_progress` is told how much of how much is read.
+        `names` are what `export_name` knows; `on_progress` gets how much of how much is read.
 
         Raises:
             UnknownSignal: a name means nothing.
@@ -142,7 +142,7 @@ class SignalTable:
             self.columns = [column_name(s.name, s.unit) for s in self.signals]
 
     def rows(self, piece_s: float | None = None, dtype: DTypeLike = np.float64) -> Iterator[Rows]:
-        """Yield the rows, PIECE_S at a time unless told otherwise; values as `dtype`."""
+        """Yield the rows, PIECE_S at a time by default; values as `dtype`."""
         piece_us = round((PIECE_S if piece_s is None else piece_s) * 1e6)
         start_us = self.info.started_mono_ns // 1000
         first_us, last_us = self._range_us(start_us)

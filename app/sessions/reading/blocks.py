@@ -242,7 +242,7 @@ def _cut(columns: list[BlockColumn], first_us: int, last_us: int) -> tuple[Block
     return tuple(cut)
 
 
-CARRIED_US = round(UNKNOWN_AGE_S * 1e6)  # what was told longer before a range is not known in it
+CARRIED_US = round(UNKNOWN_AGE_S * 1e6)  # longest age at the start of a range; older values are missing in it
 
 
 def in_rows(
@@ -254,7 +254,7 @@ def in_rows(
         blocks: in order of time, from CARRIED_US before the range.
         wanted: fields with their elements, ascending.
         signals: of the battery.
-        source: how it speaks: the period of the rows, and from what age on a value is missing.
+        source: gives the period of the rows, and the age from which a value is missing.
         first_us: start of the range.
     """
     ages_s = ages_of(source)

@@ -54,7 +54,7 @@ class SessionFile:
 
         Args:
             path: of the file.
-            on_read: is told how far it is read by what reads fields from its begin to its end.
+            on_read: called with how far it is read, by what reads fields from begin to end.
             parse: how the texts that the file brings along, battery and cell file, are parsed.
 
         Raises:
@@ -306,13 +306,13 @@ class SessionFile:
     ) -> Iterator[Block]:
         first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
-        speaks = self.loaded_battery.dbc_mapping if in_rows else None
+        mapping = self.loaded_battery.dbc_mapping if in_rows else None
         if self.loaded_battery.has_memory_map:
             return with_whole_totals(lambda each: self._blocks.blocks(each, first_us, last_us), wanted, N_CELLS)
-        if speaks is None:
+        if mapping is None:
             return self._blocks.blocks(wanted, first_us, last_us)
         blocks = self._blocks.blocks(wanted, first_us - CARRIED_US, last_us)
-        return rows_of(blocks, wanted, self.signals, speaks, first_us)
+        return rows_of(blocks, wanted, self.signals, mapping, first_us)
 
     def _tell(self, block: Block, on_read: OnRead) -> None:
         start_us, end_us = (each // 1000 for each in (self.info.started_mono_ns, self.info.ended_mono_ns or 0))
@@ -355,7 +355,7 @@ class SessionFile:
         return find_problems(self._stored, self._on_read)
 
     def copy_to(self, path: Path) -> None:
-        """Write the session as one file without a log beside it, complete up to now."""
+        """Write the session as one file without a log, complete up to now."""
         self._stored.backup(path)
 
     def _meta(self) -> dict[str, str]:

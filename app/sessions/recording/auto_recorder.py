@@ -48,7 +48,7 @@ class AutoRecorder:
         battery: LoadedBattery | None = None,
         car: str | None = None,
     ) -> None:
-        """Open the folder; what the page was told of the next sessions lies beside it.
+        """Open the folder; the plan of the next sessions lies next to it.
 
         `source` is kept in every session, so that a simulated car is never taken for a real one; the text of the cell
         file, so that the session is judged with it later, too; and the battery, whose profile explains the frames.
@@ -82,10 +82,10 @@ class AutoRecorder:
         self._last_clock_ns = 0
         self._retry_ns = 0
         self._config: bytes | None = None
-        self._map_hash: str | None = None  # of the master's memory map, as it told it
+        self._map_hash: str | None = None  # the master's memory map, by its IDENT
         self._status: tuple[float, RecorderStatus] | None = None
         self._reported: Message | str | None = None
-        self.start_failure: Message | None = None  # why nothing is recorded although the master speaks
+        self.start_failure: Message | None = None  # why nothing is recorded although the master sends
         self._failing_ns: int | None = None  # since when, wall clock
         self._session_id: str | None = None
 

@@ -27,7 +27,7 @@ from app.words import render
 
 IDS_PER_CHUNK = 1 << 20
 CHUNK_NS = 60_000_000_000
-MEMORY_MAP = "memory_map"  # in place of a table: the master told it, (t_mono_ns, hash); it stands in `meta`
+MEMORY_MAP = "memory_map"  # in place of a table: (t_mono_ns, hash) from IDENT; kept in `meta`
 Row = tuple[Any, ...]
 TableRow = tuple[str, Row]  # table and values
 
@@ -172,9 +172,9 @@ class SessionWriter:
             rows[table].append(row)
         if rows["estimates"]:
             rows["estimates"] = _encoded(rows["estimates"])
-        told = rows.pop(MEMORY_MAP, [])
-        rows["meta"] += [("map_hash", map_hash) for _, map_hash in told]
-        if told and self._chunks:  # where digests stand in the file, they are of all that it says of itself
+        maps = rows.pop(MEMORY_MAP, [])
+        rows["meta"] += [("map_hash", map_hash) for _, map_hash in maps]
+        if maps and self._chunks:  # where digests stand in the file, they are of all that it says of itself
             digests = self._digests.copy()
             for table, of_table in rows.items():
                 digests.take(table, of_table)
@@ -184,8 +184,8 @@ class SessionWriter:
                 _insert(self._connection, table, of_table)
         for table, of_table in rows.items():
             self._digests.take(table, of_table)
-        if told:
-            self._builder.map_hash = told[-1][1]
+        if maps:
+            self._builder.map_hash = maps[-1][1]
         self._builder.add(
             [(row[0], row[4]) for row in rows["frames"] if row[3]],
             [(row[0], row[2], row[3]) for row in rows["can_frames"] if not row[4]],

@@ -1,6 +1,6 @@
 """What a battery without our memory map measured, as columns: by CAN frames and a DBC, or in rows of a table.
 
-Pure, no I/O. Each value is at its own time, beside what all cells make together. The columns of two chunks go on in
+Pure, no I/O. Each value is at its own time, and so is what all cells make together. The columns of two chunks go on in
 each other: what a frame carried last is held.
 """
 
@@ -224,7 +224,7 @@ def _samples(columns: list[ColumnOfBattery]) -> Iterator[Samples]:
 
 
 def _columns(field: str, values: ChannelValues) -> Iterator[ColumnOfBattery]:
-    """Values in the order of frames to a column for each run of elements that are told by the same frames."""
+    """Values in the order of frames to a column for each run of elements that the same frames carry."""
     order = np.argsort(values.index, kind="stable")
     index, times_us, value = values.index[order], values.t_ns[order] // 1000, values.value[order]
     elements, starts = np.unique(index, return_index=True)

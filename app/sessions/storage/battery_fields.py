@@ -1,4 +1,4 @@
-"""What is recorded of a battery that speaks by a DBC: names, units and numbers of elements of its fields.
+"""Recorded fields of a battery with a DBC: names, units and numbers of elements of its fields.
 
 A name of the team's memory map means the same here. Values are floating-point numbers in the unit, NaN where missing.
 """
@@ -19,7 +19,7 @@ FIELD_OF_KIND = {
     "charger_voltage": "charger_voltage",
     "charger_current": "charger_current",
 }
-IS_NEW = "v.is_new"  # in rows: 1 where a cell's voltage was told within the row's period, 0 where it is held
+IS_NEW = "v.is_new"  # in rows: 1 where a cell's voltage is new within the row's period, 0 where it is held
 EXTREMES = (("v", "V"), ("t", "degC"))  # of whom the field's lowest, highest and mean are fields too
 
 

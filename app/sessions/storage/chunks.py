@@ -126,9 +126,9 @@ class ChunkBuilder:
             map_hash: of the memory map that was recorded; None is the present one.
         """
         battery = battery or team_battery()
-        speaks = battery.dbc_mapping
-        self._battery = None if speaks is None else BatteryColumns(battery.battery, speaks, battery.definitions)
-        self._table = TableColumns(battery.battery) if speaks is None and not battery.has_memory_map else None
+        mapping = battery.dbc_mapping
+        self._battery = None if mapping is None else BatteryColumns(battery.battery, mapping, battery.definitions)
+        self._table = TableColumns(battery.battery) if mapping is None and not battery.has_memory_map else None
         self._n_cells = battery.battery.n_cells
         self._boots = boots
         self._last_uptime_ms = last_uptime_ms

@@ -66,11 +66,11 @@ def _fields_of(battery: LoadedBattery, map_hash: str | None) -> dict[str, _Field
     if battery.has_memory_map:
         fields = fields_of(map_hash).values()
         return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in fields}
-    speaks = battery.dbc_mapping
-    is_new = {} if speaks is None else {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
+    mapping = battery.dbc_mapping
+    is_new = {} if mapping is None else {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
     return is_new | {
         name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)
-        for name, field in battery_fields(battery.battery, speaks or DbcMapping(())).items()
+        for name, field in battery_fields(battery.battery, mapping or DbcMapping(())).items()
     }
 
 
@@ -121,7 +121,7 @@ class Signals:
         return [field + "".join(f"[{i}]" for i in each) for each in indices]
 
     def of_table(self) -> list[StoredSignal]:
-        """Return what an export holds unless told otherwise: what is measured of all cells, and the estimates."""
+        """Return what an export contains by default: what is measured of all cells, and the estimates."""
         found = []
         for name in self._of_table:
             shape = self._fields[name].shape

@@ -187,8 +187,8 @@ class Remote:
             raise self._failed(session, message_of(error)) from error
         if _is_another(path, began_ns, read_info):
             raise self._failed(session, Message("label-taken"))
-        for beside in ("-wal", "-shm"):
-            path.with_name(path.name + beside).unlink(missing_ok=True)
+        for suffix in ("-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
         part.replace(path)
         _etag_of(part).unlink(missing_ok=True)
         note.write_text(str(session.size_bytes))
@@ -208,7 +208,7 @@ class Remote:
             ]  # fmt: skip
 
     def head(self, session_id: str) -> dict[str, Any]:
-        """Return what there is to know of a session beside its rows.
+        """Return metadata of a session.
 
         Raises:
             FetchFailed: it does not answer, or not as a voltwall that does this.

@@ -168,8 +168,8 @@ def _fill(
         _write(session, copy, items, result, f"the session {other.stem}", t_wall_ns, on_progress)
         shutil.copymode(path, copy)
         session.close()
-        for beside in ("-wal", "-shm"):
-            path.with_name(path.name + beside).unlink(missing_ok=True)
+        for suffix in ("-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
         copy.replace(path)
     return result
 
@@ -179,7 +179,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
     info = session.info
     for each in (session, source):
         if each.info.frames == 0 and each.info.can_frames:
-            raise CanOnlySession(Message("heard-on-can-alone", session=each.path.stem))
+            raise CanOnlySession(Message("can-only-session", session=each.path.stem))
     n_here, of = info.frames, info.frames + source.info.frames
     of_session = _with_progress(session.frames(), 0, of, on_progress)
     here = {hash(frame.raw): frame.t_mono_ns for frame in of_session if frame.ok}
@@ -208,7 +208,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
 def _with_progress(
     frames: Iterable[RecordedFrame], before: int, of: int, on_progress: Progress
 ) -> Iterator[RecordedFrame]:
-    """The frames; how many of all are read is told."""
+    """The frames, with progress."""
     for k, frame in enumerate(frames, before):
         if k % BATCH == 0:
             on_progress(round(READING * PARTS * k / max(of, k, 1)), PARTS)
@@ -236,7 +236,7 @@ def _can_row(frame: RecordedCanFrame) -> TableRow:
 def _can_frames(
     session: SessionFile, source: SessionFile, missing: list[_Missing], spans: list[tuple[int, int]]
 ) -> list[TableRow]:
-    """The source's CAN frames within gaps in which the session has none: they cannot be told apart by their bytes."""
+    """The source's CAN frames within gaps in which the session has none: their bytes do not distinguish them."""
     found: list[TableRow] = []
     shift = {each.frame.t_mono_ns: each.frame.t_mono_ns - each.source_ns for each in missing}
     for first_ns, last_ns in spans:

@@ -63,7 +63,7 @@ class Follower:
             clock: of this machine.
             order: which of the missing pieces come first, at the start.
             live_age_s: of what is shown live [s]; where it is late, nothing else may use the link.
-            note: told of every session that is whole, and of what was filled from it.
+            note: called for every session that is whole, and of what was filled from it.
             catalogue: of that folder, which says how sessions are read; None: in this process.
         """
         self.remote = remote

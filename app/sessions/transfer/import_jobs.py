@@ -84,7 +84,7 @@ class ImportJobs:
             new_pipeline: see `import_file`; goes to another process.
             note: into the event log.
             workers: read the files.
-            battery: whose frames a CAN log holds of which nothing is said; None: the team's own.
+            battery: default for a CAN log; None: the team's own.
         """
         self._workers = workers
         self._folder = data / "imports"

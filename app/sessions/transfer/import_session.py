@@ -238,6 +238,6 @@ def _notes(info: SessionInfo, battery: LoadedBattery, writer: SessionWriter) -> 
             str(info.metadata["imported_from"]), Message("no-voltage-of-battery", name=battery.battery.name)
         )
     if received < n_cells:
-        yield Message("cells-not-heard", silent=n_cells - received, cells=n_cells)
+        yield Message("cells-not-received", silent=n_cells - received, cells=n_cells)
     if writer.bad_checksums:
         yield Message("wrong-checksums", frames=writer.bad_checksums)

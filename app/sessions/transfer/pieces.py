@@ -117,7 +117,7 @@ def _checked(kind: str, value: object) -> Any:
     kind = kind.lower()
     if kind == "b":
         if not isinstance(value, str):
-            raise ValueError("bytes are told as base64")
+            raise ValueError("bytes are sent as base64")
         return base64.b64decode(value, validate=True)
     if not isinstance(value, _KINDS[kind]) or isinstance(value, bool):
         raise ValueError(f"{str(value)[:40]!r} where {kind} is expected")  # noqa: TRY004
@@ -127,7 +127,7 @@ def _checked(kind: str, value: object) -> Any:
 
 
 def head_of(session: SessionFile, info: SessionInfo, *, is_recording: bool) -> dict[str, Any]:
-    """What there is to know of a session beside its rows, as it travels."""
+    """Metadata of a session, as it is sent."""
     return {
         "id": info.id,
         "name": info.name,

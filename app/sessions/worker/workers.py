@@ -48,7 +48,7 @@ class JobLimits:
 
     Attributes:
         cpu_s: processor time [s].
-        memory_bytes: beside what the program itself takes [bytes]; None: what `memory_limit` says.
+        memory_bytes: without what the program itself takes [bytes]; None: what `memory_limit` says.
         wall_s: time from its start [s]; None: by the processor time, on a machine that does much else.
     """
 

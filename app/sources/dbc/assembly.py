@@ -51,7 +51,7 @@ class BatteryMeasurement:
     soc: float  # of the BMS, 0..1
     charger_voltage_v: float
     charger_current_a: float
-    states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = not told
+    states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = unknown
     limits: Mapping[str, float]  # those that signals carry
     is_sample: bool  # the current is new since the measurement before, and a voltage is known
     newest_ns: Mapping[str, int]  # by a name of PARTS: the newest value of it that is not too old

@@ -21,7 +21,7 @@ MANY_FRAMES = 2000  # from here on, each message has many frames: lane by lane i
 
 @dataclass(frozen=True, slots=True)
 class ChannelValues:
-    """What frames told of one kind, in their order. A value is NaN where the battery calls it invalid."""
+    """Values of one kind in frames, in their order. A value is NaN where the battery calls it invalid."""
 
     t_ns: NDArray[np.int64]  # (n,) time of the frame
     index: IntArray  # (n,) cell, sensor, or 0

@@ -40,7 +40,7 @@ def issues_of(
 
     Args:
         battery: what the profile says of the battery.
-        source: how it speaks.
+        source: its mapping of signals.
         definitions: of its DBCs.
         file: the profile's name.
         frames: of a log, None where there is none.
@@ -125,7 +125,7 @@ def _of_log(decoder: BatteryDecoder, frames: Frames) -> Iterator[tuple[str, Text
     for name in ("current", "pack_voltage", "soc"):
         reading = getattr(decoder.source, name)
         if reading is not None and name not in values:
-            yield f"source.{name}", Message("check-never-heard", name=str(reading.signal))
+            yield f"source.{name}", Message("check-not-received", name=str(reading.signal))
     if decoder.bad_checksums:
         yield "source.voltage", Message("check-bad-checksums", n=decoder.bad_checksums)
     for name, count in decoder.beyond.items():
@@ -144,7 +144,7 @@ def _of_channels(
     received = np.bincount(values.index[known], minlength=size)
     silent = np.flatnonzero(received == 0).tolist()
     if silent:
-        yield field, Message("check-cells-never-heard", kind=kind, numbers=_listed(silent), n=len(silent))
+        yield field, Message("check-cells-not-received", kind=kind, numbers=_listed(silent), n=len(silent))
     if kind not in ("voltage", "temperature"):
         return
     periods_s = _periods(values, size)

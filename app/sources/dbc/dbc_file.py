@@ -71,7 +71,7 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
         text, found = repaired(text, name)
         oddities += found
     options = {"database_format": ending[1:]} if ending in DEFINITION_ENDINGS else {}
-    logging.getLogger("cantools").setLevel(logging.ERROR)  # what it warns of is told as an oddity
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # its warnings are oddities
     while True:
         try:
             loaded: Any = database.load_string(text, strict=False, sort_signals=None, **options)
@@ -107,7 +107,7 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
 
 
 def _without_line(text: str, name: str, error: Exception, oddities: list[Oddity]) -> str | None:
-    """Return the text without the line that cannot be read, which is told; None where that is no way on."""
+    """Return the text without the unreadable line, which becomes an oddity; None where that does not help."""
     found = re.search(r"at line (\d+)", str(error))
     lines = text.split("\n")
     number = int(found[1]) if found else 0

@@ -67,7 +67,7 @@ class _Group:
         return bool(self._fresh)
 
     def choose(self, numbers: Numbers, sent: set[tuple[str, int]]) -> Turn | None:
-        """The entry that fits numbers already chosen: all new if there is one, else partly, else one told before."""
+        """The entry that fits numbers already chosen: all new if there is one, else partly, else one sent before."""
         best = None
         for each in self._fresh:
             news = _news(each, sent) if _fits(each, numbers) else 0
@@ -222,7 +222,7 @@ class MessageEncoder:
         self._places: dict[str, BitField] = {}
 
     def frame(self, k: int, readings: Readings) -> bytes | None:
-        """Return the k-th frame of the round; None where every cell of it is missing, and nothing else is told."""
+        """Return the k-th frame of the round; None where every cell of it is missing, and it carries nothing else."""
         turn = self.turns[k % len(self.turns)]
         values = [
             float(readings[lane.kind][index]) if lane.kind in readings else math.nan for lane, index in turn.slots

@@ -1,4 +1,4 @@
-"""A battery that speaks by a DBC as a source: CAN frames in, measurements of any number of cells out."""
+"""The source of a battery with a DBC: CAN frames in, measurements of any number of cells out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -26,7 +26,7 @@ from app.words import Message
 _NO_EXTREME = (None, None)
 FADE = 0.95  # of a gap, from one value to the next
 PACK_VOLTAGE_ERROR = 0.01  # of a sensor of its own, read at another instant than the cells
-_STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told counts
+_STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is known counts
     ("fault", "fault"),
     ("charging", "charge"),
     ("balancing", "balance"),
@@ -213,7 +213,7 @@ def _master(found: BatteryMeasurement) -> Master:
     state: MasterState = states[0] if states else ("idle" if found.states.get("closed") is False else "unknown")
     return Master(
         state=state,
-        why=Message("bms-tells-state") if state != "unknown" else Message("bms-tells-no-state"),
+        why=Message("bms-state") if state != "unknown" else Message("bms-no-state"),
         fit=None if found.states.get("fault") is None else not found.states["fault"],
         flags=None,
         soc=_number(found.soc),

@@ -230,7 +230,7 @@ def read_signals(
 ) -> LogSignals:
     """Return the signals in a log's frames; of the first `most` frames where it is given.
 
-    `on_read` is told how many bytes are read, again and again; `on_frame` is given every frame.
+    `on_read` gets the bytes read so far, repeatedly; `on_frame` gets every frame.
 
     Raises:
         ExtraMissing: cantools is not installed.

@@ -87,20 +87,20 @@ def _named(profile: ImportMapping, quantity: str, table: Table) -> list[str]:
 
 
 def _unit(quantity: str, names: Sequence[str], values: FloatArray) -> str:
-    said = unit_of(names[0], quantity)
+    named = unit_of(names[0], quantity)
     middle = median(values[values != 0.0] if len(names) > 1 else values)
     match quantity:
         case "voltage":
-            alone = said or ("mV" if middle > MILLIVOLTS_FROM else "V")
+            alone = named or ("mV" if middle > MILLIVOLTS_FROM else "V")
             return (_voltage_unit(middle) or alone) if len(names) > 1 else alone
         case "temperature":
-            return said or ("K" if middle > KELVIN_FROM else "degC")
+            return named or ("K" if middle > KELVIN_FROM else "degC")
         case "soc":
-            return said or ("percent" if middle > SOC_IN_PERCENT else "fraction")
+            return named or ("percent" if middle > SOC_IN_PERCENT else "fraction")
         case "current":
-            return said or ("mA" if np.any(np.abs(values) > MILLIAMPS_FROM) else "A")
+            return named or ("mA" if np.any(np.abs(values) > MILLIAMPS_FROM) else "A")
         case _:
-            return said or _time_unit(values)
+            return named or _time_unit(values)
 
 
 def _time_unit(values: FloatArray) -> str:

@@ -47,7 +47,7 @@ class Understood:
     started_unix_s: float | None
     time_s: Numbers
     current_a: Numbers
-    soc: Numbers  # fraction; empty: not told
+    soc: Numbers  # fraction; empty: missing
     voltages_v: tuple[Numbers, ...]  # by row, one a cell
     temperatures_degc: tuple[Numbers, ...]
     notes: tuple[Message, ...]

@@ -212,7 +212,7 @@ _STATE_NAMES = {
 }  # fmt: skip
 _DISCHARGING = re.compile(r"d|dis\b.*|dch\w*|.*dchg\w*|.*discharg\w*|.*放电", re.IGNORECASE)
 _CHARGING = re.compile(r"c|cha|chg|.*\bchg|.*_chg|.*charg\w*|.*充电", re.IGNORECASE)
-SIGN_EVIDENCE = 0.4  # correlation of voltage and current from which on the sign is told by it
+SIGN_EVIDENCE = 0.4  # least correlation of voltage and current that decides the sign
 _BLOCKS = 200  # of a test along which the charge counts: a slow one moves less from row to row than its meter tells
 
 
@@ -237,7 +237,7 @@ def signed(current: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[Floa
         columns: of the table; one of words has -1, 0 and 1.
 
     Returns:
-        The current, and the name of the column that told its direction.
+        The current, and the name of the column of its direction.
     """
     known = current[np.isfinite(current)]
     if not len(known) or np.min(known) < 0.0:

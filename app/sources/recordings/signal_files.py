@@ -264,6 +264,6 @@ def _check_size(path: Path, kind: str) -> None:
         size = path.stat().st_size
     else:
         with zipfile.ZipFile(path) as packed:
-            size = sum(part.file_size for part in packed.infolist())  # zipfile unpacks no more than is said here
+            size = sum(part.file_size for part in packed.infolist())  # zipfile unpacks no more than this
     if size > MOST_BYTES:
         raise LimitExceeded(Message("limit-neware", limit=Quantity(MOST_BYTES >> 20, "MB")))

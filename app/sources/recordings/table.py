@@ -96,7 +96,7 @@ def matching(pattern: str, names: Sequence[str]) -> list[str]:
 def load_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:
     """Return the table in a CSV or Parquet file, plain or gzip; its kind is taken from its content.
 
-    `on_read` is told how many rows of a text are read, and of how many.
+    `on_read` gets how many rows of a text are read, and of how many.
 
     Raises:
         TableUnreadable: the file cannot be read, or has no table.

@@ -76,7 +76,7 @@ static void find_lost(violations_t *found, const vw_reading_t *is)
     } else if (is->lost_temperature != VW_NONE) {
         add(found, VW_EVENT_TRIP_SENSOR_LOST, VW_SENSOR_PERSISTENCE_MS, is->lost_temperature, 0, 0);
     } else {
-        /* every sensor speaks */
+        /* every sensor is read */
     }
 }
 

@@ -41,14 +41,14 @@ typedef struct {
 typedef struct {
     uint32_t since_ms[VW_N_TRIPS]; /* when each began, where `critical` has its bit */
     uint8_t critical;              /* violated now: one bit for each trip */
-    uint8_t tripped;               /* told, and not cleared since */
+    uint8_t tripped;               /* reported, and not cleared since */
     bool is_open;                  /* the latch: the OK signal is off */
 } vw_protection_t;
 
 /* `is_open`: how the flip-flop in the shutdown circuit stands; no restart of the firmware resets it (EV 6.1.6). */
 void vw_protection_init(vw_protection_t *protection, bool is_open);
 
-/* Judge a reading: how many trips there are that have not been told, and what they are. */
+/* Judge a reading: how many trips have not been reported yet, and what they are. */
 uint8_t vw_protection_judge(vw_protection_t *protection, const vw_config_t *conf, const vw_reading_t *reading,
                             uint32_t now_ms, vw_event_t trips[VW_N_TRIPS]);
 

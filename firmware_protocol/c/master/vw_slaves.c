@@ -12,7 +12,7 @@
 #define DATA_FROM 1u /* of the configuration: GPIO inputs read as they stand, SWTEN as its pin */
 #define PHASE_MASK(phase) ((uint16_t)((phase) == 0u ? 0x0555u : 0x0AAAu))
 
-/* The self-check runs at 14 kHz, so that a stage fits into a pass beside the voltages. Times of the data sheet [us]. */
+/* The self-check runs at 14 kHz, so that a stage fits into a pass with the voltages. Times of the data sheet [us]. */
 #define CHECK_MODE VW_LTC_FAST
 #define TWELVE_CELLS_US 1288u
 #define AUXILIARY_US 1288u

@@ -39,7 +39,7 @@ int8_t vw_slaves_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell)
     }
     input = slaves->sensor_inputs[cell];
     if (((slaves->open_wires[pack] >> input) & 1u) != 0u) {
-        return VW_T_MISSING; /* it floats between the sensor and the cell beside it */
+        return VW_T_MISSING; /* it floats between the sensor and the next cell */
     }
     return vw_slaves_degc_of(slaves->slave[pack].temp[input + VW_LTC_CELLS * (input % 2u)]);
 }

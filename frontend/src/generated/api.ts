@@ -248,7 +248,7 @@ export interface CanId {
   values: CanValue[];
 }
 
-/** What the master listens for; `active` null while the master has not said. */
+/** What the master listens for; `active` null before the master reports it. */
 export interface CanRx {
   index: number;
   enabled: boolean;
@@ -332,7 +332,7 @@ export interface CanValue {
   text: string | null;
 }
 
-/** An alarm as the car told it; the cell's index counts from 0. */
+/** An alarm as the car published it; the cell's index counts from 0. */
 export interface CarAlarm {
   severity: 'info' | 'watch' | 'warning' | 'trip';
   message: RenderedMessage;
@@ -548,7 +548,7 @@ export interface Clock {
 /** Seconds of this computer in one of the master's, and how far that may be off. */
 export interface ClockRate {
   rate: number;
-  doubt: number;
+  uncertainty: number;
   latest_s: number;
 }
 
@@ -979,7 +979,7 @@ export interface History {
   series: Record<string, (number | null)[]>;
 }
 
-/** What the master said of itself. */
+/** The master's answer to IDENT. */
 export interface Identity {
   firmware: string;
   protocol: number;
@@ -1607,7 +1607,7 @@ export interface Recorder {
   keep_gb: number | null;
 }
 
-/** What the next sessions are called; empty where nothing was said. */
+/** Names of the next sessions; empty by default. */
 export interface RecordingPlan {
   event: string;
   driver: string;
@@ -2079,7 +2079,7 @@ export interface Stall {
   reason: RenderedMessage;
 }
 
-/** One step: `timing` where it was measured, else `why` not, or what the crew said of skipping it. */
+/** One step: `timing` where it was measured, else `why` not, or the crew's reason to skip it. */
 export interface StepResult {
   name: string;
   rule: string;
@@ -2171,7 +2171,7 @@ export interface Timing {
   trip: number | null;
 }
 
-/** A program; unix times. `secret` is told once, when it is made. */
+/** A program; unix times. `secret` is shown once, when it is made. */
 export interface Token {
   id: string;
   name: string;
@@ -2227,7 +2227,7 @@ export interface Trip {
   cell: number | null;
 }
 
-/** The first rows in our units, current positive on discharge; `soc` and temperatures empty where not told. */
+/** The first rows in our units, current positive on discharge; `soc` and temperatures empty where missing. */
 export interface Understood {
   rows: number;
   length_s: number;

@@ -1,1 +1,1 @@
-"""What speaks on a bus, and the profile that it suggests."""
+"""A battery's profile inferred from a DBC and from received frames."""

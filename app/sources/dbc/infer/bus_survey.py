@@ -1,4 +1,4 @@
-"""What speaks on a bus: each message with its rate, each signal with its range."""
+"""Messages on a bus with their rates, signals with their ranges."""
 
 import re
 from collections.abc import Iterable

@@ -143,7 +143,7 @@ def _is_segment(column: NameColumn) -> bool:
 
 
 _MOST_IN_A_MESSAGE = 36
-_BY_ID = 0.5  # what speaks against cells by the order of ids
+_BY_ID = 0.5  # penalty for cells by the order of ids
 _LONG_S, _OFTEN = 5.0, 5  # of a log, and how often each came, that tells who does not speak
 _FEWEST_RECEIVED = 8
 _FEWEST = {"voltage": 4, "temperature": 2, "balancing": 8}
@@ -198,7 +198,7 @@ def _received_part(survey: BusSurvey, kind: str, members: Sequence[Member]) -> C
     if any(max(column.values) - min(column.values) >= len(set(column.values)) for column in chosen):
         return None
     found = _proposal(survey, kind, here)
-    return found and found.with_reason(Message("learn-never-heard", n=len(members) - len(here)))
+    return found and found.with_reason(Message("infer-never-received", n=len(members) - len(here)))
 
 
 def _split(members: Sequence[Member]) -> Iterator[list[Member]]:
@@ -244,7 +244,7 @@ def _by_id(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellPropo
             )
         )
         first += len(part)
-    reason = Message("learn-by-id", messages=len(by_id), pattern=entries[0].signal)
+    reason = Message("infer-by-id", messages=len(by_id), pattern=entries[0].signal)
     return CellProposal(kind, tuple(entries), first, None, tuple(members), (reason,), score - _BY_ID, found)
 
 
@@ -276,10 +276,10 @@ def _proposal(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellPr
         if column.where == "mux"
     }
     group_cells = _group_cells(chosen, roles)
-    reasons: list[Text] = [Message("learn-names", n=len(members), pattern=signal_pattern, messages=len(message_names))]
+    reasons: list[Text] = [Message("infer-names", n=len(members), pattern=signal_pattern, messages=len(message_names))]
     multiplexers = [signal.conditions[0].multiplexer for _, signal in members if signal.conditions]
     if multiplexers:
-        reasons.append(Message("learn-multiplexed", name=multiplexers[0]))
+        reasons.append(Message("infer-multiplexed", name=multiplexers[0]))
     entry = CellSignals(
         signal=signal_pattern,
         message=message_pattern,
@@ -374,8 +374,8 @@ def _is_needed(survey: BusSurvey, members: Sequence[Member]) -> bool:
     )
 
 
-def _flag(members: Sequence[Member], chosen: list[NameColumn], roles: list[str], said: tuple[str, ...]) -> str:
-    """The pattern of a bit beside each signal that tells that it is invalid; "" where there is none."""
+def _flag(members: Sequence[Member], chosen: list[NameColumn], roles: list[str], texts: tuple[str, ...]) -> str:
+    """The pattern of each signal's bit for "invalid"; "" where there is none."""
     place = next(
         (c.place for c, role in zip(chosen, roles, strict=True) if c.where == "signal" and role == "cell"), None
     )
@@ -385,7 +385,7 @@ def _flag(members: Sequence[Member], chosen: list[NameColumn], roles: list[str],
     text = cut_name(signal.name).texts[place]
     for each in message.signals:
         cut = cut_name(each.name)
-        if each.layout.length == 1 and text in cut.texts and any(word in each.name.lower() for word in said[:2]):
+        if each.layout.length == 1 and text in cut.texts and any(word in each.name.lower() for word in texts[:2]):
             at = cut.texts.index(text)
             pattern = "".join(
                 piece + ("{cell}" if i == at else (cut.texts[i] if i < len(cut.texts) else ""))

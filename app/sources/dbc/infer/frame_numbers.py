@@ -123,7 +123,7 @@ def _proposal(
             for signal, cell in zip(values, _paired(values, cells), strict=True)
         )
         n, segments = _size(survey, message, segment, cells, 1, 1)
-        reason = Message("learn-own-numbers", message=message.name, k=len(values))
+        reason = Message("infer-own-numbers", message=message.name, k=len(values))
         return _built(survey, kind, entries, n, segments, members, [reason, *_unknown(cells)])
     cell = _best(cells)
     if len(values) == 1:
@@ -156,14 +156,14 @@ def _proposal(
     named = _segment_names(segment) | {"group": number.signal.name}
     entries = (CellSignals(pattern, message.name, named, {k: v for k, v in base.items() if v}, group_cells=step),)
     n, segments = _size(survey, message, segment, [number], step, len(values))
-    reason = Message("learn-base-number", message=message.name, number=number.signal.name, k=len(values), step=step)
+    reason = Message("infer-base-number", message=message.name, number=number.signal.name, k=len(values), step=step)
     return _built(survey, kind, entries, n, segments, members, [reason, *_unknown([number])])
 
 
 def _unknown(found: list[_Number]) -> list[Text]:
-    """What is to be said where nothing tells how many cells there are."""
+    """The question to a person where the number of cells is unknown."""
     is_known = any(each.seen or each.signal.choices or _declares(each) for each in found)
-    return [] if is_known else [Message("learn-count-unknown", number=found[0].signal.name)]
+    return [] if is_known else [Message("infer-count-unknown", number=found[0].signal.name)]
 
 
 def _declares(number: _Number) -> bool:
@@ -184,8 +184,8 @@ def _built(
         return None
     message, signal = members[0]
     if survey.of(message) is None:  # a number that the DBC declares says little: names must say more than a `V`
-        said = {word for word in words(signal.name) | words(message.name) if len(word) > 1}
-        if not said & (_CELL_WORDS | (VOLTAGE if kind == "voltage" else TEMPERATURE)):
+        spelled = {word for word in words(signal.name) | words(message.name) if len(word) > 1}
+        if not spelled & (_CELL_WORDS | (VOLTAGE if kind == "voltage" else TEMPERATURE)):
             return None
     judgement = judged(survey, kind, members, n if survey.of(message) is not None else min(n, UNKNOWN_COUNT))
     if judgement is None:
@@ -320,5 +320,5 @@ def _same_start(names: list[str]) -> str:
 
 def _reason(message: MessageDefinition, segment: _Number | None, number: _Number) -> Text:
     if segment is None:
-        return Message("learn-cell-number", message=message.name, number=number.signal.name)
-    return Message("learn-two-numbers", message=message.name, segment=segment.signal.name, number=number.signal.name)
+        return Message("infer-cell-number", message=message.name, number=number.signal.name)
+    return Message("infer-two-numbers", message=message.name, segment=segment.signal.name, number=number.signal.name)

@@ -1,4 +1,4 @@
-"""The profile that a DBC and what is received suggest, with what speaks for it."""
+"""The profile that a DBC and received frames suggest, with reasons."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ _USUAL_SEGMENTS = (12, 18, 14, 16, 15, 20, 24, 10, 28, 9, 8, 11, 13, 17, 21, 22,
 
 @dataclass(frozen=True, slots=True)
 class InferredProfile:
-    """A battery and how it speaks, as suggested and corrected; with reasons and questions."""
+    """A battery and its DBC mapping, as suggested and corrected; with reasons and questions."""
 
     battery: Battery
     source: DbcMapping
@@ -47,12 +47,12 @@ class InferredProfile:
 
     @property
     def voltage(self) -> CellProposal:
-        """How cell voltages are told."""
+        """The proposal for cell voltages."""
         return cast("CellProposal", self.lines["voltage"].chosen)
 
     @property
     def temperature(self) -> CellProposal | None:
-        """How temperatures are told."""
+        """The proposal for temperatures."""
         line = self.lines.get("temperature")
         return cast("CellProposal", line.chosen) if line is not None and line.is_taken else None
 
@@ -78,8 +78,8 @@ def infer_profile(
     """Return the profile that is suggested, None where no cell voltages are found.
 
     Args:
-        survey: what speaks on the bus.
-        frames: of which the survey is.
+        survey: messages and signals of the bus.
+        frames: those of the survey.
         name: what people call the battery.
         dbc: the files of message definitions, as the profile names them.
         choices: what a person corrected, by the key of the line.
@@ -95,7 +95,7 @@ def infer_profile(
     unit = _guessed_unit(voltage)
     if unit:
         voltage = replace(voltage, entries=tuple(replace(entry, unit=unit) for entry in voltage.entries))
-        questions.append(Message("learn-unit-guessed", unit=unit))
+        questions.append(Message("infer-unit-guessed", unit=unit))
     segments = segments or _segments(voltage, questions)
     used = _signals(voltage)
     temperatures = [
@@ -107,12 +107,12 @@ def infer_profile(
     warm = line_of("temperature", temperatures[:_MOST_CANDIDATES], choices, survey.definitions)
     temperature = cast("CellProposal", warm.chosen) if warm is not None and warm.is_taken else None
     if temperature is None:
-        questions.append(Message("learn-no-temperatures"))
+        questions.append(Message("infer-no-temperatures"))
     else:
         used |= _signals(temperature)
         if temperature.fit is not None and temperature.fit.others:  # 2950 is 22 degC in 0.1 K, 29.5 in 0.01 degC
             others = ", ".join(temperature.fit.others)
-            questions.append(Message("learn-temperature-unit-guessed", unit=temperature.fit.unit, others=others))
+            questions.append(Message("infer-temperature-unit-guessed", unit=temperature.fit.unit, others=others))
     if warm is not None:
         lines["temperature"] = warm
     sensors = () if temperature is None else _sensors(temperature, segments)
@@ -126,18 +126,18 @@ def infer_profile(
         and any(entry.numbers for entry in voltage.entries)
         and not _came_round(received["voltage"])
     ):
-        questions.append(Message("learn-round-not-complete", n=battery.n_cells))
+        questions.append(Message("infer-round-not-complete", n=battery.n_cells))
     sum_v = _sum_of_cells(received.get("voltage"), battery.n_cells)
     lines["voltage"] = replace(line, chosen=voltage.with_reason(*_facts(received.get("voltage"), battery.n_cells)))
     _add_readings(lines, survey, received.get("voltage"), battery.n_cells, sum_v, used, choices)
     _add_states_and_limits(lines, survey, used, choices)
     current = lines.get("current")
     if current is None or not current.is_taken:
-        questions.append(Message("learn-no-current"))
+        questions.append(Message("infer-no-current"))
     elif isinstance(current.chosen, ReadingProposal) and not current.chosen.is_unit_given:
-        questions.append(Message("learn-current-unit-guessed", name=str(current.chosen.reading.signal)))
+        questions.append(Message("infer-current-unit-guessed", name=str(current.chosen.reading.signal)))
     if current is not None and current.is_taken and len(frames):
-        unknown = Message("learn-sign-unknown")
+        unknown = Message("infer-sign-unknown")
         questions += [unknown] if unknown in current.chosen.reasons else []
     return InferredProfile(*taken(battery, source, lines), lines, tuple(questions))
 
@@ -215,7 +215,7 @@ def _segments(voltage: CellProposal, questions: list[Text]) -> tuple[int, ...]:
     segments = voltage.segments
     if segments is None or sum(segments) != voltage.n or 0 in segments:
         segments = _guessed_segments(voltage.n)
-        questions.append(Message("learn-segments-guessed", n=voltage.n, segments=len(segments)))
+        questions.append(Message("infer-segments-guessed", n=voltage.n, segments=len(segments)))
     return segments
 
 
@@ -316,12 +316,12 @@ def _pack_voltage(
 
 def _facts(voltages: ChannelValues | None, n_cells: int) -> list[Text]:
     if voltages is None:
-        return [Message("learn-nothing-heard")]
+        return [Message("infer-nothing-received")]
     received = np.unique(voltages.index[np.isfinite(voltages.value)])
-    found: list[Text] = [Message("learn-cells-heard", received=len(received), n=n_cells)]
+    found: list[Text] = [Message("infer-cells-received", received=len(received), n=n_cells)]
     times = [voltages.t_ns[voltages.index == cell] for cell in received[:: max(1, len(received) // 20)]]
     gaps = [float(np.median(np.diff(t))) / 1e9 for t in times if len(t) > 1]
     if gaps:
         period_s = float(np.median(gaps))
-        found.append(Message("learn-period", period=f"{period_s:.3g}", age=f"{PERIODS_BRIDGED * period_s:.3g}"))
+        found.append(Message("infer-period", period=f"{period_s:.3g}", age=f"{PERIODS_BRIDGED * period_s:.3g}"))
     return found

@@ -107,7 +107,7 @@ def _any_signal(key: str, choice: Choice, definitions: Definitions) -> Candidate
     if found is None:
         return None
     name = SignalName(found[0].name, found[1].name)
-    reasons = (Message("learn-by-person"),)
+    reasons = (Message("infer-by-person"),)
     if key.startswith("state."):
         return StateProposal(StateSignal(name), reasons, 0.0)
     return ReadingProposal(ScalarSignal(name), reasons, 0.0)

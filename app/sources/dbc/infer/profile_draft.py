@@ -1,4 +1,4 @@
-"""A draft: a bus or a log is received, a profile suggested, corrected line by line, and checked, values beside it."""
+"""A profile draft: inferred from a bus or a log, corrected line by line, checked, with the values that it reads."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -54,7 +54,7 @@ def _here(function: Callable[..., Any], *arguments: object) -> Any:
 
 
 class ProfileDraft:
-    """What was received at its begin says what is suggested; a bus goes on to be received for the running values."""
+    """A profile suggested from the frames at its start; a bus stays open for the current values."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class ProfileDraft:
         self._files = files
         self._frames = frames
         self._name = name
-        self.listener: BusListener | None = None  # receives the bus of which the frames are
+        self.listener: BusListener | None = None  # receives from the bus of the frames
         self._last: tuple[Correction, InferredProfile | None, list[ProfileIssue]] | None = None
         self._checked: tuple[str, list[ProfileIssue]] | None = None
 
@@ -88,7 +88,7 @@ class ProfileDraft:
         return self._last[1], self._last[2]
 
     def check(self, text: str, run: Run = _here) -> list[ProfileIssue]:
-        """Return every issue of a profile's text by the definitions and what was received."""
+        """Return every issue of a profile's text, by the definitions and the received frames."""
         if self._checked is None or self._checked[0] != text:
             self._checked = text, run(ProfileDraft._issues, self, text)
         return self._checked[1]
@@ -152,7 +152,7 @@ def _running(values: ChannelValues, size: int, now_ns: int, line: ProfileLine, r
 
 
 def draft_from_files(files: Mapping[str, str], received: Frames | Path, name: str) -> ProfileDraft:
-    """Return a draft of files, with the profile that they suggest.
+    """Return the draft that files suggest.
 
     Args:
         files: message definitions as text, by file name.

@@ -64,7 +64,7 @@ def _line(key: str, line: ProfileLine, language: str) -> Iterator[str]:
     yield from _comments(chosen.reasons, language)
     mark = "" if line.is_taken else "# "
     if not line.is_taken:
-        yield f"# {render(Message('learn-confirm'), language=language)}"
+        yield f"# {render(Message('infer-confirm'), language=language)}"
     yield f"{mark}[source.{key}]"
     if isinstance(chosen, StateProposal):
         yield f"{mark}signal = {_text(str(chosen.state.signal))}"
@@ -82,7 +82,7 @@ def _limits(lines: list[ProfileLine], language: str) -> Iterator[str]:
         return
     yield ""
     if not all(line.is_taken for line in lines):
-        yield f"# {render(Message('learn-confirm'), language=language)}"
+        yield f"# {render(Message('infer-confirm'), language=language)}"
     yield f"{'' if any(line.is_taken for line in lines) else '# '}[battery.limits]"
     for line in lines:
         assert isinstance(line.chosen, ReadingProposal)

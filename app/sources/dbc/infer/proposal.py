@@ -1,4 +1,4 @@
-"""A proposed way in which cells or sensors are spoken, and how much speaks for it."""
+"""A proposed mapping of cells or sensors to signals, with its score."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -144,13 +144,13 @@ class CellProposal:
 
 
 def received_signals(survey: BusSurvey, members: tuple[Member, ...]) -> list[tuple[SignalDefinition, ReceivedSignal]]:
-    """Return the signals of which something was received."""
+    """Return the signals that were received."""
     found = [(signal, survey.signal(message, signal.name)) for message, signal in members]
     return [(signal, received) for signal, received in found if received is not None]
 
 
 def judged(survey: BusSurvey, kind: str, members: tuple[Member, ...], n: int) -> tuple[float, Fit | None] | None:
-    """Return how much speaks for members to carry a quantity, None where they cannot."""
+    """Return the proposal that members carry a quantity, with its score; None where they cannot."""
     message, signal = members[0]
     own, around = words(signal.name), words(message.name)
     wanted = VOLTAGE if kind == "voltage" else TEMPERATURE

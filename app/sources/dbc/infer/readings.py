@@ -29,8 +29,8 @@ from app.words import Message, Quantity, Text
 
 _LONG_S = 5.0
 _CLOSE, _OFF = 0.02, 0.08  # of the sum of cells
-_CLEAR = 0.4  # correlation of current and voltage steps from which on the sign is told by it
-_COARSER = (1, 4, 16, 64)  # a current that is told a hundred times a second moves little from one to the next
+_CLEAR = 0.4  # least correlation of current and voltage steps that decides the sign
+_COARSER = (1, 4, 16, 64)  # samples a step: a current at 100 Hz moves little from one to the next
 _BY_CHANCE = 3.0  # standard deviations of a correlation of what has nothing to do with each other
 _SENSORS = name_set("ivt shunt result string stack")
 _OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
@@ -81,7 +81,7 @@ def pack_voltage_proposals(survey: BusSurvey, sum_v: float, used: set[tuple[int,
         unit, low, high, mean = in_unit(survey, message, signal, "pack_voltage", VOLTAGE_UNITS, sum_v)
         if np.isfinite(mean) and np.isfinite(sum_v) and sum_v > 0:
             score += _near(survey, message, signal, mean, sum_v)
-            reasons.append(Message("learn-pack-voltage-is", mean=Quantity(mean, "V", 1), sum=Quantity(sum_v, "V", 1)))
+            reasons.append(Message("infer-pack-voltage-is", mean=Quantity(mean, "V", 1), sum=Quantity(sum_v, "V", 1)))
         elif survey.n_frames and not np.isfinite(mean):
             score -= not_received_penalty(survey)
         if not is_named:
@@ -115,15 +115,15 @@ def current_proposals(survey: BusSurvey, pack: PackVoltage | None, used: set[tup
                 score += 4.0 * abs(together)
                 positive = "charge" if together > 0 else "discharge"
                 reasons.append(
-                    Message("learn-sign-is", positive=_side(positive), correlation=Quantity(together, "", 2))
+                    Message("infer-sign-is", positive=_side(positive), correlation=Quantity(together, "", 2))
                 )
             else:
-                reasons.append(Message("learn-sign-unknown"))
+                reasons.append(Message("infer-sign-unknown"))
             if low == high:
                 score -= 0.5
         else:
             score -= not_received_penalty(survey) if survey.n_frames else 0.0
-            reasons.append(Message("learn-sign-unknown"))
+            reasons.append(Message("infer-sign-unknown"))
         if score > 1.5:
             name = signal_name(message, signal)
             is_scaled = known_conversion("current", signal.unit) is not None or signal.layout.scale != 1.0
@@ -161,7 +161,7 @@ def soc_proposals(survey: BusSurvey, used: set[tuple[int, str]]) -> list[Reading
 def _near(
     survey: BusSurvey, message: MessageDefinition, signal: SignalDefinition, mean_v: float, sum_v: float
 ) -> float:
-    """How much it speaks for a pack voltage that it is the sum of the cells, and all the time: not behind a relay."""
+    """Score of a pack voltage that is the sum of the cells all the time: not behind a contactor."""
     off = abs(mean_v - sum_v) / sum_v
     received = survey.signal(message, signal.name)
     if off >= _OFF or received is None:
@@ -186,13 +186,13 @@ def signal_name(message: MessageDefinition, signal: SignalDefinition) -> SignalN
 
 
 def not_received_penalty(survey: BusSurvey) -> float:
-    """Return how much speaks against a signal that was not received: little after a short time."""
+    """Return the penalty of a signal that was not received: small after a short time."""
     return 4.0 if survey.duration_s > _LONG_S else 0.5
 
 
 def name_reason(signal: SignalDefinition, message: MessageDefinition) -> Text:
-    """That its name speaks for a signal."""
-    return Message("learn-by-name", name=signal.name, message=message.name, unit=signal.unit or "-")
+    """The reason "by its name" for a signal."""
+    return Message("infer-by-name", name=signal.name, message=message.name, unit=signal.unit or "-")
 
 
 def _side(positive: str) -> Message:

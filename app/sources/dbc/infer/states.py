@@ -1,6 +1,6 @@
 """States of the battery among all signals: closed, pre-charge, fault, charging, balancing; a person confirms them.
 
-What speaks for a signal: its name, the texts of its values (`VAL_`), how few values it takes, and the current: what
+Evidence for a signal: its name, the texts of its values (`VAL_`), how few values it takes, and the current: what
 is `closed` must be so while a heavy current flows.
 """
 
@@ -62,7 +62,7 @@ class StateProposal:
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """The current over time, as the sign of heavy current is told by it."""
+    """The current over time, reduced to where it is heavy."""
 
     t_ns: NDArray[np.int64]
     is_heavy: BoolArray
@@ -79,13 +79,13 @@ class Flow:
         return cls(received.t_ns, size > _HEAVY * most)
 
     def during(self, received: ReceivedSignal) -> BoolArray:
-        """(n,) values of another signal that were told while the current was heavy."""
+        """(n,) values of another signal that came while the current was heavy."""
         at = np.clip(np.searchsorted(self.t_ns, received.t_ns, side="right") - 1, 0, len(self.t_ns) - 1)
         return np.asarray(self.is_heavy[at] & (received.t_ns >= self.t_ns[0]), np.bool_)
 
 
 def state_proposals(survey: BusSurvey, flow: Flow | None, used: set[tuple[int, str]]) -> dict[str, list[StateProposal]]:
-    """Return the signals that may tell each state, the best first; states of which nothing speaks are left out."""
+    """Return the signals that may carry each state, the best first, without states that have none."""
     found: dict[str, list[StateProposal]] = {}
     for message in survey.definitions.by_id().values():
         for signal in message.signals:
@@ -123,11 +123,11 @@ def _proposal(
             if (share < 0.9) == (name == "closed"):
                 return None
             score += 2.0
-            reasons.append(Message("learn-state-flows") if name == "closed" else Message("learn-state-rests"))
+            reasons.append(Message("infer-state-flows") if name == "closed" else Message("infer-state-rests"))
         if name == "fault" and np.mean(is_so) > 0.5:
             score -= 1.0
         if not is_so.any() or is_so.all():
-            reasons.append(Message("learn-state-constant", value=int(received.raw[-1])))
+            reasons.append(Message("infer-state-constant", value=int(received.raw[-1])))
             score -= 0.2
     elif survey.n_frames:
         score -= not_received_penalty(survey)
@@ -161,7 +161,7 @@ def _by_texts(name: str, message: MessageDefinition, signal: SignalDefinition) -
     score += 1.5 if name == "precharge" and is_precharge else 0.0
     score -= 0.3 if own & _SIDE else 0.0
     texts = ", ".join(f"{n} {signal.choices[n]}" for n in yes)
-    return yes, 0, score, [Message("learn-state-texts", name=signal.name, message=message.name, texts=texts)]
+    return yes, 0, score, [Message("infer-state-texts", name=signal.name, message=message.name, texts=texts)]
 
 
 def _text_names_state(name: str, text: frozenset[str], is_contactor: bool, is_precharge: bool) -> bool:
@@ -194,13 +194,13 @@ def _by_name(
         return None
     score += 0.5 * min(len(own & _OF_PACK), 2) + 0.3 * min(len(around & _OF_PACK), 1)
     score -= 1.0 * len(own & _NOT) + 0.7 * len(around & _NOT - {"master"})
-    reasons: list[Text] = [Message("learn-state-name", name=signal.name, message=message.name)]
+    reasons: list[Text] = [Message("infer-state-name", name=signal.name, message=message.name)]
     if signal.layout.length == 1:
         return (1,), 0, score + 1.0, reasons
     if signal.layout.length > _MOST_BITS and name != "fault":
         return None
     if name == "fault":  # a number or a set of flags: 0 is none
-        return (), (1 << signal.layout.length) - 1, score, [*reasons, Message("learn-state-any-bit")]
+        return (), (1 << signal.layout.length) - 1, score, [*reasons, Message("infer-state-any-bit")]
     if received is None or signal.choices:
         return None
     seen = np.unique(received.raw)

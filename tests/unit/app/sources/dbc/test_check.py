@@ -92,7 +92,7 @@ def test_cells_that_the_profile_does_not_have_and_oddities_of_the_dbc_are_told()
 def test_an_empty_log_and_a_log_of_another_car_are_told():
     text = battery(2) + VOLTAGES + READINGS
     assert ("check-empty-log", False) in codes(text, [])
-    assert {("check-nothing-of-it", False), ("check-never-heard", False)} <= codes(text, [(0, 0x7F0, b"\0")])
+    assert {("check-nothing-of-it", False), ("check-not-received", False)} <= codes(text, [(0, 0x7F0, b"\0")])
 
 
 def test_a_sound_battery_with_all_its_readings_has_no_doubts_in_its_log():
@@ -127,7 +127,7 @@ def test_two_signals_of_one_cell_are_named():
 
 def test_a_reading_that_is_never_heard_is_named():
     found = issues(battery(2) + VOLTAGES + READINGS + SOC, [frame for frame in received() if frame[1] == 1])
-    assert sorted(issue.field for issue in of_code(found, "check-never-heard")) == [
+    assert sorted(issue.field for issue in of_code(found, "check-not-received")) == [
         "source.current",
         "source.pack_voltage",
         "source.soc",
@@ -137,14 +137,14 @@ def test_a_reading_that_is_never_heard_is_named():
 def test_a_kind_that_is_never_heard_is_told_once_and_not_by_cell():
     found = issues(battery(2, 1) + VOLTAGES + HEATS + READINGS, [frame for frame in received() if frame[1] == 2])
     assert [issue.field for issue in of_code(found, "check-nothing-of-it")] == ["source.voltage", "source.temperature"]
-    assert of_code(found, "check-cells-never-heard") == []
+    assert of_code(found, "check-cells-not-received") == []
 
 
 @pytest.mark.parametrize(("volts", "length"), [((3700, 65535), 8), ((3700, 3720), 2)])
 def test_a_cell_that_is_invalid_all_the_time_or_in_no_frame_was_never_heard(volts, length):
     text = battery(2) + VOLTAGES + "invalid = [65535]\n" + READINGS
     frames = [(t, i, data[:length] if i == 1 else data) for t, i, data in received(volts=volts)]
-    (issue,) = of_code(issues(text, frames), "check-cells-never-heard")
+    (issue,) = of_code(issues(text, frames), "check-cells-not-received")
     assert issue.what.args["numbers"] == "2"
 
 

@@ -69,14 +69,14 @@ def peers(draw, with_segments):
 @given(peers(with_segments=False))
 def test_cells_that_are_numbered_in_one_run_are_found_with_their_unit_and_order(peer):
     inferred = assert_learned_rightly(peer, 15.6)
-    assert "learn-segments-guessed" in [question.code for question in inferred.questions]
+    assert "infer-segments-guessed" in [question.code for question in inferred.questions]
 
 
 @settings(max_examples=examples(25))
 @given(peers(with_segments=True))
 def test_cells_that_are_numbered_by_segment_are_found_with_their_segments(peer):
     inferred = assert_learned_rightly(peer, 15.6)
-    assert "learn-segments-guessed" not in [question.code for question in inferred.questions]
+    assert "infer-segments-guessed" not in [question.code for question in inferred.questions]
 
 
 def proposals(text, kind="voltage", frames=()):
@@ -118,7 +118,7 @@ def test_messages_with_the_same_signals_are_taken_by_their_ids_and_that_is_said(
     cells = "".join(message(0x30 - i, f"N{'XYZ'[i]}x", signals([f"CellV{k}" for k in range(4)])) for i in range(3))
     best = proposals(cells)[0]
     assert [(entry.message, entry.first) for entry in best.entries] == [("NZx", 0), ("NYx", 4), ("NXx", 8)]
-    assert [reason.code for reason in best.reasons] == ["learn-by-id"]
+    assert [reason.code for reason in best.reasons] == ["infer-by-id"]
     assert best.n == 12
 
 
@@ -222,7 +222,7 @@ def paged(draw):
 @given(paged())
 def test_cells_under_a_multiplexer_of_any_width_are_found_and_it_is_named(peer):
     reasons = assert_learned_rightly(peer, 13).lines["voltage"].chosen.reasons
-    assert "learn-multiplexed" in [reason.code for reason in reasons]
+    assert "infer-multiplexed" in [reason.code for reason in reasons]
 
 
 @pytest.mark.parametrize("sizes", [(12, 12, 11), (7, 8), (10, 12, 14, 12)])
@@ -280,7 +280,9 @@ def of_modules(n_modules, here, silent=()):
 def test_modules_that_never_spoke_in_a_log_are_not_there():
     best = of_modules(8, range(5))
     assert (best.n, best.segments) == (60, (12,) * 5)
-    assert [(r.code, r.args["n"]) for r in best.reasons if r.code == "learn-never-heard"] == [("learn-never-heard", 36)]
+    assert [(r.code, r.args["n"]) for r in best.reasons if r.code == "infer-never-received"] == [
+        ("infer-never-received", 36)
+    ]
 
 
 @pytest.mark.parametrize(("here", "silent"), [((0, 1, 3), ()), (range(4), {(2, 1)})])

@@ -131,7 +131,7 @@ def test_the_number_of_cells_is_heard_or_in_the_dbc_or_said_to_be_unknown(most, 
     named = " ".join(f'{k} "Cell{k + 1}"' for k in range(texts))
     found = best(CELLS.format(most=most) + (f"VAL_ 1 Cell_ID {named} ;\n" if texts else ""), told(numbers))
     assert (found.n, found.entries[0].numbers) == (n or UNKNOWN_COUNT, {"cell": "Cell_ID"})
-    assert [reason.code for reason in found.reasons] == ["learn-cell-number"] + ["learn-count-unknown"] * (n is None)
+    assert [reason.code for reason in found.reasons] == ["infer-cell-number"] + ["infer-count-unknown"] * (n is None)
 
 
 WORDS = (("8|16@1+", "16|16@1+"), ("0|8@1+", "0|16@1+"))  # a number and a value of 16 bits
@@ -199,7 +199,7 @@ def test_a_segment_that_nothing_was_heard_of_counts_as_large_as_the_largest():
     found = best(text, [(k, 1, bytes([c, s]) + volts) for k, (s, c) in enumerate(places)])
     assert found.segments == (6, 6, 6, 6)
     assert found.entries[0].numbers == {"segment": "Module_ID", "cell": "Cell_ID"}
-    assert [reason.code for reason in found.reasons] == ["learn-two-numbers"]
+    assert [reason.code for reason in found.reasons] == ["infer-two-numbers"]
 
 
 def base_number(names, number="Group", frames=()):

@@ -96,7 +96,7 @@ def test_cells_that_were_not_heard_yet_are_counted():
 @pytest.mark.parametrize(("heard_s", "is_told"), [(3.0, True), (7.0, True), (9.0, False)])
 def test_a_log_that_ends_before_the_first_round_of_cells_does_says_that_there_may_be_more(heard_s, is_told):
     _, _, inferred = learned_of(cell_number(), heard_s)  # a round takes 7.2 s
-    assert ("learn-round-not-complete" in codes(inferred)) == is_told
+    assert ("infer-round-not-complete" in codes(inferred)) == is_told
     assert is_told or inferred.battery.n_cells == 72
 
 
@@ -105,14 +105,14 @@ def test_temperatures_in_tenths_of_a_kelvin_without_a_unit_are_a_guess_and_said_
     heats = [Bits(f"Cell{k}_Temp", 16 * k, 16, lambda t, k=k: 10 * (peer.temperature(k, t) + 273.15)) for k in range(4)]
     peer.sent.insert(0, Sent(0x400, "Temps", 8, 0.2, [heats]))
     _, _, inferred = learned_of(peer, 3)
-    guess = next(question for question in inferred.questions if question.code == "learn-temperature-unit-guessed")
+    guess = next(question for question in inferred.questions if question.code == "infer-temperature-unit-guessed")
     assert "0.1K" in (guess.args["unit"], *guess.args["others"].split(", "))
     assert "0.1K" in profile_text(inferred)
 
 
 def test_temperatures_with_a_unit_are_no_guess():
     _, _, inferred = learned_of(one_signal_a_cell(8, 8, "V{}", "T{}", 0.0001, "V"), 3)
-    assert "learn-temperature-unit-guessed" not in codes(inferred)
+    assert "infer-temperature-unit-guessed" not in codes(inferred)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_without_a_log_and_a_unit_the_guess_is_by_name_and_bits_and_said_to_be_o
     definitions = parse_definitions((HEAD + "BO_ 1 Cells: 8 BMS\n" + lines).encode(), "x.dbc")
     inferred = infer_profile(survey_bus(definitions, frames_of([])), frames_of([]), "x", ("x.dbc",))
     assert inferred.source.cells["voltage"][0].unit == unit
-    assert {"learn-unit-guessed", "learn-no-temperatures", "learn-no-current"} <= set(codes(inferred))
+    assert {"infer-unit-guessed", "infer-no-temperatures", "infer-no-current"} <= set(codes(inferred))
 
 
 def test_a_bus_without_cells_suggests_nothing():

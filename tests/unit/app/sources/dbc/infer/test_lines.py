@@ -95,7 +95,7 @@ def test_values_that_a_person_names_take_the_place_of_a_mask():
 
 def test_a_signal_that_a_person_named_says_so_among_its_reasons():
     line = inferred({"soc": Choice("AMS_Pack.IMD_Error")}).lines["soc"]
-    assert [each.code for each in line.chosen.reasons] == ["learn-by-person"]
+    assert [each.code for each in line.chosen.reasons] == ["infer-by-person"]
     assert title(line.candidates[-1]) == "AMS_Pack.IMD_Error"
 
 

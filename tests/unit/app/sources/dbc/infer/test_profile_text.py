@@ -25,7 +25,7 @@ def inferred(battery=None, entry=ENTRY, readings=None, others=None, questions=()
     readings = {name: ReadingProposal(each, (), 3.0) for name, each in (readings or {}).items()}
     others = others or {}
     proposal = CellProposal(
-        "voltage", (entry,), battery.n_cells, None, (), (Message("learn-nothing-heard"),), 9.0, None
+        "voltage", (entry,), battery.n_cells, None, (), (Message("infer-nothing-received"),), 9.0, None
     )
     source = replace(DbcMapping(dbc, {"voltage": (entry,)}), **{name: each.reading for name, each in readings.items()})
     lines = {"voltage": proposal} | readings
@@ -92,7 +92,7 @@ def test_sign_and_unit_of_readings_are_read_again(positive):
 
 @pytest.mark.parametrize(("language", "said"), [("en", "no current"), ("nb", "strøm")])
 def test_doubts_stand_above_all_as_comments_in_the_language_of_the_reader(language, said):
-    text = profile_text(inferred(questions=[Message("learn-no-current")]), language)
+    text = profile_text(inferred(questions=[Message("infer-no-current")]), language)
     head = text[: text.index("[battery]")]
     assert said in head
     assert all(line.startswith("#") for line in head.splitlines() if line)
@@ -114,7 +114,7 @@ def test_what_a_dbc_says_stays_in_its_comment(odd):
     reading = ScalarSignal(SignalName("BMS", "Pack_Current"))
     suggestion = inferred(readings={"current": reading})
     line = suggestion.lines["current"]
-    why = Message("learn-state-texts", name=f"Bms{odd}State", message="BMS", texts=f"3 Drive{odd}")
+    why = Message("infer-state-texts", name=f"Bms{odd}State", message="BMS", texts=f"3 Drive{odd}")
     lines = {**suggestion.lines, "current": replace(line, chosen=replace(line.chosen, reasons=(why,)))}
     said = replace(suggestion, lines=lines)
     assert tomllib.loads(profile_text(said)) == tomllib.loads(profile_text(suggestion))

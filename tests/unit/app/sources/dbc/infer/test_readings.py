@@ -68,8 +68,8 @@ def test_current_and_pack_voltage_of_any_name_are_found_with_their_sign(case):
     assert inferred.source.current.positive == peer.positive
     assert inferred.source.pack_voltage.signal.signal == voltage
     assert inferred.source.soc.signal.signal == "SOC"
-    assert "learn-sign-is" in [reason.code for reason in inferred.readings["current"].reasons]
-    assert "learn-current-unit-guessed" not in codes(inferred)
+    assert "infer-sign-is" in [reason.code for reason in inferred.readings["current"].reasons]
+    assert "infer-current-unit-guessed" not in codes(inferred)
 
 
 @pytest.mark.parametrize("positive", ["discharge", "charge"])
@@ -85,15 +85,15 @@ def test_a_current_that_swings_slowly_between_many_frames_has_its_sign(positive)
     peer.sent.append(Sent(0x5A0, "BMS_PackStatus", 8, 0.02, [status]))
     _, _, inferred = learned_of(peer, 15)
     assert inferred.source.current.positive == positive
-    assert "learn-sign-unknown" not in codes(inferred)
+    assert "infer-sign-unknown" not in codes(inferred)
 
 
 def test_a_current_that_does_not_move_has_a_sign_that_is_said_to_be_unknown():
     peer = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V")
     peer.current = fixed(20.0)
     _, _, inferred = learned_of(peer, 6)
-    assert "learn-sign-unknown" in [reason.code for reason in inferred.readings["current"].reasons]
-    assert "learn-sign-unknown" in codes(inferred)
+    assert "infer-sign-unknown" in [reason.code for reason in inferred.readings["current"].reasons]
+    assert "infer-sign-unknown" in codes(inferred)
 
 
 def test_a_current_that_has_nothing_to_do_with_the_cells_has_no_sign():
@@ -105,7 +105,7 @@ def test_a_current_that_has_nothing_to_do_with_the_cells_has_no_sign():
     definitions = parse_definitions(peer.dbc().encode(), "x.dbc")
     found = current_proposals(survey_bus(definitions, frames_of(sorted(frames))), None, set())
     best = next(each for each in found if each.reading.signal.signal == "Pack_Current")
-    assert "learn-sign-unknown" in [reason.code for reason in best.reasons]
+    assert "infer-sign-unknown" in [reason.code for reason in best.reasons]
 
 
 def test_a_current_without_any_unit_is_said_to_be_a_guess():
@@ -151,7 +151,7 @@ def test_the_unit_of_a_pack_voltage_is_the_one_that_the_cells_sum_up_to(raw, uni
     (best,) = pack_voltage_proposals(found, 401.0, set())
     assert best.reading.unit == unit
     assert (best.low, best.high) == pytest.approx((400.0, 400.0))
-    assert "learn-pack-voltage-is" in [reason.code for reason in best.reasons]
+    assert "infer-pack-voltage-is" in [reason.code for reason in best.reasons]
 
 
 def test_a_voltage_that_is_not_the_sum_of_the_cells_is_not_the_packs():

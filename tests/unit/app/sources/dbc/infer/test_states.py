@@ -169,7 +169,7 @@ def test_a_precharge_is_over_while_a_heavy_current_flows():
 def test_a_bit_that_never_changed_says_so_and_its_value():
     frames = [(k * 10**8, 1, b"\x01") for k in range(10)]
     (found,) = proposals([bit("Is_Charging")], frames)["charging"]
-    (constant,) = [each for each in found.reasons if each.code == "learn-state-constant"]
+    (constant,) = [each for each in found.reasons if each.code == "infer-state-constant"]
     assert constant.args["value"] == 1
 
 
