@@ -18,7 +18,7 @@ from benchmarks.thesis_curves import load_curves
 from simulator.loads import PATTERNS_C
 
 CELLS_A_MODULE = 10
-PASSES, STEP_S = 113_605, 290e-6  # of the hard run, as the thesis reports them
+PASSES, STEP_S = 113_605, 290e-6  # passes and step of the hard run, as the thesis reports them
 PRINTED_MASS_KG = {"segment": 7.40, "battery": 59.2}  # by CAD, with electronics and mechanics: no equation gives them
 
 

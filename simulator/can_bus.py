@@ -14,15 +14,15 @@ from typing import Protocol
 import numpy as np
 
 WARNING, PASSIVE, BUS_OFF = 96, 128, 256  # error counts
-SENDER_STEP = 8  # of the sender's count for a failed frame; a receiver's is 1
+SENDER_STEP = 8  # sender's error count for a failed frame; a receiver's is 1
 RECOVERY_BITS = 128 * 11
 ERROR_FRAME_BITS = 20
 MAX_WAITING = 96  # frames of a node
 MAX_AGE_S = 0.2  # a frame that could not be sent for so long is given up: old is never live
 _HOPELESS_S = 0.1  # between tries that cannot succeed, which on a real bus follow at once
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67  # without data, with the space between frames
-_UNSTUFFED_BITS = 13  # of those: end of frame, acknowledge, space
-_FD_BITS, _FD_DATA_SPEED_UP = 30, 4  # of a CAN FD frame at the bus's rate; the rest is sent four times as fast
+_UNSTUFFED_BITS = 13  # bits without stuffing: end of frame, acknowledge, space
+_FD_BITS, _FD_DATA_SPEED_UP = 30, 4  # bits of a CAN FD frame at the bus's rate; the rest is sent four times as fast
 _FD_FAST_BITS, _CLASSIC_BYTES = 40, 8  # bits at the fast rate without data, bytes of classic CAN
 _STUFFING = 0.033  # bits stuffed a bit, mean over random data
 _STANDARD_SHIFT = 18

@@ -26,7 +26,7 @@ finally:
 
 log = logging.getLogger(__name__)
 _BUS_ERROR, _OFF, _CONTROLLER = 0x80, 0x40, 0x04  # bits of an error frame's id (linux/can/error.h)
-_PASSIVE_BITS, _WARNING_BITS = 0x30, 0x0C  # of its second byte
+_PASSIVE_BITS, _WARNING_BITS = 0x30, 0x0C  # bits of the error frame's second byte
 
 
 class CanPort(Protocol):

@@ -40,7 +40,7 @@ class FaultKind:
     apply: Apply
     is_instant: bool = False  # over as soon as it has happened
     is_whole: bool = False  # only whole numbers are values
-    area: str = ""  # of the car, for people who look for it
+    area: str = ""  # area of the car
     is_of_team: bool = False  # batteries that send by a DBC have nothing that it breaks
 
 

@@ -62,9 +62,9 @@ START_LIMITS = {
 _PACE = NumberRange(0.1, 20, "times")
 _POWER_SCALE = NumberRange(0.01, 4)
 _SLICE_C = NumberRange(-10, 10, "C")
-MOST_CHARACTERS = 262_144  # of a file
+MOST_CHARACTERS = 262_144  # characters of a file
 MOST_KEY_PARTS = 8  # `a.b.c` has three
-MOST_SLICES = 200  # of a pattern
+MOST_SLICES = 200  # slices of a pattern
 _LAPS = NumberRange(1, 100, is_whole=True)
 _EVENT_VALUE = NumberRange(-(2**31), 2**32 - 1, is_whole=True)
 _RELAYS_S = 5.0  # until the relays are closed and a recorded current can flow

@@ -39,8 +39,10 @@ LONGEST = (  # half a minute and more
     "e2e/test_debrief.py",
     "e2e/test_parameters_page.py",
 )
-LONGEST_BEGIN_BY = 0.5  # of the run: not at its end, and not together, where one would compute and the others wait
-WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share
+LONGEST_BEGIN_BY = (
+    0.5  # share of the run: not at its end, and not together, where one would compute and the others wait
+)
+WAITING_ENDS_AT = 0.8  # share of the run: the end is many short files, which all processes share
 MEMORY = Path("/dev/shm")
 MEMORY_BYTES = 3_000_000_000  # free, for the files of a whole run
 

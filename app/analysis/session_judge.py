@@ -18,7 +18,7 @@ from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
 from app.sessions.reading.reader import SessionFile
 
 SPACED_S: Final = 0.09  # nothing is gained from quicker samples
-KEPT_S: Final = 60.0  # of a recording between two states that are kept
+KEPT_S: Final = 60.0  # seconds of a recording between two kept states
 
 
 class CellJudge:

@@ -85,7 +85,7 @@ def _none(time_s: FloatArray) -> FloatArray:
     return np.full(len(time_s), np.nan)
 
 
-_REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # of the team's boards
+_REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # configuration registers of the team's boards
 PIECE_S: Final = 60.0
 HELD_S: Final = 60.0  # a value counts until the next one, no longer than this
 _FIELDS = ("i_fs", "v", "t", "estimate.soc")

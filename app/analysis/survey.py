@@ -101,7 +101,7 @@ class Survey:
     samples: int = 0
     driving_s: float = 0.0
     gap_s: float = 0.0  # no sample for longer than MAX_STEP_S
-    energy_out_wh: float = 0.0  # of the cells that were measured
+    energy_out_wh: float = 0.0  # energy of the measured cells [Wh]
     energy_in_wh: float = 0.0
     energy_gap_s: float = 0.0  # under current with a cell missing: both energies are at least what they say
     charge_out_ah: float = 0.0

@@ -19,7 +19,7 @@ from simulator.balancing.study import MOST_CELLS, Study, figures_of_circuits, st
 from simulator.errors import ParameterError
 
 LIMITS = JobLimits(120)
-MOST_POINTS = 300  # of a curve
+MOST_POINTS = 300  # points of a curve
 Value = Annotated[float | None, Field(allow_inf_nan=False)]
 Circuit = Literal["passive", "switched-capacitor", "transformer", "none"]
 router = APIRouter(prefix="/simulator", tags=["simulator"])

@@ -113,7 +113,9 @@ def profile_of(files: Mapping[str, bytes]) -> BatteryProfile:
 
     own = next(iter(files))
     found = document(own, 0)
-    values = {name: value for name, value in found.values.items() if name != WITHDRAWN}  # of an old session
+    values = {
+        name: value for name, value in found.values.items() if name != WITHDRAWN
+    }  # an old session's profile may have it
     return understand(replace(found, values=values))
 
 

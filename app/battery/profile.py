@@ -34,7 +34,7 @@ class Document:
 
     file: str
     values: Mapping[str, Any]
-    lines: Mapping[str, int]  # of the profile itself
+    lines: Mapping[str, int]  # line numbers in the profile itself
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from app.estimation.prediction.power import PowerLimit, PowerModel
 from app.estimation.prediction.power_along import limits_of
 
 PULSE_S: Final = 10.0
-OCV_POINTS: Final = 1000  # of the mean over SOC
+OCV_POINTS: Final = 1000  # points of the mean over SOC
 BISECTIONS: Final = 40
 MEGA: Final = 1e6
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 from app.battery.battery import SignalName
 
-MOST_PLACEHOLDERS = 6  # of a pattern of names, stars among them: three parts and what is between them
+MOST_PLACEHOLDERS = 6  # placeholders of a name pattern, stars among them: three parts and the text between them
 LONGEST_PATTERN = 128  # characters, as many as a name of a DBC may have
 PARTS = ("segment", "group", "cell")  # what numbers a cell: of names `{cell}`, or of signals in the frame
 VOLTAGE_UNITS = {"V": 1.0, "mV": 1e-3, "0.1mV": 1e-4, "0.01V": 1e-2, "0.1V": 0.1}
@@ -35,7 +35,7 @@ class CellSignals:
     group_cells: int = 1
     first: int = 0  # cell, from 0, of which the lowest numbers tell
     order: tuple[int, ...] = ()  # the k-th value is that of this cell, from 0; empty: in order
-    unit: str = ""  # of the decoded value; empty: as the DBC says
+    unit: str = ""  # unit of the decoded value; empty: the DBC's
     scale: float = 1.0
     offset: float = 0.0  # in V or degC, added after unit and scale
     invalid: tuple[int, ...] = ()  # raw numbers that mean: not measured
@@ -44,7 +44,7 @@ class CellSignals:
     valid_range: tuple[float, float] | None = None  # V or degC; beyond it a value is missing
     checksum: str = ""
     max_age_s: float | None = None  # older is missing; None: measured from what is received
-    line: int | None = None  # of the profile
+    line: int | None = None  # line number in the profile
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class ScalarSignal:
 
     signal: SignalName
     unit: str = ""
-    positive: Literal["discharge", "charge"] = "discharge"  # of a current only
+    positive: Literal["discharge", "charge"] = "discharge"  # sign of a current
     zero: float = 0.0
     max_age_s: float | None = None
     line: int | None = None
@@ -82,7 +82,7 @@ class DbcMapping:
     charger_current: ScalarSignal | None = None
     states: dict[str, StateSignal] = field(default_factory=dict, hash=False)  # by a name of STATES
     period_s: float = 0.1  # between two measurements that are made of what was received
-    bit_rate: int | None = None  # of the bus [bit/s]
+    bit_rate: int | None = None  # bit rate of the bus [bit/s]
 
 
 @dataclass(frozen=True, slots=True)

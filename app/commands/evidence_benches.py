@@ -22,7 +22,7 @@ for_s = 100000
 PACK, CELL = 3, 7
 _BEYOND_A, _BEYOND_K = 400.0, 20
 _OVER_V, _UNDER_V = 5.0, 1.0  # so far that the filter needs a pass or two
-_FAULTS: Final[dict[Sign, tuple[str, str, str]]] = {  # of the simulator; what a person does, and undoes
+_FAULTS: Final[dict[Sign, tuple[str, str, str]]] = {  # fault of the simulator; what a person does, and undoes
     "voltage-high": (
         "cell-voltage-stuck",
         "Raise the measured voltage of one cell above {v_cell_max} V (a supply at one cell input)",

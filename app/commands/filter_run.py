@@ -29,7 +29,7 @@ from app.estimation.identification.branches import GAP_S
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 from app.estimation.recording.gaps import SHORT_GAP_S, Around, Gap, bridge_gap
 
-DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
+DEFAULT_TEMPERATURE_DEGC = 25.0  # assumed temperature of a recording without one
 UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
 TEMPERATURE_ERROR_NOTED = 0.1  # by which resistances may be off for want of measurements before a note says so
 BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has no evidence
@@ -96,7 +96,7 @@ def run_filter(
     offset = None if estimator.voltage_soc() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
     gaps = gaps_of(recording, capacity_ah)
-    received = steps.copy()  # of a gap the last usual step: the rest is bridged
+    received = steps.copy()  # a gap counts as one usual step: the rest is bridged
     received[list(gaps)] = recording.usual_step_s
     time_s, drawn_as = (
         np.concatenate(([0.0], np.cumsum(each))) for each in (received, received * np.nan_to_num(current))

@@ -49,7 +49,7 @@ QUANTITIES = {
     "soc_spread": "at rest",
     "self_discharge": "a day",
 }
-MOST_DIGITS = 9  # of a pack or a cell
+MOST_DIGITS = 9  # digits of a pack's or a cell's number
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

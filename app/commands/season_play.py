@@ -19,7 +19,7 @@ from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.framing import Frame
 
-END_S: Final = 20.0  # of real time, for the simulator to end by itself
+END_S: Final = 20.0  # real time for the simulator to end
 _JUDGE_NS: Final = 1_000_000_000
 
 

@@ -29,7 +29,7 @@ from firmware_protocol.schedule import FAST_WINDOWS, data_frame_time_s
 RULES_T_MAX_DEGC = 60.0  # Formula Student rules, EV 5.8: 60 degC, or the data sheet's limit where that is lower
 ADC_MAX = 40950  # tenths of a count
 ADC_MIDDLE = 20475
-OFFSET_TOLERANCE = 0.05  # of the middle: a sensor further off is unplugged or broken
+OFFSET_TOLERANCE = 0.05  # relative offset from the middle of the range; a sensor further off is unplugged or broken
 CHARGE_MARGIN_V = 0.01  # what a measurement may be off, between the end of charge and the trip
 CAPACITY_TOLERANCE = 0.2
 PROTECTION = {  # the limits at which the master trips, and whether a higher one is looser
@@ -71,7 +71,7 @@ class Context:
     """What the configuration is judged against besides itself."""
 
     cell: CellModel
-    measured_period_s: Mapping[int, float] | None = None  # of CAN ids, bit 31 for 29 bits
+    measured_period_s: Mapping[int, float] | None = None  # measured period by CAN id, bit 31 for 29-bit ids [s]
 
 
 class _Values:
@@ -271,7 +271,7 @@ def _ranges(image: bytes, context: Context) -> tuple[tuple[str, Range], ...]:
     for field in CONFIG_FIELDS:
         if field.count != 1 or field.unit == BIT_MASK or field.minimum is None or field.maximum is None:
             continue
-        # of an error that stands already only the field's own counts
+        # an error that existed before blocks only by the field's own part
         others = frozenset(error for error in standing if error[1] != field.name)
 
         def is_allowed(raw: int, field: Field = field, others: frozenset[Error] = others) -> bool:

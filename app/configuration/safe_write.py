@@ -138,7 +138,7 @@ class ConfigurationWriter:
         self.last_read: tuple[int, bytes] | None = None  # monotonic ns, what was in force
         self.stored: StoredConfig | None = None
         self._one_reader = threading.Lock()
-        self._reads_begun = 0  # of the EEPROM
+        self._reads_begun = 0  # number of EEPROM reads begun
         self._read_failed: AppError | None = None  # the last of them
         self._shown: dict[str, bytes] = {}
 

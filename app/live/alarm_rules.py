@@ -16,7 +16,7 @@ from app.words import Cell, Message, Pack, Quantity, condition
 NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
 T_WATCH_DEGC = 5.0
-SUM_SLACK = 0.002  # of the limit of a voltage of many cells
+SUM_SLACK = 0.002  # relative slack of a limit of many cells' voltage
 SLAVES_AWAY = (0, 255)  # absent, at fault
 WIRE_CELLS = 2  # that an open sense wire leaves without a voltage; a pack without any has more
 CHARGER_REPORTS = {

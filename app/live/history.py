@@ -27,7 +27,7 @@ class Quantisation:
 
     step: float
     zero: float = 0.0
-    part: Part = "voltage"  # of the measurement, which dates it
+    part: Part = "voltage"  # part of the measurement whose age dates it
 
     def of(self, values: FloatArray) -> NDArray[np.int16]:
         """Values as counts, held at the ends; NaN as MISSING."""

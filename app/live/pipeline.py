@@ -47,7 +47,7 @@ class Output:
     events: tuple[Event, ...] = ()
     estimates: Estimates | None = None  # where this item made the estimator step
     uptime_ms: int = 0
-    t_mono_ns: int = 0  # of them
+    t_mono_ns: int = 0  # time of the estimates
 
     @property
     def is_nothing(self) -> bool:
@@ -92,7 +92,7 @@ class Pipeline:
         self._drive = LowestOfDrive()
         self._stopwatch_ns = stopwatch_ns
         self._predictor = predictor
-        self._remembered = remembered  # of before a restart or a silence
+        self._remembered = remembered  # charge from before a restart or a silence
         self._limits: ProtectionLimits | None = None
         self._measured: tuple[float, FloatArray, int] | None = None  # current, temperatures, time: not yet judged
         self._judged_ns: int | None = None  # time of what the prediction was judged by

@@ -33,9 +33,9 @@ from app.telemetry.cell_findings import Finding, Sensors, findings_in_words
 ASSESS_S = 1.0
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
 DRIVING_A = 2.0
-DRIVING_MEMORY_S = 300.0  # of the current: four or five laps
+DRIVING_MEMORY_S = 300.0  # memory of the driving current: four or five laps
 LOAD_S = 10.0  # time constant of the load that the next limit is predicted for: throttle and brake alternate
-RESTING_A = 1.0  # of that load: no direction, so no limit comes nearer
+RESTING_A = 1.0  # load without direction: no limit comes nearer
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class LearnedCells:
     capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
     joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
     resistance: FloatArray | None = None  # (2, n_cells), factor and sigma of ResistanceScale
-    watch: CellWatchMemory | None = None  # of CellWatch; the baseline above is its own
+    watch: CellWatchMemory | None = None  # memory of CellWatch; the baseline above is its own
 
 
 class Predictor:

@@ -25,10 +25,10 @@ from app.sessions.swaps import Swap
 from app.words import Message
 
 DAY_S: Final = 86400.0
-RELATIVE_SIGMA: Final = 0.01  # of a resistance against the median cell, where nobody said
+RELATIVE_SIGMA: Final = 0.01  # relative sigma of a resistance against the median cell, where unknown
 REST_GAP_S: Final = 8 * 3600.0  # a shorter pause says nothing of self-discharge
 REST_MOVED_MAX: Final = 0.03  # the median cell moved by more: the pack was used or charged unrecorded
-REST_SOC_SIGMA: Final = 0.002  # of the difference of two rests; how much pauses differ beyond it, the line finds
+REST_SOC_SIGMA: Final = 0.002  # sigma of the difference of two rests; the line finds how much pauses differ beyond it
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from app.words import Message, Quantity, RenderedMessage, sentence
 CAPACITY_LOW: Final = -0.05  # against the median cell
 RESISTANCE_HIGH: Final = 0.2
 SELF_DISCHARGE_HIGH: Final = 0.002  # SOC a day beyond the median: 0.2 %
-LINE_POINTS: Final = 20  # of a curve: the ends of its band bend
-REASON_SHARE: Final = 0.25  # of a limit: below, a cell gives no reason
+LINE_POINTS: Final = 20  # points of a curve: the ends of its band bend
+REASON_SHARE: Final = 0.25  # share of a limit below which a cell gives no reason
 SOON_DAYS: Final = 182.6  # a pace is a reason where it goes so much of the way within half a year
 NEWEST: Final = 3  # sessions that say how a cell is now
 

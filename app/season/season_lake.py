@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 CLOSING: Final = ("recording-stopped", "recording-split")  # events after which there is a session more
 NEEDED: Final = ("duckdb", "fsspec", "pyarrow")
 START_S: Final = 20.0  # a question's process may take so long to start, on a busy Raspberry Pi
-ANSWER_MB: Final = 16  # of an answer as JSON, of which this process holds some copies
+ANSWER_MB: Final = 16  # megabytes of an answer as JSON, of which this process holds some copies
 REMEMBERED: Final = 8  # answers: some words and cars
 T = TypeVar("T")
 BOX: Final = QueryLimits(seconds=20.0, memory_mb=512, rows=5000)

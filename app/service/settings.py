@@ -14,7 +14,7 @@ from app.errors import ConfigError
 from app.estimation.filters.filter_names import FilterName
 from app.words import Message
 
-LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # of a password
+LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # length of a password
 LEAST_OF_SHARED = 8  # a service that ran with such a one goes on, with a warning
 LEAST_DIFFERENT = 5  # characters: not 121212121212
 COMMON_PASSWORDS = files(__package__) / "common_passwords.txt"

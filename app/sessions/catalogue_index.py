@@ -19,8 +19,8 @@ from app.sources.data_file import MOST_DEPTH, checked, parse_object, set_aside
 INDEX = ".index.json"
 _VERSION = 1
 MOST_BYTES = 256 << 20
-State = tuple[int, int]  # of a file: when it was changed [ns since 1970], bytes
-FullState = tuple[int, int, int, int]  # of a file and of its log
+State = tuple[int, int]  # a file's change time [ns since 1970] and bytes
+FullState = tuple[int, int, int, int]  # state of a file and of its log
 Known = dict[str, tuple[State, SessionInfo]]
 
 

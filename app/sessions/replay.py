@@ -64,7 +64,7 @@ class _Replay:
     pipeline: Pipeline
     options: ReplayOptions
     jumped_to_s: float | None = None  # a position from which on a fresh pipeline is needed
-    cause: "Future[TripCause | None] | None" = None  # of the trip that holds
+    cause: "Future[TripCause | None] | None" = None  # cause of the active trip
     compared: ReplayCompared | None = None
 
 

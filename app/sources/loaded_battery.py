@@ -14,7 +14,7 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
 from app.words import Message
 
-CLASSIC_BYTES = 8  # of a CAN frame; more is CAN FD
+CLASSIC_BYTES = 8  # data bytes of a classic CAN frame; more is CAN FD
 
 
 @dataclass(frozen=True, slots=True)

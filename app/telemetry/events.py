@@ -116,7 +116,7 @@ class Alarm:
     unit: str = ""
     acknowledged_by: str | None = None
     cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
-    cause: TripCause | None = None  # of a trip, once it was looked for
+    cause: TripCause | None = None  # cause of a trip, once known
     ended_ns: Annotated[int | None, SentAs("ended", 1e9)] = None  # when it was last seen to hold
 
 

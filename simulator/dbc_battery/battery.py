@@ -52,8 +52,8 @@ class DbcBattery:
     """A battery and its voice."""
 
     shape: Shape
-    sensors: tuple[tuple[int, ...], ...]  # of each temperature sensor the cells that it stands for
-    capacity_ah: float  # of what is measured as one cell
+    sensors: tuple[tuple[int, ...], ...]  # cells of each temperature sensor
+    capacity_ah: float  # capacity of what is measured as one cell
     limits: Mapping[str, float]  # by a name of `TripLimits`; where none is given, those of the simulated cell
     voice: BatteryEncoder
 

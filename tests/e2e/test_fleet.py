@@ -62,7 +62,7 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     expect(blue).to_contain_text("last SOC")
     expect(blue.get_by_test_id("soc")).to_contain_text(re.compile(r"61\s%.*\d\d s ago"))
     expect(blue.get_by_test_id("weakest")).to_contain_text(re.compile(r"3\.651\sV.* ago.*pack 3, cell 7", re.DOTALL))
-    expect(blue).not_to_contain_text("41")  # of the temperature it has none
+    expect(blue).not_to_contain_text("41")  # it has no temperature
     expect(red).to_contain_text("last SOC")
     expect(red.get_by_test_id("rs232")).to_have_attribute("data-state", "unknown")
     assert violations(page) == {}

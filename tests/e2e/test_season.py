@@ -60,7 +60,7 @@ def test_two_cars_with_one_battery_have_trends_ranking_and_sessions_of_their_own
 def test_a_swap_is_recorded_on_a_phone_of_the_car_that_is_chosen(page_of, open_page, violations):
     page = open_page(page_of("?cell=30"), "phone")
     expect(page.get_by_test_id("season-cell-sessions")).to_have_count(2)
-    expect(page.get_by_test_id("swap")).to_be_disabled()  # of which car?
+    expect(page.get_by_test_id("swap")).to_be_disabled()  # no car is chosen
     page.get_by_test_id("season-car").select_option("e-26-simulated")
     rows = page.get_by_test_id("season-cell-sessions").locator("tbody tr")
     expect(rows).to_have_count(DAYS)

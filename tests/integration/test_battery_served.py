@@ -11,8 +11,8 @@ from simulator.library import find_scenario
 from simulator.scenario_player import ScenarioPlayer
 from tests.service_process import until
 
-RESOLUTION_V = 0.001  # of the DBC
-NOISE_V = 0.0006  # of the simulated inputs
+RESOLUTION_V = 0.001  # resolution in the DBC
+NOISE_V = 0.0006  # noise of the simulated inputs
 PROFILE = """\
 include = ["foxbms-2"]
 [battery]

@@ -19,7 +19,7 @@ from tests.campaign import of_size, report_figure
 from tests.service_process import N_CELLS
 
 HOURS = float(os.environ.get("VOLTWALL_SOAK_HOURS") or of_size(0, 1, 3, 240) / 10)
-FEWEST_HOURS = 3.0  # of which something is said: the first hour warms up
+FEWEST_HOURS = 3.0  # least hours with a verdict: the first hour warms up
 MOST_GROWTH_MB = 5.0
 TREND_MB = trend.LENGTH * len(trend.NAMES) * N_CELLS * 4 / 1e6  # taken as it fills
 TREND_HOURS = trend.LENGTH * trend.EVERY_S / 3600

@@ -27,7 +27,7 @@ from tests.service_process import N_CELLS
 
 LENGTH_S = int(os.environ.get("VOLTWALL_SOAK_S") or of_size(0, 0, 240, 7200))
 READERS = 30
-COMING_AND_GOING = 5  # of them, each staying STAY_S
+COMING_AND_GOING = 5  # readers at a time, each staying STAY_S
 STAY_S = 10.0
 LOOK_S = 5.0
 PAUSES_S = {  # at least ten times each
@@ -39,7 +39,7 @@ WARM_S = 1800.0  # before, memory grows by what is used for the first time
 LOWEST_PRIORITY_S = 300.0  # for an answer of the worker processes, where others want the machine as well
 CELLS_HISTORY_MB = CELLS_LENGTH * N_CELLS * 2 * len(PER_CELL) / 1e6  # taken as it fills
 CELLS_HISTORY_S = CELLS_LENGTH * CELLS_EVERY_NS / 2e9
-IMPORTED_S = 600  # of the recording that comes in
+IMPORTED_S = 600  # length of the imported recording
 MAPPING = {"profile": {"time": "t", "current": "I", "voltages": "Cell {n}"}}
 
 

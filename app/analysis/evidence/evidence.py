@@ -81,7 +81,7 @@ class Coverage:
     cells: int
     voltages: int
     temperatures: int
-    least_share: float  # of the segment with the fewest
+    least_share: float  # share of the pack with the fewest, 0..1
     rules_share: float
     is_enough: bool
 
@@ -94,7 +94,7 @@ class Bytes:
     bad: int
     lost: int
     interval_s: float  # median between two fast frames, on the master's clock
-    line_s: float  # of a fast frame on the line
+    line_s: float  # time of a fast frame on the line
     clock: ClockRate
     baud_rate: int
 
@@ -113,7 +113,7 @@ class Evidence:
     map_matches: bool | None
     url: str
     config_hash: str
-    interval_s: float  # of telemetry, as configured; the test may set it faster and back
+    interval_s: float  # period of telemetry, as configured; the test may set it faster and back
     cell: str
     cycles: Cycles
     limits: list[LimitRow]

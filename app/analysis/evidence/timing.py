@@ -73,8 +73,8 @@ class Timing:
     high_s: float
     sampled_s: float  # between the last look within the limits and the first beyond
     opened_s: float  # between the last look at a closed circuit and the first at an open one
-    latency_s: float  # of the firmware's own measuring and filter
-    clock_s: float  # of the two clocks
+    latency_s: float  # delay of the firmware's own measuring and filter
+    clock_s: float  # uncertainty of the two clocks
     host_s: float  # from the first look beyond to the open one by this computer's clock, the line's time taken off
     cell: int | None
     value: float | None  # in the field's unit

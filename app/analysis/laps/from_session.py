@@ -28,7 +28,7 @@ LAP_KINDS = ("lap", "laps")
 DRIVER_KIND = "driver"  # and kinds that begin with it
 TOTALS = {"power_w": "W", "current_a": "A", "voltage_v": "V", "v_min_v": "V", "t_max_degc": "degC", "soc": "1"}
 MAX_LAPS = 2000
-SAMPLES_A_PART = 2  # of laps laid over each other: a part without a sample would be a gap; by way the double
+SAMPLES_A_PART = 2  # samples a part of overlaid laps: a part without one is a gap; by distance the double
 MAX_TEXT = 200
 
 

@@ -14,10 +14,10 @@ from app.estimation.arrays import FloatArray, median, robust_sigma
 from app.words import Argument, Cell, Message, Quantity, RenderedMessage, render, rendered
 
 ODD_SIGMAS: Final = 5.0  # beyond so many robust standard deviations a cell is unlike the others
-ODD_NAMED: Final = 3  # of the oddest cells, with what is odd; the others by name alone
+ODD_NAMED: Final = 3  # the oddest cells with their values; the others by name alone
 LEAST_SAG_V: Final = 0.005
 LEAST_HEAT_K: Final = 4.0
-LOWEST_SHARE: Final = 0.3  # of the driving: more is one cell's, not chance
+LOWEST_SHARE: Final = 0.3  # share of the driving; more is one cell's, not chance
 SPREAD_SOC: Final = 0.03
 LimitName = Literal["v_min", "v_max", "t_max", "i_max", "i_min"]
 NEAR: Final[dict[LimitName, float]] = {

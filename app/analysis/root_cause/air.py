@@ -13,7 +13,7 @@ from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
 
 EMPTY_SOC: Final = 0.12
-NEAR_V: Final = 0.25  # of the median cell above the limit
+NEAR_V: Final = 0.25  # volts of the median cell above the limit
 LOW_V: Final = 0.45
 LOW_CELLS: Final = 8  # that near the limit together are an empty accumulator, not a weak cell
 COLD_DEGC: Final = 0.0
@@ -23,9 +23,9 @@ AIR_WINDOW_S: Final = 90.0
 COOLING_FROM_K: Final = 1.5  # duty times kelvin above the air: less shows nothing of the fans
 COOLING_LEAST_S: Final = 150.0
 COOLING_SOC: Final = 0.3  # below, the reaction itself takes up heat
-EMPTY_WEIGHT: Final = 36.0  # of an empty pack small differences of cells are large
+EMPTY_WEIGHT: Final = 36.0  # an empty pack has large differences of cells from small ones in SOC
 HOT_K: Final = 10.0  # below the limit: cooler, nobody needs the fans
-COOLING_W_PER_K: Final = 0.6  # of a cell at full duty: what moving air takes away at least
+COOLING_W_PER_K: Final = 0.6  # cooling of a cell at full fan duty, at least
 
 
 def pack_hypotheses(recording: SessionStretch, model: CellModel) -> Iterator[Hypothesis]:

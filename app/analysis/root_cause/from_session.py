@@ -37,7 +37,7 @@ OF_CHARGE, SURE_OF_CHARGE = ("capacity-low", "cell-imbalance", "self-discharge-h
 FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
 FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
 FOUND_WITHIN_S = 6.0  # it takes the judge so long to be sure
-MOST_TRIPS = 12  # of a session; more are the same again
+MOST_TRIPS = 12  # trips of a session; more are repetitions
 
 
 def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause]:

@@ -16,7 +16,7 @@ from firmware_protocol.memory_map import CHARGER_STATES
 SETTLED_S: Final = 4.0  # a boot this soon after the start is the start
 SILENT_S: Final = 2.0
 BUS_SILENT_S: Final = 3.0  # a service that is held up receives one link later than the other
-CUT_LENGTH: Final = 0.85  # of a good frame's: shorter damaged frames broke off
+CUT_LENGTH: Final = 0.85  # share of a good frame's length; shorter damaged frames broke off
 FLOOD_PER_S: Final = 1500.0  # frames of one foreign identifier
 BOOTS: Final = {
     "boot-watchdog": "master-watchdog-reset",

@@ -116,7 +116,7 @@ def _not_discharged(recording: SessionStretch, load: np.ndarray) -> Iterator[Hyp
 
 OFFSET_A: Final = 1.5  # beyond the sensor's own zero
 STILL_A: Final = 1.5
-SAGS: Final = 0.5  # of what the current would make the cells sag: more is a real current
+SAGS: Final = 0.5  # share of the expected voltage drop: more is a real current
 BACK_S: Final = 20.0
 HELD: Final = 2  # samples for which a current that has ended may still be shown
 

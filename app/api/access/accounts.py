@@ -81,7 +81,7 @@ class Accounts:
         self._lock = threading.Lock()
         self._held = _Held()
         self._is_broken = False
-        self._seen: tuple[int, int, int] | None = None  # of the file: time, size, inode
+        self._seen: tuple[int, int, int] | None = None  # the file's time, size, inode
         self._read(strict=True)
 
     @property

@@ -21,7 +21,7 @@ from firmware_protocol.older_maps import FIRST_MAP, is_first_image, present_imag
 
 router = APIRouter(prefix="/config", tags=["config"])
 OCTETS = "application/octet-stream"
-MOST_FIELDS = 1000  # of a configuration; it has fewer
+MOST_FIELDS = 1000  # fields in a request; a configuration has fewer
 
 
 class ConfigEdit(Body):
@@ -59,7 +59,7 @@ async def _expected_hash(if_match: Annotated[str | None, Header()] = None) -> st
     return "" if tag.startswith("W/") else tag.strip('"')  # a weak one never matches: RFC 9110, 13.1.1
 
 
-ExpectedHash = Annotated[str, Depends(_expected_hash)]  # of the image that the client's draft started from
+ExpectedHash = Annotated[str, Depends(_expected_hash)]  # hash of the image that the client's draft started from
 
 
 @router.get("/schema", response_model=SchemaOut)

@@ -11,7 +11,7 @@ from app.api.web.dependencies import FleetPart
 from app.words import RenderedMessage, rendered, rendered_or_none
 
 router = APIRouter(tags=["fleet"])
-alone = APIRouter(tags=["fleet"])  # of a service that has no car of its own
+alone = APIRouter(tags=["fleet"])  # routes of a service without a car of its own
 
 
 class CarLinkOut(BaseModel):

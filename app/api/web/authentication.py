@@ -29,7 +29,7 @@ from app.service.settings import Settings
 from app.words import Message
 
 SESSION_S = 24 * 3600.0
-MAX_SESSIONS = 1000  # of each role: viewers cannot log the engineer out
+MAX_SESSIONS = 1000  # sessions of each role: viewers cannot log the engineer out
 MAX_PROVEN = 1000  # passwords of HTTP Basic that need not be checked again
 OPEN_PATHS = ("/api/v1/health", "/api/v1/login", "/api/v1/me")
 _OF_EVERYBODY = ("/api/v1/logout", "/api/v1/logins/", "/api/v1/me/password")  # a viewer may write this, too
@@ -51,7 +51,7 @@ class Login:
 
     id: str
     user: User
-    stamp: str | None  # of the account
+    stamp: str | None  # the account's stamp
     address: str
     agent: str
     since_s: float

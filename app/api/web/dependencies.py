@@ -60,8 +60,8 @@ class WebParts:
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
     setup: Setup
-    certificate: Certificate | None = None  # of HTTPS
-    fleet: Fleet | None = None  # of a page of several cars, which has no service
+    certificate: Certificate | None = None  # certificate of HTTPS
+    fleet: Fleet | None = None  # the fleet of a page without a service
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ async def _user(connection: HTTPConnection) -> User:
     return cast(User, connection.state.user)
 
 
-NEEDS_MASTER = Depends(_writable)  # of a route that reads or writes a master's configuration, or commands it
+NEEDS_MASTER = Depends(_writable)  # dependency of routes that read or write a master's configuration, or command it
 
 BatteryPart = Annotated[LoadedBattery, _part(lambda web: web.service.battery)]
 BlackBoxesPart = Annotated[BlackBoxRecorder, _part(lambda web: web.service.black_boxes)]

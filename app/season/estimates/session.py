@@ -117,7 +117,7 @@ class SessionEstimate:
         self._last_s: float | None = None
         self._last_a = 0.0
         self._factor = np.ones(n_cells)
-        self._sums = np.zeros((4, n_cells))  # of x x, x y, y y [V^2 s], and the time they stand for [s]
+        self._sums = np.zeros((4, n_cells))  # sums of x x, x y, y y [V^2 s], and the time of them [s]
         self._warm = np.zeros((2, n_cells))  # sum of temperatures, count
         self._off = np.zeros((2, n_cells))  # innovation squared, count
         self._apart = np.zeros(2)  # new less recorded SOC squared, count

@@ -63,7 +63,7 @@ class CellSums:
         for column, (kind, limit, of, side) in _NEAR_COLUMNS.items():
             if limit in limits:
                 edge = limits[limit] - side * NEAR[kind]  # type: ignore[index]
-                is_near = side * getattr(piece, of) > side * edge  # of what was not measured: false
+                is_near = side * getattr(piece, of) > side * edge  # missing values compare as False
                 so_far = self._near.get(column, np.zeros(self._n))
                 self._near[column] = so_far + dt_s @ is_near
 

@@ -43,7 +43,7 @@ class QueryLimits:
 
     seconds: float = 60.0
     memory_mb: int = 1024
-    rows: int | None = None  # of the answer; what is beyond is cut
+    rows: int | None = None  # rows of an answer; the rest is cut
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def with_parameters(sql: str, parameters: Mapping[str, Value]) -> str:
         if found["quote"]:
             return '"' + str(value).replace('"', '""') + '"'
         if isinstance(value, str):
-            if "\\" in value:  # of which engines think differently
+            if "\\" in value:  # engines differ in how they escape it
                 raise ConfigError(name, value, Message("no-backslash"))
             return "'" + value.replace("'", "''") + "'"
         if value != value or abs(value) == float("inf"):

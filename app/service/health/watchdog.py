@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from app.words import Message, render
 
 log = logging.getLogger(__name__)
-SHARE = 1 / 3  # of the watchdog's time, between two signs of life
+SHARE = 1 / 3  # share of the watchdog's time between two signs of life
 
 
 def notify(text: str, environment: Mapping[str, str] = os.environ) -> None:

@@ -17,14 +17,14 @@ State = Literal["live", "late", "silent", "vanished"]
 LIVE_S = 3.0  # a car tells its state once a second
 SILENT_S = 10.0  # values as old as this are no state of a car any more
 SETTLED_S = 2.5  # after its first message: until then nothing tells how long that one was on its way
-DRIFT = 500e-6  # of two clocks against each other, at most
+DRIFT = 500e-6  # relative drift of two clocks, at most
 NAME_CONFLICT_S = 60.0  # how long two services under one name are reported [s]
 MOST_RUNS = 20
 MOST_ALARMS = 50
-MOST_BYTES = 1 << 18  # of a message
+MOST_BYTES = 1 << 18  # bytes of a message
 MOST_KEPT_BYTES = 8 << 20  # as JSON, of what all cars' messages leave; of a car with ten alarms it is 5 kB
 _MOST_TEXT = 200  # characters
-_MOST_MESSAGE_BYTES = 1000  # of an alarm's code and arguments
+_MOST_MESSAGE_BYTES = 1000  # bytes of an alarm's code and arguments
 TOPICS = frozenset({"status", "about", "accumulator", "links", "master", "alarms"})
 _NUMBERS = ("soc", "soc_min", "voltage_v", "voltage_at_least_v", "current_a", "voltage_min_v", "temperature_max_degc")
 _CELLS = ("soc_min_cell", "voltage_min_cell", "temperature_max_cell")
@@ -57,8 +57,8 @@ class Car:
 
     name: str
     is_online: bool | None = None  # None: unknown
-    kept: dict[str, Any] = field(default_factory=dict)  # of each topic, what is shown of its newest message
-    kept_bytes: int = 0  # of all of them, as JSON
+    kept: dict[str, Any] = field(default_factory=dict)  # shown part of each topic's newest message
+    kept_bytes: int = 0  # total bytes of `kept` as JSON
     _bytes_of: dict[str, int] = field(default_factory=dict)
     last_contact_s: float | None = None  # the newest message that was no retained one
     waited_s: float = 0.0  # the newest values, on their way
@@ -236,7 +236,7 @@ def _document(topic: str, body: bytes) -> Any:
 
 def _sent_s(document: Mapping[str, Any]) -> float | None:
     sent = document.get("sent")
-    return _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # of an earlier version
+    return _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # an earlier version has `time`
 
 
 def _last_known(document: object) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def column_name(name: str, unit: str) -> str:
 _Instants = tuple[NDArray[np.int64], NDArray[np.int64]]  # times [us] and instants of a track
 PIECE_S = 240.0
 MARGIN_US = 1_000_000  # what belongs to one instant arrives within this time
-_UPTIME = 0xFFFFFFFF  # of an instant; the rest is how often the master had started
+_UPTIME = 0xFFFFFFFF  # mask of uptime in an instant; above it is the count of starts
 _SAME_S = 1e-4  # resolution of a span: 1 ms
 # Columns of every row behind its signals, in this order.
 FILLED = StoredSignal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
@@ -296,7 +296,7 @@ class LogLine:
     """An event or a marker."""
 
     t_mono_ns: int
-    severity: str  # of an event; "" of a marker
+    severity: str  # severity of an event; "" of a marker
     name: str  # an event's code, or a marker's kind
     text: str
 

@@ -44,7 +44,7 @@ class BlockColumn:
         self.elements = elements  # (k,) ascending
         self.track = track
         self._decode = decode
-        self._keep = keep  # of the samples that `decode` returns
+        self._keep = keep  # which samples `decode` returns
 
     @cached_property
     def counts(self) -> CountArray:

@@ -37,7 +37,7 @@ from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 MAX_POINTS = 100_000
 OnRead = Callable[[int, int], None]  # parts read, parts in all
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig | TableItem
-MOST_FILES = 50  # of a battery
+MOST_FILES = 50  # files of a battery
 MOST_FILE_BYTES = 32 << 20
 _ALWAYS_US = 1 << 62
 

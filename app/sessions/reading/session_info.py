@@ -19,7 +19,7 @@ from app.sessions.storage.queries import StoredSession
 from app.sources.data_file import parse_json, parse_object
 from app.words import Message
 
-MOST_BYTES = 1 << 20  # of one value
+MOST_BYTES = 1 << 20  # bytes of one value
 _BUSY_S = 5.0
 
 

@@ -34,7 +34,7 @@ def _whole(column: BlockColumn, columns: Sequence[BlockColumn], n_cells: int) ->
         return column
     other = SUM if column.field == MEAN else MEAN
     for each in columns:
-        if each.field == other and each.track is column.track:  # of the same instants
+        if each.field == other and each.track is column.track:  # same instants
             decode = partial(_counts, column, each, n_cells)
             return BlockColumn(column.field, column.elements, column.track, decode)
     return column

@@ -67,7 +67,7 @@ class CommitQueue:
         self.delay = CommitDelay()
         self._clock = clock
         self._progress = threading.Condition(self.lock)
-        self.error: Message | None = None  # of the last commits
+        self.error: Message | None = None  # error of the last commits
         self._stalled_ns: int | None = None
         self._committed_s = self._began_s = time.monotonic()
         self._commits = 0  # begun

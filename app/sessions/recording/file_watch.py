@@ -8,7 +8,7 @@ from pathlib import Path
 from app.sessions.storage.database import code_of
 
 READ_S = 1.0  # between two times that the content is read
-_TRANSIENT_ERRORS = (  # of the content: busy, out of memory, the disk fails, no descriptor
+_TRANSIENT_ERRORS = (  # errors that are not the content's: busy, out of memory, the disk fails, no descriptor
     sqlite3.SQLITE_BUSY,
     sqlite3.SQLITE_LOCKED,
     sqlite3.SQLITE_NOMEM,

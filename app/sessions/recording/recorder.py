@@ -57,7 +57,7 @@ class Recorder:
         """Start the thread; without `keeps_empty` a session that nothing came into is deleted when it ends."""
         self._folder = folder
         self._keeps_empty = keeps_empty
-        self._next_name = next_name  # of the session that goes on where one is split
+        self._next_name = next_name  # name of the session that continues a split one
         self._version = version
         self._cell_file = cell_file  # what the sessions are estimated with
         self._battery = battery or team_battery()
@@ -75,7 +75,7 @@ class Recorder:
         self._map_hash: str | None = None  # the master's memory map, None before its IDENT
         self._file_losses: dict[str, Message] = {}  # sessions whose file was taken away, by id
         self._free: int | None = None
-        self._size = 0  # of the session's file and log
+        self._size = 0  # bytes of the session's file and log
         self._writer: SessionWriter | None = None  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()

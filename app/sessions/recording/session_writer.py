@@ -115,7 +115,7 @@ class SessionWriter:
         self._chunk_start_ns: int | None = None
         self._chunks = 0
         self._frames = 0
-        self._bad_frames = 0  # of the chunk
+        self._bad_frames = 0  # bad frames of the chunk
         self._chunk_first_frame = 1
         self._series: dict[SeriesKey, int] = {}
         facts = {
@@ -250,7 +250,7 @@ class SessionWriter:
                 for table in sorted((names["main"] & names["other"]) - _RECEIVED):
                     if not table.startswith("sqlite_"):
                         about = self._connection.execute(f"PRAGMA other.table_info({table})")
-                        columns = ", ".join(row[1] for row in about)  # of an older file fewer than here
+                        columns = ", ".join(row[1] for row in about)  # an older file has fewer columns
                         self._connection.execute(f"DELETE FROM main.{table}")
                         self._connection.execute(
                             f"INSERT INTO main.{table} ({columns}) SELECT {columns} FROM other.{table}"

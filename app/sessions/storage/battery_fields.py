@@ -20,7 +20,7 @@ FIELD_OF_KIND = {
     "charger_current": "charger_current",
 }
 IS_NEW = "v.is_new"  # in rows: 1 where a cell's voltage is new within the row's period, 0 where it is held
-EXTREMES = (("v", "V"), ("t", "degC"))  # of whom the field's lowest, highest and mean are fields too
+EXTREMES = (("v", "V"), ("t", "degC"))  # fields that also have lowest, highest and mean
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from firmware_protocol.memory_map import CHIP_MISSING, T_MISSING, V_MISSING
 from firmware_protocol.older_maps import fields_of
 
 LONGEST_NAME = 100  # characters
-_DIGITS = 9  # of an index
+_DIGITS = 9  # digits of an index
 FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_max", "t_avg", "soc", "dod", "v", "t")
 
 
@@ -33,7 +33,7 @@ class StoredSignal:
     field: str
     element: int
     unit: str
-    scale: float  # of a count; of values in the unit, to what a text shows them
+    scale: float  # value of a count; values in the unit: resolution of their text
     missing: int | None = None  # the count that says: not measured
 
     def physical(self, counts: CountArray) -> NDArray[np.float64]:
@@ -83,7 +83,7 @@ class Signals:
         self._of_table = (
             (*FAST_FIELDS, *ESTIMATES) if battery.has_memory_map else tuple(n for n in self._fields if n != IS_NEW)
         )
-        self.order = {name: i for i, name in enumerate(self._fields)}  # of fields, as people want to read them
+        self.order = {name: i for i, name in enumerate(self._fields)}  # order of fields on pages
 
     def find(self, name: str) -> StoredSignal:
         """Return the signal of this name.

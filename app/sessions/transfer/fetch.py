@@ -28,8 +28,8 @@ PIECES_TIMEOUT_S = 60.0  # over a link that loses much: TCP tries again after 1,
 ATTEMPTS = 5  # in a row without a single byte
 PAUSE_S = 0.5  # before the second attempt; twice as long before each further one
 PIECE_BYTES = 1 << 16
-MOST_PIECES = 1_000_000  # of a session: 115 days
-LIST_BYTES = 32 << 20  # of a list of sessions; a season's has less than one
+MOST_PIECES = 1_000_000  # pieces of a session: 115 days
+LIST_BYTES = 32 << 20  # bytes of a list of sessions; a season's has less than 1 MB
 LIST_S = 120  # for all of an answer that is no session
 _HEAD = {  # what a head has to hold
     "id": str, "name": str, "voltwall": str, "map_hash": str, "metadata": dict, "start_mono_ns": int,

@@ -33,8 +33,8 @@ NEAR = 25  # common frames on each side of a gap tell what the clocks' differenc
 MARGIN_NS = 3600 * 10**9  # the clocks of two machines in a paddock are not further apart, once they were set
 NEWEST = 10  # sessions looked at where a clock was never set
 BATCH = 2000
-PARTS = 1000  # of a filling, as its progress counts
-READING = 0.1  # of its time is the reading of both sessions
+PARTS = 1000  # steps of a filling's progress
+READING = 0.1  # share of its time for reading both sessions
 Progress = Callable[[int, int], None]  # parts done, parts in all
 
 

@@ -29,8 +29,8 @@ from firmware_protocol.memory_map import MAP_HASH
 
 START_MONO_NS = 10**9  # such a recording has no monotonic clock; its time axis begins here
 BATCH = 2000  # rows
-PARTS = 1000  # of an import, as its progress counts
-READING = 0.1  # of the time of an import is the reading of a log
+PARTS = 1000  # steps of an import's progress
+READING = 0.1  # share of an import's time for reading a log
 READING_TABLE = 0.02  # and that of a table
 DECODING = 0.2  # is over when a log's frames are decoded by a DBC, too
 LATEST_UNIX_S = 4_102_444_800  # 2100

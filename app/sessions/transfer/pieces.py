@@ -22,9 +22,9 @@ from app.sessions.storage.queries import StoredSession
 PIECE_NS = 10 * 10**9
 SETTLED_NS = 2 * 10**9  # the newest rows of a session that is being recorded may still be in the recorder's memory
 COUNTED = ("frames", "can_frames")  # tables whose rows are numbered through the session
-MOST_BYTES = 64 << 20  # of a piece, unpacked: the fullest stream is below 1 MB
+MOST_BYTES = 64 << 20  # bytes of a piece, unpacked; the fullest stream is below 1 MB
 _ALWAYS_NS = 1 << 62
-_COLUMNS = {  # of each table, and what each is: integer, string, bytes; upper case: or none
+_COLUMNS = {  # columns and types of each table: integer, string, bytes; upper case: or none
     "frames": ("t_mono_ns, t_wall_ns, link, ok, raw", "iiiib"),
     "can_frames": ("t_mono_ns, t_wall_ns, can_id | (bus << 29), data", "iiib"),  # as older versions send and take it
     "measurements": ("t_mono_ns, t_wall_ns, numbers", "iib"),

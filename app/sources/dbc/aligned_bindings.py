@@ -39,7 +39,7 @@ class AlignedBindings:
         self._index = np.array([lane.index for lane in found], np.intp)
         self._is_little = np.array([each.is_little_endian for each in layouts], np.bool_)
         places = [_place(lane) for lane in found]
-        self._at = np.array([at for at, _ in places], np.intp)  # of the word in a padded frame
+        self._at = np.array([at for at, _ in places], np.intp)  # offset of the word in a padded frame
         self._shift = np.array([shift for _, shift in places], np.uint64)
         self._mask = np.array([(1 << each.length) - 1 for each in layouts], np.uint64)
         self._sign = np.array([1 << (each.length - 1) if each.is_signed else 0 for each in layouts], np.int64)

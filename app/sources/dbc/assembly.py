@@ -18,10 +18,10 @@ from app.sources.dbc.battery_decoder import ChannelValues
 PERIODS_BRIDGED = 3.0  # a value is old after so many of its own periods
 LEAST_AGE_S = 0.5
 FIRST_ROUND_S = 3.0  # messages of a battery that comes more often than this may differ in how often they come
-UNKNOWN_AGE_S = 60.0  # of a channel that was received once only
+UNKNOWN_AGE_S = 60.0  # age limit of a channel that was received once only
 _SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 _ARRAYS = ("voltage", "temperature", "resistance", "balancing")
-PARTS = {  # of a measurement, which has an age each
+PARTS = {  # parts of a measurement with their own age
     "voltage": ("voltage",),
     "temperature": ("temperature",),
     "current": ("current",),
@@ -29,7 +29,7 @@ PARTS = {  # of a measurement, which has an age each
     "soc": ("soc",),
     "charger": ("charger_voltage", "charger_current"),
 }
-_KEPT = 0.95  # of a measured period, from one value to the next
+_KEPT = 0.95  # share of a new period in the kept one
 _SILENCE_NS = round(2 * UNKNOWN_AGE_S * 1e9)
 _NEVER = -(2**62)  # ns; older than any time
 
@@ -48,7 +48,7 @@ class BatteryMeasurement:
     current_a: float  # positive on discharge
     current_t_ns: int
     pack_voltage_v: float
-    soc: float  # of the BMS, 0..1
+    soc: float  # SOC of the BMS, 0..1
     charger_voltage_v: float
     charger_current_a: float
     states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = unknown
@@ -76,7 +76,7 @@ class _Channels:
         counts = np.bincount(index, minlength=len(self.value))
         channels = np.flatnonzero(counts)
         before = self.t_ns[channels]
-        self.value[index] = values.value[first:last]  # of several the last one stays
+        self.value[index] = values.value[first:last]  # the last one of several stays
         self.t_ns[index] = t_ns
         if self.max_age_s is None:
             known = before != _NEVER
@@ -145,10 +145,8 @@ class Assembler:
             self._scalars[name] = _Scalar(None if reading is None else reading.max_age_s)
         self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
         self._next_ns: int | None = None
-        self._first_ns: int | None = None  # of all voltages
-        self._rest: dict[
-            str, ChannelValues
-        ] = {}  # of the period that has not ended: taken when it does, as in one batch
+        self._first_ns: int | None = None  # time of the first voltage
+        self._rest: dict[str, ChannelValues] = {}  # values of the unfinished period: taken at its end, as in one batch
 
     def awaited(self, t_ns: int) -> BoolArray | None:
         """(n_cells,) which cells were not received yet while the first round of all may still go on; None: none."""

@@ -97,7 +97,7 @@ class SignalBinding:
     signal: str
     layout: BitLayout  # with the profile's unit, scale and offset
     conditions: tuple[MultiplexCondition, ...] = ()
-    index: int = 0  # of the channel, where neither of the next two tells
+    index: int = 0  # index of the channel, unless one of the next two has it
     multiplexer: str = ""  # signal whose raw number tells the channel by `table`
     table: IntArray | None = None  # -1: no channel
     numbers: tuple[tuple[str, SignalDefinition], ...] = ()  # parts that the frame tells
@@ -105,14 +105,14 @@ class SignalBinding:
     entry: CellSignals | None = None
     flag: SignalDefinition | None = None  # tells whether the value is valid
     flag_when_valid: bool = False  # it is not 0 where the value is valid
-    signal_names: tuple[str, ...] = ()  # of all signals that share the lane
+    signal_names: tuple[str, ...] = ()  # all signals of this binding
 
 
 @dataclass(frozen=True, slots=True)
 class BindingIssue:
     """What of a profile does not fit the definitions."""
 
-    line: int | None  # of the profile
+    line: int | None  # line number in the profile
     field: str
     what: Text
 

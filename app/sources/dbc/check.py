@@ -16,7 +16,7 @@ from app.sources.dbc.frames import Frames
 from app.words import Message, Quantity, Text
 
 BRIDGED_S = 10.0  # what the filter can go without a cell's voltage before its figures are not shown
-SUM_OFF = 0.02  # of the pack voltage
+SUM_OFF = 0.02  # share of the pack voltage
 _PLAUSIBLE_V = (1.0, 5.0)
 _ERRORS = ("no-signal-fits", "signal-not-in-dbc", "no-such-placeholder", "pattern-too-long")
 _SHOWN = 8

@@ -79,7 +79,7 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
         except Exception as error:  # every format raises its own
             shorter = _without_line(text, name, error, oddities) if ending == ".dbc" else None
             if shorter is None:
-                # of an unknown format cantools tells every parser's complaint
+                # for an unknown format cantools lists every parser's complaint
                 unknown = Message("dbc-no-format", formats=_FORMATS)
                 why = Message("no-dbc", error=_first_line(error)) if options else unknown
                 raise ImportFailed(name, why) from error

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from app.words import Text
 
-FLOAT_BITS = (16, 32, 64)  # of IEEE 754
+FLOAT_BITS = (16, 32, 64)  # sizes of IEEE 754
 
 
 @dataclass(frozen=True, slots=True)

@@ -198,10 +198,10 @@ class BitField:
         return int.from_bytes((big & everything).to_bytes(self.size, "big"), "little")
 
 
-PERIOD_S, PERIOD_OF_TURNS_S = 0.1, 0.02  # of messages for which the DBC has no cycle time
+PERIOD_S, PERIOD_OF_TURNS_S = 0.1, 0.02  # periods of messages without a cycle time in the DBC [s]
 _SHORTEST_S, _LONGEST_S = 0.001, 60.0
 _LONGEST_ROUND_S = 60.0  # a cycle time that makes a longer one is that of the round, as foxBMS 2 writes it
-_MOST_BITS_PER_S = 250_000  # of those messages together: half a bus
+_MOST_BITS_PER_S = 250_000  # bits of those messages together: half a bus
 _OVERHEAD_BITS = 67
 _LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # bytes that a frame can have
 _MOST_STATE = 256

@@ -49,7 +49,7 @@ class _Repair:
         self._defined = {found[1] for line in self._lines if (found := _DEFINITION.match(line))}
         self._multiplexers = _unmarked_multiplexers(self._lines)
         self.oddities: list[Oddity] = []
-        self._ids: dict[int, dict[str, int]] = {}  # of messages: the names of their signals, as `_unique` counts them
+        self._ids: dict[int, dict[str, int]] = {}  # names of a message's signals, as `_unique` counts them
         self._names: dict[str, int] = {}
         self._message: int | None = None
         self._is_dropping = False

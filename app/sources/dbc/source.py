@@ -24,8 +24,8 @@ from app.telemetry.snapshot import MasterState, Number
 from app.words import Message
 
 _NO_EXTREME = (None, None)
-FADE = 0.95  # of a gap, from one value to the next
-PACK_VOLTAGE_ERROR = 0.01  # of a sensor of its own, read at another instant than the cells
+FADE = 0.95  # share of a gap that is kept from one value to the next
+PACK_VOLTAGE_ERROR = 0.01  # relative error of a separate sensor, read at another instant than the cells
 _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is known counts
     ("fault", "fault"),
     ("charging", "charge"),

@@ -19,7 +19,7 @@ JUMP_RATIO: Final = 4.0  # the jump to the value before, over the change since t
 FOUND: Final = 10  # jumps to and fro in a row
 MOST: Final = 20  # so it takes at most ten other values until the cells are believed again
 LOST: Final = 2  # taken off for a value that does not jump: two senders now and then swap their order
-MOST_SHARE: Final = 0.5  # of all cells; where more go to and fro, the current does
+MOST_SHARE: Final = 0.5  # share of all cells; where more alternate, it is the current
 
 
 class TwoSenders:

@@ -53,7 +53,7 @@ class MasterSource:
         self.due_ns: int | None = None  # every item is measured at once
         self.battery: Battery = team_battery().battery
         self.identity: Identity | None = None
-        self._recorded_map: str | None = None  # of a recording, until it holds what the master says
+        self._recorded_map: str | None = None  # map of a recording, until it holds the master's IDENT
         self._malformed = 0  # frames with an impossible body
         self._last_event_ns: dict[str, int] = {}
         self._shadow = ShadowImage()

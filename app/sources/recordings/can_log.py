@@ -25,15 +25,24 @@ from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 _ID_BITS = 0x1FFFFFFF
-_MOST_BYTES = 64  # of CAN FD
+_MOST_BYTES = 64  # data bytes of CAN FD
 _READ_AT_ONCE = 1 << 18
 _PROGRESS_EVERY = 500  # frames
-MOST_VALUES = 16_000_000  # of signals by a DBC: each takes 38 bytes until the table is made
+MOST_VALUES = 16_000_000  # values of signals by a DBC: each takes 38 bytes until the table is made
 _ERROR_TEXT = 60  # characters of a library's reason
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
 OnRead = Callable[[int], None]  # bytes of the file that are read
 Signals = dict[str, tuple["array[float]", "array[float]"]]  # times and values by name
-_HEADER = (";", "date", "base", "internal", "no internal", "//", "Begin", "begin")  # of .trc and .asc
+_HEADER = (
+    ";",
+    "date",
+    "base",
+    "internal",
+    "no internal",
+    "//",
+    "Begin",
+    "begin",
+)  # first words of header lines of .trc and .asc
 _RELATIVE = re.compile(r"\s*\d+\.\d+(?=\s)")
 _LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd_frame}
 
@@ -112,7 +121,7 @@ class _Lines:
         self._header: list[str] = []  # the header, for each reader that follows
         self._repeated: list[str] = []
         self._in_header = True
-        self._sum_s: float | None = None  # of an .asc with relative times: each line's since the one before
+        self._sum_s: float | None = None  # time of an .asc with relative times: each line's is since the one before
         self.number = 0
 
     def __iter__(self) -> Iterator[str]:

@@ -36,11 +36,11 @@ class ImportMapping:
     charge_positive: bool = False  # the file counts charging current as positive
     voltages: str = ""
     voltage_unit: str = "V"
-    cells: str = ""  # of the columns that fit, which are cells to take: "1-12,14"; empty: all
+    cells: str = ""  # which of the matching columns are cells: "1-12,14"; empty: all
     cells_in_series: float = 1.0  # that one voltage column is measured over: each of them takes its share
     temperatures: str = ""
     temperature_unit: str = "degC"
-    soc: str = ""  # of the pack, as the other system has it
+    soc: str = ""  # column of the other system's SOC
     soc_unit: str = "percent"
     max_rate_hz: float = 0.0  # rows that come quicker are left out, and counted; 0 keeps every one
     hold_s: float = 2.0  # CAN: how long a signal counts after its frame

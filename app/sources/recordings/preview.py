@@ -18,7 +18,7 @@ from app.words import Message, Text
 
 ROWS = 6
 SAMPLES = 3
-MOST_FRAMES = 200_000  # of a CAN log, which takes a second for each 50,000
+MOST_FRAMES = 200_000  # frames of a CAN log, which takes a second for each 50,000
 Numbers = tuple[float | None, ...]
 
 

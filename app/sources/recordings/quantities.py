@@ -213,7 +213,7 @@ _STATE_NAMES = {
 _DISCHARGING = re.compile(r"d|dis\b.*|dch\w*|.*dchg\w*|.*discharg\w*|.*放电", re.IGNORECASE)
 _CHARGING = re.compile(r"c|cha|chg|.*\bchg|.*_chg|.*charg\w*|.*充电", re.IGNORECASE)
 SIGN_EVIDENCE = 0.4  # least correlation of voltage and current that decides the sign
-_BLOCKS = 200  # of a test along which the charge counts: a slow one moves less from row to row than its meter tells
+_BLOCKS = 200  # blocks of a test over which charge counts: in a slow one each row changes less than its meter resolves
 
 
 def states_direction(name: str) -> bool:

@@ -190,7 +190,7 @@ def _text(value: object) -> str:
             return str(value).replace("\t", " ").replace("\n", " ")
 
 
-MOST_BYTES = 512 << 20  # of records, unpacked: half as much memory again
+MOST_BYTES = 512 << 20  # bytes of records, unpacked: half as much memory again
 
 
 def read_neware(path: Path, kind: str) -> tuple[dict[str, FloatArray], tuple[Message, ...]]:

@@ -144,7 +144,7 @@ def _is_segment(column: NameColumn) -> bool:
 
 _MOST_IN_A_MESSAGE = 36
 _BY_ID = 0.5  # penalty for cells by the order of ids
-_LONG_S, _OFTEN = 5.0, 5  # of a log, and how often each came, that tells who does not speak
+_LONG_S, _OFTEN = 5.0, 5  # length of a log, and frames in it, that show which messages are not sent
 _FEWEST_RECEIVED = 8
 _FEWEST = {"voltage": 4, "temperature": 2, "balancing": 8}
 

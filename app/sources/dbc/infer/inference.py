@@ -31,7 +31,7 @@ from app.words import Message, Text
 
 READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 LIMITS_OF_CURRENT = ("discharge_current_max_a", "charge_current_max_a")
-_MOST_CANDIDATES = 5  # of a line
+_MOST_CANDIDATES = 5  # candidates of a line
 _LEAST_SCORE = {"voltage": 6.0, "temperature": 5.0}
 _USUAL_SEGMENTS = (12, 18, 14, 16, 15, 20, 24, 10, 28, 9, 8, 11, 13, 17, 21, 22, 23, 7, 6)
 

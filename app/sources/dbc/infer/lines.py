@@ -30,7 +30,7 @@ LINE_UNITS = {
     "charger_voltage": "V",
     "charger_current": "A",
     "limit": "A",
-}  # of what a line reads, by the first word of its key
+}  # units of a line, by the first word of its key
 SIGNED = ("current", "charger_current")
 CONFIRMED_FIRST = ("state.", "limit.")  # lines that raise alarms: nobody's before a person took them
 
@@ -42,8 +42,8 @@ class Choice:
     signal: str = ""  # title of a candidate, or MESSAGE.SIGNAL
     is_taken: bool | None = None
     unit: str = ""
-    positive: str = ""  # of a current: discharge or charge
-    equals: tuple[int, ...] = ()  # of a state: the values that mean yes
+    positive: str = ""  # sign of a current: discharge or charge
+    equals: tuple[int, ...] = ()  # values of a state that mean yes
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,9 +34,9 @@ class CurrentValue:
     """What a line reads now: the newest value of each cell or sensor, or of the one signal."""
 
     values: tuple[float | None, ...]  # V, degC, A, a fraction of 1; 0 or 1 of a state
-    age_s: float | None  # of the newest: now on a bus, at the end of a log
-    raw: int | None = None  # of a state
-    text: str = ""  # of that raw value
+    age_s: float | None  # age of the newest value: now on a bus, at the end of a log
+    raw: int | None = None  # raw value of a state
+    text: str = ""  # text of that raw value
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ class ProfileDraft:
 
 def _running(values: ChannelValues, size: int, now_ns: int, line: ProfileLine, received: BusSurvey) -> CurrentValue:
     newest = np.full(size, np.nan)
-    newest[values.index] = values.value  # of several the last one stays
+    newest[values.index] = values.value  # the last one of several stays
     age_s = (now_ns - int(values.t_ns.max())) / 1e9
     numbers = tuple(float(each) if np.isfinite(each) else None for each in newest)
     if isinstance(line.chosen, StateProposal):

@@ -23,18 +23,18 @@ from app.sources.dbc.infer.bus_survey import (
 )
 from app.words import Text
 
-CELL_VOLTAGE_V = (1.5, 4.6)  # of any lithium cell in use
+CELL_VOLTAGE_V = (1.5, 4.6)  # range of any lithium cell in use
 TEMPERATURE_DEGC = (-30.0, 95.0)
 _UNITS = {"voltage": VOLTAGE_UNITS, "temperature": TEMPERATURE_UNITS}
 _RANGES = {"voltage": CELL_VOLTAGE_V, "temperature": TEMPERATURE_DEGC}
-_FEW = 0.02  # of the values may be out of range: start-up, a sensor off
+_FEW = 0.02  # share of values that may be out of range: start-up, a sensor off
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
     """How numbers fit a quantity."""
 
-    share: float  # of the measured values that are in range, 0..1
+    share: float  # share of the measured values in range, 0..1
     unit: str  # for the profile; "" = the DBC's own unit is right
     low: float  # V or degC
     high: float
@@ -120,7 +120,7 @@ _HARD = name_set(
     "balance balancing soc soh resist resistance ocv open lowest highest low high over under ov uv ot ut "
     "current"
 )
-_MANY = 24  # of one unit are hardly anything but cells
+_MANY = 24  # signals of one unit that are hardly anything but cells
 _INNER = name_set("afe debug sim simulation test dummy raw request req rx")  # messages that are rather not the car's
 
 
@@ -135,7 +135,7 @@ class CellProposal:
     members: tuple[Member, ...]
     reasons: tuple[Text, ...]
     score: float
-    fit: Fit | None  # of the values that were received
+    fit: Fit | None  # fit of the received values
     mean: float = float("nan")  # V or degC of all that was received
 
     def with_reason(self, *reasons: Text) -> "CellProposal":

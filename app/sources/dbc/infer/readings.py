@@ -28,14 +28,14 @@ from app.sources.dbc.infer.proposal import Member
 from app.words import Message, Quantity, Text
 
 _LONG_S = 5.0
-_CLOSE, _OFF = 0.02, 0.08  # of the sum of cells
+_CLOSE, _OFF = 0.02, 0.08  # relative distance from the sum of cells
 _CLEAR = 0.4  # least correlation of current and voltage steps that decides the sign
 _COARSER = (1, 4, 16, 64)  # samples a step: a current at 100 Hz moves little from one to the next
 _BY_CHANCE = 3.0  # standard deviations of a correlation of what has nothing to do with each other
 _SENSORS = name_set("ivt shunt result string stack")
 _OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
 _NO_PACK_VOLTAGE = name_set("cell cells zelle min max avg limit lim target soc power status state fault error counter")
-_SUM = name_set("sum total summe")  # of all cells, where a signal of a cell is not
+_SUM = name_set("sum total summe")  # words of a sum over cells
 
 
 @dataclass(frozen=True, slots=True)

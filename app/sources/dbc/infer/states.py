@@ -17,9 +17,9 @@ from app.sources.dbc.infer.bus_survey import BusSurvey, ReceivedSignal, name_set
 from app.sources.dbc.infer.readings import not_received_penalty
 from app.words import Message, Text
 
-_MOST_BITS = 16  # of a state; a wider word is a set of flags
+_MOST_BITS = 16  # bits of a state; a wider word is a set of flags
 _FEW = 8  # values that a state without texts takes
-_HEAVY = 0.3  # of the highest current: only closed contactors carry it
+_HEAVY = 0.3  # share of the highest current: only closed contactors carry it
 _STATE = name_set("state states status mode stato zustand tilstand fsm sm machine")
 _OF_PACK = name_set("bms ams accumulator accu acc akku batt battery bat pack pacco hv hvs ts tractive bmu bmc master")
 _NOT = name_set(

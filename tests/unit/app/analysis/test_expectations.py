@@ -30,7 +30,7 @@ TRIP = Raised(181.0, "cell-undervoltage", "trip", 30)
     ("expectation", "expected"),
     [
         ('[[alarm]]\ncode = "joint-resistance-high"', True),
-        ('[[alarm]]\ncode = "joint-loose"', True),  # of an earlier version
+        ('[[alarm]]\ncode = "joint-loose"', True),  # a code of an earlier version
         ('[[alarm]]\ncode = "joint-resistance-high"\ncell = "3/7"\nfrom_s = 60\nto_s = 80', True),
         ('[[alarm]]\ncode = "joint-resistance-high"\ncell = "3/8"', False),
         ('[[alarm]]\ncode = "joint-resistance-high"\nto_s = 60', False),

@@ -13,7 +13,7 @@ import pytest
 from tests.campaign import campaign, of_size
 
 AT_ONCE_S = 5.0  # for one answer, on a busy machine
-MOST_BYTES = 100_000  # of a refusal: no input is repeated in full
+MOST_BYTES = 100_000  # bytes of a refusal: no input is repeated in full
 NO_CAR = (503, 504)  # no link is configured
 LEFT_OUT = (
     "/simulator/balancing",

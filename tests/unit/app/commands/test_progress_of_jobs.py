@@ -123,7 +123,7 @@ def test_an_identification_tells_its_rounds(tmp_path: Path) -> None:
 def test_filling_a_session_tells_how_far_it_is(tmp_path: Path) -> None:
     here, there = recordings(tmp_path, {*range(1800)} - {*range(600, 900)}, range(1800))
     found = shares(run("sessions", "fill", here, "--from", there, "--data", tmp_path))
-    assert found[0] < 10.0  # of reading, of which writing follows
+    assert found[0] < 10.0  # end of reading, before writing
     assert all(low <= high for low, high in pairwise(found))
     assert found[-1] >= 99.0
 

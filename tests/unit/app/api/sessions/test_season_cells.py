@@ -84,7 +84,7 @@ def test_a_swap_is_recorded_and_taken_back(season):
     (cell,) = season.get("/api/v1/season/cells/30").json()
     assert cell["module"] == [0, 0, 0, 1, 1, 1]
     assert len(cell["resistance"]["measured"]) == 6
-    assert cell["resistance"]["line"] == []  # of three sessions of the new one
+    assert cell["resistance"]["line"] == []  # only three sessions have the new one
     assert season.delete(f"/api/v1/season/swaps/{swap['id']}").status_code == 200
     assert season.delete(f"/api/v1/season/swaps/{swap['id']}").status_code == 404
     assert season.get("/api/v1/season/cells/30").json()[0]["module"] == [0] * 6

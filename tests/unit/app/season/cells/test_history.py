@@ -144,7 +144,7 @@ def test_two_cars_with_one_battery_share_nothing(tmp_path):
     blue_after, red_after = source(str(tmp_path / "both"), swaps=swaps).histories()
     assert blue_after.is_present[:, LEAKY].all()  # it is red's module that was swapped
     assert red_after.is_present[:, LEAKY].tolist() == [False, False, True]
-    assert blue_after.is_present[:, WEAK].tolist() == [False, True, True]  # of which car nobody said
+    assert blue_after.is_present[:, WEAK].tolist() == [False, True, True]  # the swap names no car
     assert red_after.is_present[:, WEAK].tolist() == [False, False, True]
     assert red.self_discharge_per_day[LEAKY] == pytest.approx(LEAK, rel=0.1)
     assert blue.self_discharge_per_day[WEAK] == pytest.approx(LEAK, rel=0.1)

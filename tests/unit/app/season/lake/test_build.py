@@ -144,7 +144,7 @@ def test_after_a_kill_every_file_is_whole_and_the_next_build_mends_the_session(c
     sessions, lake = copies
     paths = session_files([sessions])
     paths[0].touch()
-    arguments = [str(sessions), str(lake), "3"]  # of five files
+    arguments = [str(sessions), str(lake), "3"]  # three of five files
     killed = subprocess.run([sys.executable, "-c", KILLED, *arguments], check=False, cwd=Path.cwd())
     assert killed.returncode == 9
     assert [pq.read_table(path, partitioning=None).num_rows > 0 for path in lake.rglob("*.parquet")] == [True] * 10

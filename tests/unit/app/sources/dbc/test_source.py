@@ -355,5 +355,5 @@ def test_the_load_is_a_share_of_the_bit_rate_that_is_told_and_of_no_guess(url, p
     if expected is None:
         assert status.line_load is None
     else:
-        bits = status.rate_hz * 135  # of a frame with eight bytes, with the most stuffing
+        bits = status.rate_hz * 135  # bits of a frame with eight bytes and the most stuffing
         assert status.line_load == pytest.approx(bits / expected, rel=0.05)

@@ -92,7 +92,16 @@ def test_frames_are_put_in_the_order_of_their_time_whatever_part_of_a_log_is_tak
     path.write_text("\n".join(lines) + "\n")
     whole = load_log(path)
     assert whole.data.shape == (8, 64)
-    assert whole.can_id.tolist() == [0x700, 0x106, 0x104, 0x105, 0x102, 0x103, 0x100, 0x101]  # of one time in order
+    assert whole.can_id.tolist() == [
+        0x700,
+        0x106,
+        0x104,
+        0x105,
+        0x102,
+        0x103,
+        0x100,
+        0x101,
+    ]  # equal times stay in order
     monkeypatch.setattr(columns, "AT_ONCE", 3)
     parts = load_log(path)
     for name in ("t_ns", "can_id", "length", "data"):
@@ -145,7 +154,7 @@ def test_the_columns_of_a_log_are_those_of_its_frames_and_a_name_of_two_messages
     [
         (DRIVE, "Pack.Current", np.arange(5) / 2, [12.3, -1, -2, -3, -4]),
         ([(0, OTHER, b"\x00\x01")], "Mode", [0], [1]),  # a word by its number
-        ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Current", [0, 0.1], [1.0, 2.0]),  # of a frame that is cut
+        ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Current", [0, 0.1], [1.0, 2.0]),  # a frame that is cut
         ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Pack.Soc", [0.1], [50.0]),
     ],
 )
