@@ -22,7 +22,7 @@ LEFT_OUT = (
     "/logout",
 )  # simulate for minutes, or look for devices
 UNLIMITED = {  # texts that only the size of a request limits: they are looked up, or matched with If-Match
-    "if-match", "session_id", "other_id", "box_id", "lesson_id", "name", "body",
+    "if-match", "session_id", "other_id", "box_id", "draft_id", "name", "body",
 }  # fmt: skip
 TEXTS = (
     "", "nan", "-inf", "-0", "1e400", str(2**63), str(-(2**63)), "9" * 60_000, "v[" + "9" * 60_000 + "]",

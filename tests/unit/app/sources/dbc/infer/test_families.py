@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_learning import (
+from tests.unit.app.sources.dbc.infer.test_inference import (
     assert_cells_decode,
     assert_learned_rightly,
     learned_of,

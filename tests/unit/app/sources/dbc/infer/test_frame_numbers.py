@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_learning import assert_learned_rightly
+from tests.unit.app.sources.dbc.infer.test_inference import assert_learned_rightly
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of

@@ -6,7 +6,7 @@ from math import sin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_learning import codes, learned_of
+from tests.unit.app.sources.dbc.infer.test_inference import codes, learned_of
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of

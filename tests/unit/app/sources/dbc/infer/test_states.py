@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_learning import assert_cells_decode, learned_of
+from tests.unit.app.sources.dbc.infer.test_inference import assert_cells_decode, learned_of
 
 from app.battery.source import STATES
 from app.sources.dbc.dbc_file import parse_definitions
