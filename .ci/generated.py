@@ -20,7 +20,7 @@ from reference import (  # noqa: E402
     settings_reference,
 )
 from sbom import sbom  # noqa: E402
-from typescript import api_types, export_formats, fixture_schema, memory_map_types  # noqa: E402
+from typescript import api_types, export_formats, fixture_schema, memory_map_types, page_texts  # noqa: E402
 
 from app.estimation.cell_model.cell_file import load_cell  # noqa: E402
 from app.estimation.filters.c_tables import c_tables  # noqa: E402
@@ -44,6 +44,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "frontend/src/generated/api.ts": api_types,
     "frontend/src/generated/export_formats.ts": export_formats,
     "frontend/src/generated/memory_map.ts": memory_map_types,
+    "frontend/src/generated/texts.ts": page_texts,
     "requirements/voltwall.cdx.json": sbom,
 }
 

@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 EXTRAS = (
     *("parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast", "season", "cluster", "completion"),
-    *("excel", "neware"),
+    *("excel", "neware", "serial-pattern"),
 )
 RUN_EXTRAS = ("parquet", "mcap", "mqtt", "dbc", "season")
 LOCKS = {

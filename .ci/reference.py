@@ -24,6 +24,8 @@ PURPOSE = {
     "websockets": "uvicorn's websocket protocol",
     "pyserial": "RS232 by any URL: tty, COM port, TCP",
     "python-can": "CAN by any interface",
+    "crccheck": "checksums of serial frames",
+    "google-re2": "patterns of serial lines, in linear time",
     "numpy": "arrays",
     "pydantic": "validation of settings and HTTP requests",
     "orjson": "snapshots to JSON, NaN to null",
@@ -61,7 +63,7 @@ PROFILE_KINDS = {
     "text": "text", "texts": "text or list of texts", "number": "number", "count": "whole number",
     "counts": "list of whole numbers", "pair": "two numbers", "signal": "name of a signal",
     "limit": "number or signal", "parts": "table of names", "bases": "whole number or table of them",
-    "map": "text or list of lists",
+    "map": "text or list of lists", "flag": "true or false", "bytes": "text or table of hex",
 }  # fmt: skip
 PROFILE_HEAD = """# The profile of a battery
 
@@ -92,6 +94,12 @@ PROFILE_NOTES = {
     "source.temperature": "As voltages; numbers count temperature sensors.",
     "source.balancing": "As voltages: 1 where a cell is being balanced.",
     "source.resistance": "As voltages: the resistance that the BMS reports.",
+    "serial": "A battery on a serial line, instead of `[source]`. A table of frames, or of lines of text.",
+    "serial.frame": "Binary frames. Without a checksum a frame is valid if another header or silence follows;"
+    " implausible values, and a jump of one cell that does not last, are left out.",
+    "serial.frame.fields": "A list of inline tables, `fields = [{ signal = ..., type = ..., at = ... }]`.",
+    "serial.frame.fields.index": "For samples of several frames: the value's place = (number - `base`) * `count`.",
+    "serial.line": "One line of text a sample.",
 }
 
 SEASON_HEAD = """# The season lake

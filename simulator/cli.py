@@ -147,8 +147,8 @@ def _simulate(arguments: argparse.Namespace, scenario: Scenario, battery: DbcBat
     from simulator.runner import Runner
     from simulator.scenario_player import ScenarioPlayer
 
-    if battery is not None and (arguments.serial or arguments.eeprom):
-        raise InputError("serial", "--serial and --eeprom are of the team's own master; this battery has CAN only")
+    if battery is not None and (arguments.eeprom or (arguments.serial and battery.serial is None)):
+        raise InputError("serial", "--serial and --eeprom are for the team's master; this battery has CAN only")
     seed = None if arguments.seed is None else int(arguments.seed)
     player = ScenarioPlayer(scenario, eeprom=Eeprom(arguments.eeprom), seed=seed, battery=battery)
     player.on_notice = _print_notice

@@ -70,7 +70,7 @@ def prove(
     for received in session.received():
         if isinstance(received, RecordedConfig):
             continue  # the stream carries it too
-        output = pipeline.feed(item_of(received))
+        output = pipeline.feed(item_of(received, session.loaded_battery))
         pipeline.predict()
         on_progress((received.t_mono_ns - start_ns) // 1_000_000, length_ms)
         _tell(expectations, output, (received.t_mono_ns - start_ns) / 1e9, recorded)

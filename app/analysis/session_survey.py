@@ -137,7 +137,7 @@ def survey_session(
     session: SessionFile, also: Callable[[SurveyPiece], None] | None = None, totals: TotalsCollector | None = None
 ) -> Survey:
     """Return the survey of a session; `also` is given every piece, and `totals` is collected in the same pass."""
-    surveyor = Surveyor(session.battery.n_cells, in_turns=session.loaded_battery.dbc_mapping is not None)
+    surveyor = Surveyor(session.battery.n_cells, in_turns=session.loaded_battery.mapping is not None)
     for piece in read_pieces(session, totals):
         surveyor.add(piece)
         if also is not None:
@@ -147,7 +147,7 @@ def survey_session(
 
 def _fields_of_kind(session: SessionFile) -> tuple[str, ...]:
     """The team's boards tell their switches; another battery its cells, in turns, and balancing where it says so."""
-    if session.loaded_battery.dbc_mapping is None:
+    if session.loaded_battery.mapping is None:
         return _REGISTERS
     return ("balancing", IS_NEW) if "balancing" in session.signals.order else (IS_NEW,)
 

@@ -3,11 +3,26 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from app.battery.serial import LONGEST_FRAME, SIGNALS, TYPES
 from app.battery.source import CURRENT_UNITS, RESISTANCE_UNITS, SOC_UNITS, TEMPERATURE_UNITS, VOLTAGE_UNITS
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
 
 KindOfField = Literal[
-    "text", "texts", "number", "count", "counts", "flag", "numbers", "pair", "signal", "limit", "parts", "bases", "map"
+    "text",
+    "texts",
+    "number",
+    "count",
+    "counts",
+    "flag",
+    "numbers",
+    "pair",
+    "signal",
+    "limit",
+    "parts",
+    "bases",
+    "map",
+    "bytes",
+    "table",
 ]
 
 
@@ -74,6 +89,90 @@ _STATE = (
 )
 _POSITIVE = Field("positive", "text", "meaning of a positive value", "`discharge`", one_of=("discharge", "charge"))
 
+_ORDER = Field("byte_order", "text", "order of the bytes of a number", "that of `[serial]`", one_of=("little", "big"))
+_AT = Field(
+    "at", "count", "byte of the first value; negative: from the end", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME
+)
+_POLLS = Field("poll_s", "number", "interval of `poll`", "1", "s", 0.05, 3600)
+_OF_VALUES = (
+    Field("name", "text", "name of the field", "that of the signal"),
+    Field("signal", "text", "what the values are", "", one_of=tuple(SIGNALS)),
+    Field("first", "count", "cell or sensor of the first value, from 1", "1", low=1, high=MOST_CELLS),
+    Field("scale", "number", "value = raw * scale + offset, in V, A, degC, ohm; SOC as a fraction of 1", "1"),
+    Field("offset", "number", "added after `scale`", "0"),
+    _POSITIVE,
+    Field("invalid", "counts", "raw values of a missing measurement", "none", low=-(2**63), high=2**64),
+    Field("valid_range", "pair", "lowest and highest valid value", "any"),
+    Field("equals", "counts", "raw values that mean yes, of a state", "[1]", low=-(2**63), high=2**64),
+    Field("mask", "count", "instead of `equals`: any of these bits means yes", "0", low=0, high=2**64),
+    _AGE,
+)  # fmt: skip
+_SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
+    "serial": (
+        Field("baud", "count", "speed of the line", "115200", "bit/s", 50, 12_000_000),
+        Field("parity", "text", "parity bit", "`none`", one_of=("none", "even", "odd")),
+        Field("data_bits", "count", "bits of a character", "8", low=5, high=8),
+        Field("stop_bits", "number", "stop bits", "1", low=1, high=2),
+        Field("start", "bytes", "sent when the port opens and while the line is silent; text, or `{hex = \"DD A5\"}`", "nothing"),  # noqa: E501
+        Field("stop", "bytes", "sent before the port closes; text, or `{hex = \"DD A5\"}`", "nothing"),
+        Field("byte_order", "text", "order of the bytes of a number", "`little`", one_of=("little", "big")),
+        Field("period_s", "number", "interval between measurements", "0.1", "s", 0.001, 60),
+    ),
+    "serial.frame": (
+        Field("name", "text", "name of the frame", "its place"),
+        Field("header", "text", "fixed first bytes, hex; `??` is any byte", "none: `gap_s` and `length`"),
+        Field("length", "count", "length of the whole frame", "`length_at`", "bytes", 1, LONGEST_FRAME),
+        Field("gap_s", "number", "silence before and after a frame without a header", "none", "s", 0.001, 60),
+        Field("end", "text", "fixed last bytes, hex", "none"),
+        Field("poll", "text", "request for the frame, hex, sent every `poll_s`", "none"),
+        _POLLS,
+    ),
+    "serial.frame.length_at": (
+        Field("offset", "count", "byte of the number", "", "bytes", 0, LONGEST_FRAME),
+        Field("size", "count", "its bytes", "1", "bytes", 1, 4),
+        Field("adds", "count", "length of the frame = number + `adds`", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+        _ORDER,
+    ),
+    "serial.frame.checksum": (
+        Field("kind", "text", "`none`, `sum8`, `xor8`, `sum16`, `sum16-complement`, or a name of crccheck: `crc-16/modbus`", ""),  # noqa: E501
+        Field("from", "count", "first byte that it is of", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+        Field("to", "count", "byte after the last, negative: from the end", "`at`", "bytes", -LONGEST_FRAME, LONGEST_FRAME),  # noqa: E501
+        Field("at", "count", "its first byte; negative: from the end", "-1", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+        _ORDER,
+    ),
+    "serial.frame.fields": (
+        *_OF_VALUES,
+        Field("type", "text", "type of each value", "", one_of=tuple(TYPES)),
+        _AT,
+        Field("count", "count", "number of values", "1", low=1, high=MOST_CELLS),
+        Field("stride", "count", "bytes from one value to the next", "they follow each other", "bytes", 0, LONGEST_FRAME),  # noqa: E501
+        Field("bits", "flag", "each value is a mask, lowest bit first, of `count` bits in all", "false"),
+        _ORDER,
+    ),
+    "serial.frame.fields.index": (
+        Field("at", "count", "byte of the frame's number among those of one sample", "", "bytes", -LONGEST_FRAME, LONGEST_FRAME),  # noqa: E501
+        Field("type", "text", "type of the number", "`u8`", one_of=tuple(TYPES)),
+        Field("base", "count", "lowest number", "0", low=0, high=65535),
+        _ORDER,
+    ),
+    "serial.line": (
+        Field("name", "text", "name of the line", "its place"),
+        Field("separator", "text", "between two columns; a blank: any number of blanks", "`,`"),
+        Field("pattern", "text", "expression with named groups (RE2), instead of columns", "none"),
+        Field("begin", "text", "text before the first column", "none"),
+        Field("end", "text", "text behind the last column", "the line's end"),
+        Field("poll", "bytes", "request for the line, sent every `poll_s`; text, or `{hex = \"DD A5\"}`", "none"),
+        _POLLS,
+    ),
+    "serial.line.fields": (
+        *_OF_VALUES,
+        Field("column", "count", "its column, from 0", "`columns`, `group`", low=0, high=LONGEST_FRAME),
+        Field("columns", "counts", "first and last column, from 0", "`column`, `group`", low=0, high=LONGEST_FRAME),
+        Field("group", "text", "group of `pattern`", "none"),
+        Field("base", "count", "10, or 16 for hex", "10", low=10, high=16),
+    ),
+}  # fmt: skip
+
 TABLES: dict[str, tuple[Field, ...]] = {
     "": (Field("include", "texts", "profiles to inherit from: bundled names, or files in the same folder", "none"),),
     "battery": (
@@ -110,5 +209,8 @@ TABLES: dict[str, tuple[Field, ...]] = {
     "source.charger_voltage": _reading(tuple(VOLTAGE_UNITS)),
     "source.charger_current": _reading(tuple(CURRENT_UNITS), _POSITIVE),
     **{f"source.state.{name}": _STATE for name in ("closed", "precharge", "fault", "charging", "balancing")},
+    **_SERIAL_TABLES,
 }  # fmt: skip
-MANY = ("source.voltage", "source.temperature", "source.balancing", "source.resistance")  # written [[source.voltage]]
+MANY = (
+    "source.voltage", "source.temperature", "source.balancing", "source.resistance", "serial.frame", "serial.line",
+)  # fmt: skip  # written [[source.voltage]]

@@ -6,8 +6,11 @@ from typing import Any
 
 from app.battery.battery import LIMITS, Battery, Drawing, each_cell, spread, spread_in_segments
 from app.battery.fields import MANY, MOST_CELLS, TABLES
+from app.battery.serial import SerialMapping
+from app.battery.serial_profile import SerialTables
 from app.battery.source import (
     KINDS,
+    READINGS,
     STATES,
     CellSignals,
     DbcMapping,
@@ -23,7 +26,6 @@ from app.estimation.cell_model.default_cell import DEFAULT_CELL
 from app.estimation.toml_text import TomlError, read_toml
 from app.words import Message
 
-_READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 Include = Callable[[str], "Document"]
 WITHDRAWN = "witness"  # table of another source of the same battery
 
@@ -87,9 +89,10 @@ def understand(document: Document) -> BatteryProfile:
         ProfileError: a field is missing, unknown, of the wrong kind or beyond its bounds.
     """
     refuse_withdrawn(document)
-    _table(document, "").check_names(("battery", "source"))
+    _table(document, "").check_names(("battery", "source", "serial"))
     _table(document, "battery").check_names(("drawing", "temperatures", "limits", "rules"))
-    return BatteryProfile(document.file, _battery(document), _source(document))
+    battery = _battery(document)
+    return BatteryProfile(document.file, battery, _serial(document, battery) or _source(document))
 
 
 def refuse_withdrawn(document: Document) -> None:
@@ -180,15 +183,25 @@ def _listed(table: TableReader, cells: list[Any], n_sensors: int, n_cells: int) 
     return tuple(tuple(cell - 1 for cell in each) for each in cells)
 
 
+def _serial(document: Document, battery: Battery) -> SerialMapping | None:
+    if "serial" not in document.values:
+        return None
+    if "source" in document.values:
+        raise _table(document, "").error("source", "", Message("serial-or-source"))
+    channels = dict.fromkeys(("voltage", "balancing", "resistance"), battery.n_cells)
+    channels["temperature"] = battery.n_sensors
+    return SerialTables(document.file, document.values["serial"], document.lines, channels).read()
+
+
 def _source(document: Document) -> Source:
     table = _table(document, "source")
     if table.text("kind", "dbc") == "master":
         return MemoryMap()
     if table.text("kind", "dbc") == "table":
         return TableMapping()
-    table.check_names((*KINDS, *_READINGS, "state"))
+    table.check_names((*KINDS, *READINGS, "state"))
     values = table.values
-    readings = {name: _reading(document, f"source.{name}") for name in _READINGS if name in values}
+    readings = {name: _reading(document, f"source.{name}") for name in READINGS if name in values}
     states = values.get("state", {})
     if not isinstance(states, Mapping) or not set(states) <= set(STATES):
         raise table.error("state", str(states)[:60], Message("no-such-key", names=STATES))

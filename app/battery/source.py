@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from app.battery.battery import SignalName
+from app.battery.serial import SerialMapping, longest_age
 
 MOST_PLACEHOLDERS = 6  # placeholders of a name pattern, stars among them: three parts and the text between them
 LONGEST_PATTERN = 128  # characters, as many as a name of a DBC may have
@@ -16,6 +17,7 @@ ZERO_AT = {"K": -273.15, "0.1K": -273.15, "degF": -160 / 9}  # degC at 0 of the 
 SOC_UNITS = {"percent": 0.01, "fraction": 1.0, "0.1percent": 1e-3}
 STATES = ("closed", "precharge", "fault", "charging", "balancing")
 Kind = str  # a name of KINDS
+READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 KINDS: tuple[Kind, ...] = ("voltage", "temperature", "balancing", "resistance")
 
 
@@ -84,6 +86,19 @@ class DbcMapping:
     period_s: float = 0.1  # between two measurements that are made of what was received
     bit_rate: int | None = None  # bit rate of the bus [bit/s]
 
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of values that it sends, `state.…` among them."""
+        readings = (name for name in READINGS if getattr(self, name) is not None)
+        return frozenset((*self.cells, *readings, *(f"state.{name}" for name in self.states)))
+
+    @property
+    def ages(self) -> dict[str, float | None]:
+        """From what age on values are missing, by kind [s]; None: as it is measured."""
+        ages = {kind: longest_age(each.max_age_s for each in entries) for kind, entries in self.cells.items()}
+        readings = {name: getattr(self, name) for name in READINGS}
+        return ages | {name: each.max_age_s for name, each in readings.items() if each is not None}
+
 
 @dataclass(frozen=True, slots=True)
 class MemoryMap:
@@ -95,4 +110,4 @@ class TableMapping:
     """Rows of a table that was imported: each tells every cell at one instant."""
 
 
-Source = DbcMapping | MemoryMap | TableMapping
+Source = DbcMapping | MemoryMap | TableMapping | SerialMapping

@@ -68,6 +68,13 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
         "temperature_c, soc; with a file's name before it for that file alone",
     )
     group.add_argument("--charge-positive", action="store_true", help="the files count charging current as positive")
+    group.add_argument(
+        "--current-means",
+        choices=("auto", "yes", "no"),
+        default="auto",
+        help="currents are means of the rows' steps while voltages are instants, as many loggers of one row a second "
+        "write; auto: as the data show",
+    )
     group.add_argument("--period", type=float, metavar="SECONDS", help="time between rows, for files without a clock")
 
 
@@ -77,11 +84,14 @@ def read_recording(path: Path, args: argparse.Namespace) -> Recording:
     Raises:
         DatasetError: see `app.sources.recordings.dataset.load_recording`.
     """
+    from app.estimation.recording.current_means import has_current_means, with_voltage_means
     from app.sources.recordings.dataset import load_recording, map_of, parse_map
 
-    return load_recording(
+    found = load_recording(
         path, parse_map(map_of(args.map, path)), charge_positive=args.charge_positive, period_s=args.period
     )
+    has_means = has_current_means(found) if args.current_means == "auto" else args.current_means == "yes"
+    return with_voltage_means(found) if has_means else found
 
 
 def data_folder(args: argparse.Namespace) -> Path:

@@ -17,6 +17,7 @@ from app.words import render
 
 if TYPE_CHECKING:
     from app.battery.battery import Battery
+    from app.battery.serial import SerialMapping
     from app.battery.sizing import Figure
     from app.battery.source import CellSignals, DbcMapping
     from app.battery.table_reader import ProfileError
@@ -49,14 +50,17 @@ def _add_check(actions: Actions) -> None:
     """Declare the action."""
     checking = actions.add_parser(
         "check",
-        help="every error and warning of a profile and its DBC, by line and field; exit code 1 where there is one,\n"
+        help="every doubt of a profile and its DBC, by line and field; exit code 1 where there is one,\n"
         "2 where the profile cannot work",
         formatter_class=argparse.RawTextHelpFormatter,
     )
     checking.add_argument("--json", action="store_true", help="as JSON")
     checking.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
     checking.add_argument(
-        "--log", type=Path, metavar="FILE", help="a CAN log of this battery: .log (candump), .trc, .asc, .blf, .mf4"
+        "--log",
+        type=Path,
+        metavar="FILE",
+        help="a CAN log of this battery: .log (candump), .trc, .asc, .blf, .mf4; of a serial line: its bytes, or hex",
     )
     checking.set_defaults(run=_check)
 
@@ -128,6 +132,7 @@ def _list(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     """Print what one means."""
     from app.battery.library import load_profile
+    from app.battery.serial import SerialMapping
     from app.battery.source import DbcMapping, MemoryMap
 
     loaded = load_profile(args.profile)
@@ -140,6 +145,8 @@ def _show(args: argparse.Namespace) -> int:
         print("source: the team's own master, over RS232 and CAN")
     elif isinstance(source, DbcMapping):
         _show_source(source)
+    elif isinstance(source, SerialMapping):
+        _show_serial(source)
     return 0
 
 
@@ -171,6 +178,17 @@ def _show_source(source: DbcMapping) -> None:
         print(f"  {name}: where {state.signal} is {wanted}")
 
 
+def _show_serial(source: SerialMapping) -> None:
+    port = source.port
+    print(f"source: serial, {port.baud} bit/s, {port.data_bits} data bits, parity {port.parity}")
+    for part in source.parts:
+        checksum = getattr(part, "checksum", None)
+        request = f", asked for every {part.poll_s:g} s" if part.poll else ""
+        print(f"  {part.name}: {'no checksum' if checksum is None else checksum.kind}{request}")
+        for each in part.fields:
+            print(f"    {each.name}: {each.count} {each.kind}, raw * {each.scale:g} + {each.offset:g}")
+
+
 def _in_words(entry: CellSignals) -> str:
     parts = [f"signals {entry.signal}" + ("" if entry.message == "*" else f" of messages {entry.message}")]
     parts += [f"{part} by signal {signal} of the frame" for part, signal in entry.numbers.items()]
@@ -187,30 +205,33 @@ def _in_words(entry: CellSignals) -> str:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Print every warning; 1 where there is one, 2 where the profile cannot work."""
+    """Print every doubt; 1 where there is one, 2 where the profile cannot work."""
     from app.battery.library import load_part
     from app.battery.profile_errors import errors_of
+    from app.battery.serial import SerialMapping
     from app.battery.source import DbcMapping
 
     document = load_part(args.profile)
     errors, profile = errors_of(document)
     found = [_entry("error", error.file, error.line, error.path, _of_field(error)) for error in errors]
-    n_errors, n_warnings = len(errors), 0
+    n_errors, n_doubts = len(errors), 0
     if profile is not None:
-        warnings = _of_cell(profile.battery.cell, profile.file)
+        doubts = _of_cell(profile.battery.cell, profile.file)
         if isinstance(profile.source, DbcMapping):
-            warnings += _of_dbc(profile.battery, profile.source, profile.file, args.log)
+            doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
+        elif isinstance(profile.source, SerialMapping):
+            doubts += _of_serial(profile.battery, profile.source, profile.file, args)
         elif not args.json:
             print(f"{profile.file}: the team's own master; nothing of a DBC to check")
-        if errors:  # warnings would be of what was set aside
-            warnings = [warning for warning in warnings if warning.is_error and not _is_known(warning.field, errors)]
-        for warning in warnings:
-            kind = "error" if warning.is_error else "warning"
-            text = f"{warning.field}: {render(warning.what)}"
-            found.append(_entry(kind, warning.file, warning.line, warning.field, text))
-        n_errors += sum(warning.is_error for warning in warnings)
-        n_warnings = len(warnings) - (n_errors - len(errors))
-    code = 2 if n_errors else int(bool(n_warnings))
+        if errors:  # doubts would be of what was set aside
+            doubts = [doubt for doubt in doubts if doubt.is_error and not _is_known(doubt.field, errors)]
+        for doubt in doubts:
+            kind = "error" if doubt.is_error else "doubt"
+            text = f"{doubt.field}: {render(doubt.what)}"
+            found.append(_entry(kind, doubt.file, doubt.line, doubt.field, text))
+        n_errors += sum(doubt.is_error for doubt in doubts)
+        n_doubts = len(doubts) - (n_errors - len(errors))
+    code = 2 if n_errors else int(bool(n_doubts))
     if args.json:
         print(json.dumps(found, indent=2))
         return code
@@ -218,7 +239,7 @@ def _check(args: argparse.Namespace) -> int:
         place = each["file"] if each["line"] is None else f"{each['file']}:{each['line']}"
         print(f"{place}: {each['kind']}: {each['text']}")
     cells = "" if profile is None or errors else f"{profile.battery.n_cells} cells, "
-    print(f"{cells}{n_errors} errors, {n_warnings} warnings")
+    print(f"{cells}{n_errors} errors, {n_doubts} doubts")
     return code
 
 
@@ -249,6 +270,20 @@ def _of_dbc(battery: Battery, source: DbcMapping, file: str, log: Path | None) -
         return [ProfileIssue(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
     definitions = battery_learn.definitions_of(map(Path, source.dbc))
     return issues_of(battery, source, definitions, file, None if log is None else battery_learn.log_frames(log))
+
+
+def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argparse.Namespace) -> list[ProfileIssue]:
+    """Doubts of serial tables; with captured bytes also prints what they hold."""
+    from app.sources.serial.check import captured_bytes, serial_doubts, shown_values
+
+    try:
+        capture = None if args.log is None else captured_bytes(args.log)
+    except (OSError, ValueError) as error:
+        raise ConfigError("log", args.log, getattr(error, "strerror", None) or str(error)) from error
+    doubts = serial_doubts(battery, mapping, file, capture)
+    if capture is not None and not args.json and not any(each.is_error for each in doubts):
+        print("\n".join(shown_values(battery, mapping, capture)))
+    return doubts
 
 
 def _of_cell(cell: str, file: str) -> list[ProfileIssue]:

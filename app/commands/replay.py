@@ -113,7 +113,7 @@ def _print_snapshots(path: Path, filter_name: str, cell_name: str | None) -> int
         for received in file.received():
             if isinstance(received, RecordedConfig):
                 continue  # the stream carries it too
-            snapshot = pipeline.feed(item_of(received)).snapshot
+            snapshot = pipeline.feed(item_of(received, file.loaded_battery)).snapshot
             pipeline.predict()
             if snapshot is not None:
                 sys.stdout.buffer.write(snapshot_json(snapshot, no_service) + b"\n")

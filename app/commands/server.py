@@ -141,14 +141,15 @@ def _source(
     if replay is not None:
         return "replay", None, None, None
     Connections(settings.serial, settings.can, settings.battery).check(by_operator=by_operator)
-    speaks_can = load_battery(settings.battery).dbc_mapping is not None
+    kind = load_battery(settings.battery).kind
     if not settings.simulates:
         return "serial" if settings.serial else "can", settings.serial, settings.can, None
-    of_battery = command_of("app.cli", "simulate", "--battery", settings.battery) if speaks_can else None
-    simulator = SimulatorProcess(settings, of_battery=of_battery)
+    of_battery = None if kind == "master" else command_of("app.cli", "simulate", "--battery", settings.battery)
+    simulator = SimulatorProcess(settings, of_battery=of_battery, has_serial=kind == "serial")
     stack.callback(simulator.stop)
     simulator.start()
-    return "simulator", None if speaks_can else simulator.ports.serial_url, simulator.ports.can_url, simulator
+    serial_url = None if kind == "dbc" else simulator.ports.serial_url
+    return "simulator", serial_url, None if kind == "serial" else simulator.ports.can_url, simulator
 
 
 class _Server(uvicorn.Server):

@@ -14,6 +14,7 @@ from simulator.cli import add_arguments as add_simulator_arguments
 from simulator.cli import run as run_simulator
 
 if TYPE_CHECKING:
+    from app.battery.serial import SerialMapping
     from app.battery.source import DbcMapping
     from app.sources.loaded_battery import LoadedBattery
     from simulator.dbc_battery.battery import DbcBattery
@@ -26,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--battery",
         metavar="NAME|FILE",
-        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC (default: the team's own)",
+        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC,\n"
+        "on a serial line by its profile (default: the team's own)",
     )
 
 
@@ -37,8 +39,27 @@ def run(args: argparse.Namespace) -> int:
     from app.sources.loaded_battery import load_battery
 
     loaded = load_battery(args.battery)
-    source = loaded.dbc_mapping
+    source, serial = loaded.dbc_mapping, loaded.serial
+    if serial is not None:
+        return run_simulator(args, simulated_serial(loaded, serial))
     return run_simulator(args, None if source is None else simulated(loaded, source))
+
+
+def simulated_serial(loaded: LoadedBattery, mapping: SerialMapping) -> DbcBattery:
+    """Return what the simulator makes of a battery on a serial line.
+
+    Raises:
+        ConfigError: its cell file is wrong.
+    """
+    from app.sources.serial.encoder import SerialEncoder
+    from simulator.dbc_battery.battery import DbcBattery, SilentBus
+    from simulator.shape import Shape
+
+    battery = loaded.battery
+    cell = chosen_cell(battery.cell, "battery.cell")
+    limits = {name: limit for name, limit in battery.limits.items() if isinstance(limit, float)}
+    encoder = SerialEncoder(battery, mapping)
+    return DbcBattery(Shape(battery.segments), battery.sensors, cell.capacity_ah, limits, SilentBus(), encoder)
 
 
 def simulated(loaded: LoadedBattery, source: DbcMapping) -> DbcBattery:

@@ -2,7 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
+from app.estimation.health.cell_finding import FindingCode
 from app.live.alarm_rules import AlarmCondition, conditions, is_reason_lost
 from app.live.alarm_visibility import is_judged
 from app.telemetry import Alarm, Event, Severity, Snapshot, TripCause
@@ -37,6 +39,7 @@ class AlarmTracker:
         self._seen_ns: dict[str, int] = {}
         self._raised_ns: dict[str, int] = {}
         self._named: tuple[TripCause, ...] | None = None  # None: nothing recorded was looked at yet
+        self._past: dict[int, TripCause] = {}  # of trips that are over and acknowledged, by cell
         self._next_id = 1 + max((alarm.id for alarm in self._alarms.values()), default=0)
 
     def step(self, snapshot: Snapshot) -> tuple[tuple[Alarm, ...], list[Event]]:
@@ -44,7 +47,7 @@ class AlarmTracker:
         now_ns = snapshot.t_mono_ns
         events: list[Event] = []
         causes: dict[str, list[TripCause]] = {}
-        for cause in self._named or ():
+        for cause in self._without_trip():
             causes.setdefault(cause.code, []).append(cause)
         named = {code: _condition(alike) for code, alike in causes.items()}
         raised = named | {condition.code: condition for condition in conditions(snapshot)}
@@ -107,16 +110,25 @@ class AlarmTracker:
                 self._alarms[key] = replace(alarm, cause=cause)
 
     def name(self, causes: tuple[TripCause, ...]) -> None:
-        """Set what is wrong without having tripped anything."""
-        self._named = causes
+        """Set what is wrong without having tripped anything; what a trip left and a look since does not show, ends."""
+        self._named, self._past = causes, {}
 
-    @property
-    def causes(self) -> list[TripCause]:
-        """The verdicts on the trips that are listed; else, of a cell, on what is wrong without one."""
+    def causes(self, findings: Iterable[Finding] = ()) -> list[TripCause]:
+        """Return the verdicts on the trips that are listed; else, of a cell, on what is wrong without one.
+
+        `findings` are those of the cells' judge: what a trip left goes on in them.
+        """
+        for finding in findings:
+            self._past.pop(finding.cell, None)
         trips = [alarm for alarm in self._alarms.values() if alarm.severity == "trip"]
         causes = [alarm.cause for alarm in trips if alarm.cause is not None]
         cells = {cause.cell for cause in causes}
-        return [*causes, *(cause for cause in self._named or () if cause.cell not in cells)]
+        return [*causes, *(cause for cause in self._without_trip() if cause.cell not in cells)]
+
+    def _without_trip(self) -> list[TripCause]:
+        named = self._named or ()
+        cells = {cause.cell for cause in named}
+        return [*named, *(cause for cell, cause in self._past.items() if cell not in cells)]
 
     def _raise(self, condition: AlarmCondition, since_ns: int) -> Alarm:
         self._next_id += 1
@@ -137,6 +149,9 @@ class AlarmTracker:
     def _drop_finished(self) -> None:
         for key, alarm in list(self._alarms.items()):
             if not alarm.active and (alarm.acknowledged_by is not None or alarm.severity == "watch"):
+                cause = alarm.cause if alarm.severity == "trip" else None
+                if cause is not None and cause.cell is not None and cause.code in get_args(FindingCode):
+                    self._past[cause.cell] = cause  # the trip is over, what is wrong with the cell is not
                 del self._alarms[key]
                 self._seen_ns.pop(key, None)
                 self._raised_ns.pop(key, None)

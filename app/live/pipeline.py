@@ -361,7 +361,7 @@ class Pipeline:
         snapshot = replace(snapshot, last_known=self._last.step(snapshot))
         news = self._news.step(snapshot)
         with self._watch_lock:
-            findings = agreeing(snapshot.findings, self._watch.causes)
+            findings = agreeing(snapshot.findings, self._watch.causes(snapshot.findings))
             snapshot = replace(snapshot, findings=findings, cells=with_findings(snapshot.cells, findings))
             alarms, events = self._watch.step(snapshot)
         return Output(replace(snapshot, alarms=alarms), (*events, *news))

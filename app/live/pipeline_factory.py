@@ -15,6 +15,7 @@ from app.live.remembered_charge import RememberedCharge
 from app.sources.dbc.source import DbcSource
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
+from app.sources.serial.source import SerialSource
 from app.sources.source import MeasurementSource
 from app.sources.table_source import TableSource
 from app.telemetry import Alarm, Source
@@ -136,11 +137,13 @@ class PipelineFactory:
         return Predictor(self.cell, battery.segments, learned_before, watch=watch, sensors=sensors, predicts=predicts)
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
-        mapping = self.battery.dbc_mapping
-        if mapping is None and not self.battery.has_memory_map:
-            return TableSource(self.battery.battery, name)
-        if mapping is None:
+        mapping, serial = self.battery.dbc_mapping, self.battery.serial
+        if self.battery.has_memory_map:
             return MasterSource(name, rs232_url, can_url)
+        if serial is not None:
+            return SerialSource(self.battery.battery, serial, rs232_url, name=name)
+        if mapping is None:
+            return TableSource(self.battery.battery, name)
         return DbcSource(self.battery.battery, mapping, self.battery.definitions, can_url, name=name)
 
     def _new_estimator(self) -> SocEstimator:

@@ -17,7 +17,7 @@ from app.estimation.health.capacity import CapacityBetweenRests, CapacityTracker
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
 from app.estimation.health.joints import JointReport
 from app.estimation.health.learned import Learned, learned
-from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
+from app.estimation.health.resistance_scale import ResistanceScale, filter_factor
 from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.calibration import VoltageForecast
 from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint
@@ -156,7 +156,7 @@ class Predictor:
 
     def apply_learned(self, estimator: SocEstimator) -> None:
         """Let an estimator count with what was learned of its cells."""
-        self._factors_in_use = trusted_factor(self.learned.resistance_factor)
+        self._factors_in_use = filter_factor(self.learned.resistance_factor, self.learned.has_resistance)
         estimator.use_capacity(self.learned.capacity_ah)
         estimator.use_resistance(self._factors_in_use)
 

@@ -3,11 +3,13 @@
 import threading
 from collections.abc import Callable
 
+from app.battery.serial import SerialMapping
 from app.clock import Clock
 from app.errors import LinkLost
 from app.sources.items import Item
 from app.sources.links.can import CanLink
 from app.sources.links.can_sender import CanSender
+from app.sources.links.profile_serial import ProfileSerialLink
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
 from app.telemetry.events import link_stuck
@@ -28,6 +30,7 @@ class ServiceLinks:
         *,
         may_transmit: bool,
         can_fd: bool = False,
+        mapping: SerialMapping | None = None,
     ) -> None:
         """Prepare the links.
 
@@ -38,12 +41,14 @@ class ServiceLinks:
             clock: of the links and of the requests to the master.
             may_transmit: this is no car's bus.
             can_fd: frames of CAN FD are awaited.
+            mapping: of the serial line, where no master of ours is on it.
         """
-        self.serial = SerialLink(serial_url, sink, clock) if serial_url else None
+        self.serial = _serial_link(serial_url, mapping, sink, clock) if serial_url else None
         self.can = CanLink(can_url, sink, clock, fd=can_fd) if can_url else None
         self.can_sender = CanSender(self.send_can, clock)
-        self.master = MasterClient(self.serial.write if self.serial else _refuse, clock)
-        if self.serial is not None:
+        has_master = self.serial is not None and mapping is None
+        self.master = MasterClient(self.serial.write if self.serial and has_master else _refuse, clock)
+        if self.serial is not None and has_master:
             self.serial.on_frame, self.serial.on_lost = self.master.on_frame, self.master.on_lost
         self._clock = clock
         self._lock = threading.Lock()
@@ -105,6 +110,10 @@ class ServiceLinks:
         if self.can is None:
             raise LinkLost(Message("no-can"))
         self.can.send(can_id, data)
+
+
+def _serial_link(url: str, mapping: SerialMapping | None, sink: Callable[[Item], None], clock: Clock) -> SerialLink:
+    return SerialLink(url, sink, clock) if mapping is None else ProfileSerialLink(url, mapping, sink, clock)
 
 
 def _refuse(data: bytes) -> None:

@@ -184,7 +184,7 @@ class ConfigurationInForce:
 def ids_of_others(trace: CanTrace, battery: LoadedBattery, in_force: ConfigurationInForce) -> set[int]:
     """Return the CAN ids that the battery's master or BMS sends or listens to, or that anybody else has sent."""
     received = {can_id for can_id, traced in trace.by_id().items() if not traced.latest.sent}
-    if battery.dbc_mapping is not None:
+    if not battery.has_memory_map:
         return received | set(battery.definitions.by_id())
     return received | ids_of(in_force.image() or default_image())
 

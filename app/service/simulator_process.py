@@ -72,6 +72,7 @@ class SimulatorProcess:
         settings: Settings,
         *,
         of_battery: Sequence[str] | None = None,
+        has_serial: bool = False,
         backoff: Backoff | None = None,
         stop_s: float = STOP_S,
     ) -> None:
@@ -79,7 +80,8 @@ class SimulatorProcess:
 
         Args:
             settings: of the service.
-            of_battery: command line of another simulation than the team's car, which has CAN alone.
+            of_battery: command line of another simulation than the team's car.
+            has_serial: that one is on a serial line; else on CAN alone.
             backoff: between two starts.
             stop_s: how long it may take to end before it is killed.
         """
@@ -90,6 +92,7 @@ class SimulatorProcess:
         of_team = ("simulator.cli", "--serial", self.ports.serial_argument, "--eeprom", eeprom)
         self._arguments = [
             *(of_battery or command_of(*of_team)),
+            *(("--serial", self.ports.serial_argument) if has_serial else ()),
             *("--can", self.ports.can_argument, "--with-parent", "--control", self.ports.control_argument),
             *(("--seed", str(settings.seed)) if settings.seed is not None else ()),
         ]

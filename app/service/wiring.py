@@ -130,6 +130,7 @@ def make_service(
         inbox.put,
         clock,
         can_fd=battery.uses_fd,
+        mapping=battery.serial,
         may_transmit=is_simulated or settings.bench,
     )
     trace = CanTrace()

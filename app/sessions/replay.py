@@ -20,7 +20,8 @@ from app.sessions.info import RecordedCanFrame
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.recorded_estimates import RecordedEstimates
 from app.sessions.replay_schedule import LEAD_S, MIN_LOOP_S, Pacer, Received
-from app.sources.items import CanItem, Item, LinkChange, SerialItem, TableItem
+from app.sources.items import CanItem, Item, LinkChange, SerialBytes, SerialItem, TableItem
+from app.sources.loaded_battery import LoadedBattery
 from app.telemetry import FloatArray, Snapshot, TripCause
 from app.telemetry.service_state import Replay, ReplayCompared
 from app.words import Message
@@ -71,12 +72,14 @@ class _Replay:
 Orders = queue.SimpleQueue[Callable[[_Replay, float], None] | None]
 
 
-def item_of(received: Received) -> Item:
-    """The item that the link delivered when this was recorded."""
+def item_of(received: Received, battery: LoadedBattery | None = None) -> Item:
+    """Return the item that the link delivered when this was recorded; None: of the team's battery."""
     if isinstance(received, TableItem):
         return received
     if isinstance(received, RecordedCanFrame):
         return CanItem(received.t_mono_ns, received.t_wall_ns, received.can_id, received.data)
+    if battery is not None and battery.serial is not None:
+        return SerialBytes(received.t_mono_ns, received.t_wall_ns, received.raw)
     return SerialItem(received.t_mono_ns, received.t_wall_ns, decode_chunk(received.raw))
 
 
@@ -285,7 +288,7 @@ class ReplayPlayer:
         for received in due:
             if not self._is_current():
                 break
-            snapshot = replay.pipeline.feed(item_of(received)).snapshot
+            snapshot = replay.pipeline.feed(item_of(received, replay.file.loaded_battery)).snapshot
             replay.pipeline.predict()
             if snapshot is None or not self._is_current():
                 continue

@@ -51,9 +51,11 @@ class Connections:
             ConfigError, ProfileError: names the setting and what it has to be.
             ImportFailed, ExtraMissing: a DBC of the battery cannot be read.
         """
-        speaks_can = load(self.battery, own_folder=not by_operator).dbc_mapping is not None
-        if speaks_can and self.serial is not None:
+        kind = load(self.battery, own_folder=not by_operator).kind
+        if kind == "dbc" and self.serial is not None:
             raise ConfigError("serial", self.serial, Message("battery-needs-can", battery=self.battery))
+        if kind == "serial" and self.can is not None:
+            raise ConfigError("can", self.can, Message("battery-on-serial", battery=self.battery))
         if self.serial is not None:
             check_url(self.serial, by_operator=by_operator)
         if self.can is not None and first_bus(self.can) != self.can:
@@ -141,16 +143,16 @@ class Setup:
         self.on_choice: Callable[[], None] = lambda: None  # starts the service again
         self.load: Load = load_battery  # reads a battery's files; the service does so in a limited process
         self._loaded: dict[Path, tuple[int, LoadedBattery]] = {}  # uploaded ones, with when they changed [ns]
-        self.draft: tuple[str, ProfileDraft] | None = None  # what is being inferred, by its id
+        self.draft: tuple[str, ProfileDraft] | None = None  # what is being learned, by its id
 
     def begin_draft(self, draft: "ProfileDraft") -> str:
-        """Keep what is being inferred, one at a time; return its id."""
+        """Keep what is being learned, one at a time; return its id."""
         self.end_draft()
         self.draft = os.urandom(4).hex(), draft
         return self.draft[0]
 
     def end_draft(self) -> None:
-        """Give the bus of what was being inferred free."""
+        """Give the bus of what was being learned free."""
         if self.draft is not None:
             self.draft[1].close()
         self.draft = None

@@ -31,6 +31,15 @@ class UnframedBytes:
 
 
 @dataclass(frozen=True, slots=True)
+class SerialBytes:
+    """What was read at once from a serial line that a profile describes."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class CanItem:
     """A CAN data frame; bit 31 of the id marks a 29-bit one."""
 
@@ -74,4 +83,4 @@ class CanFault:
     rx_errors: int | None = None
 
 
-Item = SerialItem | UnframedBytes | CanItem | CanFault | LinkChange | TableItem
+Item = SerialItem | SerialBytes | UnframedBytes | CanItem | CanFault | LinkChange | TableItem

@@ -4,14 +4,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import Literal
 
 from app.battery.battery import Battery
 from app.battery.library import profile_files, profile_of
+from app.battery.serial import SerialMapping
 from app.battery.shape import TEAM_PROFILE
 from app.battery.source import DbcMapping, MemoryMap, Source, TableMapping
 from app.battery.table_reader import ProfileError
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
+from app.sources.serial.checksums import checksum_of
+from app.sources.serial.patterns import group_names
 from app.words import Message
 
 CLASSIC_BYTES = 8  # data bytes of a classic CAN frame; more is CAN FD
@@ -32,9 +36,26 @@ class LoadedBattery:
         return self.source if isinstance(self.source, DbcMapping) else None
 
     @property
+    def serial(self) -> SerialMapping | None:
+        """How it is read on a serial line, where a profile describes that."""
+        return self.source if isinstance(self.source, SerialMapping) else None
+
+    @property
+    def mapping(self) -> DbcMapping | SerialMapping | None:
+        """What describes its frames, on CAN or a serial line; None of our own master and of a table."""
+        return self.dbc_mapping or self.serial
+
+    @property
     def has_memory_map(self) -> bool:
         """Whether its values are those of our own master."""
         return isinstance(self.source, MemoryMap)
+
+    @property
+    def kind(self) -> Literal["master", "dbc", "serial", "table"]:
+        """What it is read by."""
+        if self.has_memory_map:
+            return "master"
+        return "dbc" if self.dbc_mapping else "serial" if self.serial else "table"
 
     @property
     def uses_fd(self) -> bool:
@@ -81,7 +102,33 @@ def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
         if name not in files:
             raise ProfileError(profile.file, None, "source.dbc", name, Message("no-such-file"))
         definitions = definitions.joined(parse_definitions(files[name], name))
+    if isinstance(profile.source, SerialMapping):
+        _check_serial(profile.file, profile.source)
     return LoadedBattery(profile.battery, profile.source, definitions, files)
+
+
+def _check_serial(file: str, mapping: SerialMapping) -> None:
+    """Refuse a checksum of no known kind, and an expression that is none.
+
+    Raises:
+        ProfileError: by its line.
+        ExtraMissing: RE2 is needed and not installed.
+    """
+    for i, frame in enumerate(mapping.frames):
+        if frame.checksum is not None and checksum_of(frame.checksum.kind) is None:
+            path, limit = f"serial.frame[{i}].checksum", Message("serial-checksum")
+            raise ProfileError(file, frame.line, path, frame.checksum.kind, limit)
+    for i, line in enumerate(mapping.lines):
+        if not line.pattern:
+            continue
+        try:
+            names = group_names(line.pattern)
+        except ValueError as error:
+            raise ProfileError(file, line.row, f"serial.line[{i}].pattern", line.pattern, str(error)) from error
+        for field in line.fields:
+            if field.group not in names:
+                limit = Message("one-of-these", names=names)
+                raise ProfileError(file, field.line, f"serial.line[{i}].fields", field.group, limit)
 
 
 @cache

@@ -83,13 +83,13 @@ _NOW: Final = {old: code for code, before in _BEFORE.items() for old in before} 
     "finding-thermistor-missing": "finding-temperature-sensor-open",
     "finding-channel-missing": "finding-cell-voltage-missing",
     # messages, not conditions: their codes were other words
-    "boot-not-told": "boot-cause-unknown",
-    "bms-tells-state": "bms-state",
-    "bms-tells-no-state": "bms-no-state",
-    "cells-not-heard": "cells-not-received",
-    "faults-mended": "all-faults-cleared",
-    "heard-on-can-alone": "can-only-session",
-    "what-charger-says": "charger-reported-range",
+    "boot-cause-unknown": "boot-cause-unknown",
+    "bms-state": "bms-state",
+    "bms-no-state": "bms-no-state",
+    "cells-not-received": "cells-not-received",
+    "all-faults-cleared": "all-faults-cleared",
+    "can-only-session": "can-only-session",
+    "charger-reported-range": "charger-reported-range",
 }
 _PREFIXES: Final = ("trip-", "finding-")  # before the condition's code, of events and messages
 

@@ -55,8 +55,8 @@ export const scaled = (value: number | null | undefined, factor: number): number
 export function cellName(index: number | null | undefined, shape = shapes.here): string {
   if (index === null || index === undefined) return DASH;
   const place = shape.place(index);
-  if (!place) return t('cell {n}', { n: index + 1 });
-  return t('pack {pack}, cell {cell}', { pack: place.segment + 1, cell: place.position + 1 });
+  if (!place) return t('common.cell_lower', { n: index + 1 });
+  return t('common.pack_cell', { pack: place.segment + 1, cell: place.position + 1 });
 }
 
 export const packNumber = (index: number, shape = shapes.here): number =>
@@ -201,10 +201,11 @@ export function decimalsOf(scale: number): number {
 export function monthly(trend: SeasonTrend, decimals: number): string {
   const [pace, low, high] = [trend.per_month, trend.low, trend.high].map((v) => signed(100 * v, decimals));
   const least = 10 ** -decimals / 2;
-  if (Math.max(Math.abs(trend.low), Math.abs(trend.high)) * 100 < least) return t('does not change');
-  if (!trend.is_reportable) return t('too few days to tell what a month changes');
-  const words = t('{pace} % a month, 95 %: {low} to {high}', { pace: pace!, low: low!, high: high! });
-  return trend.is_sure ? words : `${words} · ${t('not more than chance')}`;
+  if (Math.max(Math.abs(trend.low), Math.abs(trend.high)) * 100 < least)
+    return t('common.no_significant_change');
+  if (!trend.is_reportable) return t('common.too_few_days_monthly_rate');
+  const words = t('common.per_month_95', { pace: pace!, low: low!, high: high! });
+  return trend.is_sure ? words : `${words} · ${t('common.not_statistically_significant')}`;
 }
 
 /** A number stays beside its unit, and a minus is one. */

@@ -127,6 +127,6 @@ describe('the time of an alarm', () => {
 
   it('is since when it holds, then when it ended', () => {
     expect(when(alarm(1, { since: at }))).toBe('since 10:36:58');
-    expect(when(alarm(1, { since: at, active: false, ended: at + 40 }))).toBe('ended 10:37');
+    expect(when(alarm(1, { since: at, active: false, ended: at + 40 }))).toBe('cleared 10:37');
   });
 });

@@ -27,34 +27,34 @@ describe('how a cell compares', () => {
   it('names the weakest, by how much, and its joint', () => {
     const weak = cells({ soc: at(all(0.5), 2, 0.48), resistance_ohm: at(all(0.002), 2, 0.0021) });
     expect(comparison(weak, 2, [1, 3])).toBe(
-      'Lowest SOC of 5, 2.0 points below the median; R0 0.10 mΩ more than its neighbours; its joint resistance is normal.',
+      'Lowest SOC of 5, 2.0 points below the median. R0 0.10 mΩ above its neighbours. Busbar joint normal.',
     );
   });
 
   it('says no difference that is smaller than its sigma', () => {
     expect(comparison(cells({ soc: at(all(0.5), 2, 0.497) }), 2, [1, 3])).toMatch(
-      /^SOC like the other 4; R0 like/,
+      /^SOC normal\. R0 normal\./,
     );
   });
 
   it('does not call a cell the lowest where another one is lower', () => {
     const two = cells({ soc: [0.4, 0.48, 0.5, 0.5, 0.5] });
-    expect(comparison(two, 1, [0, 2])).toMatch(/^SOC 2\.0 points below the median;/);
+    expect(comparison(two, 1, [0, 2])).toMatch(/^SOC 2\.0 points below the median\./);
     expect(comparison(cells({ soc: at(all(0.5), 1, 0.53) }), 1, [0, 2])).toMatch(/^SOC 3\.0 points above/);
   });
 
   it('says what is not known instead of a number', () => {
     const fresh = cells({ soc: all(null), resistance_ohm: all(null), joint_excess_ohm: all(null) });
     expect(comparison(fresh, 0, [1])).toBe(
-      'SOC not known; R0 not known before it has been under load; its joint is not assessed yet.',
+      'SOC unknown. R0 unknown until under load. Busbar joint not yet assessed.',
     );
-    expect(comparison(cells({ voltage_v: at(all(3.7), 0, null) }), 0, [1])).toBe('Not measured now.');
+    expect(comparison(cells({ voltage_v: at(all(3.7), 0, null) }), 0, [1])).toBe('No voltage reading.');
   });
 
-  it('names a loose joint, and doubts a SOC that the model does not follow', () => {
+  it('names a high-resistance joint, and a SOC without a valid model', () => {
     const bad = cells({ joint_loose: at(all(false), 3, true), model_valid: at(all(true), 3, false) });
     expect(comparison(bad, 3, [2, 4])).toMatch(
-      /its joint resistance is high\. The model does not follow this cell/,
+      /High-resistance busbar joint\. The model does not fit this cell/,
     );
   });
 });

@@ -50,20 +50,20 @@ describe('whyNot', () => {
     s.charger.flags = ['input voltage'];
     s.charger.state = 'off';
     expect(whyNot(s, true)).toEqual([
-      'The master holds the shutdown circuit open: cell too hot',
-      'No charger is heard on CAN: check its plug, its mains and the bit rate.',
+      'The master keeps the shutdown circuit open: cell too hot',
+      'No charger on CAN. Check connector, mains and bit rate.',
       'The charger reports a fault: input voltage',
-      'Charging was not started.',
+      'Charging has not been started.',
     ]);
   });
 
   it('does not blame the car where the service is gone', () => {
     live.connection = 'lost';
-    expect(whyNot(charging(0), true)).toEqual(['The service does not answer.']);
+    expect(whyNot(charging(0), true)).toEqual(['The service does not respond.']);
   });
 
   it('does not guess from what is old', () => {
-    expect(whyNot(charging(0), false)).toEqual(['Nothing is heard of the charger or the master.']);
+    expect(whyNot(charging(0), false)).toEqual(['No data from the charger or the master.']);
   });
 });
 
@@ -73,7 +73,7 @@ describe('doubts', () => {
     expect(contradictions(s)).toEqual([]);
     s.plausibility.sum = { ...s.plausibility.sum, verdict: false, value: 3.2 };
     s.plausibility.chips = { ...s.plausibility.chips, verdict: null, value: null };
-    expect(contradictions(s)).toEqual(['The cells do not add up to the master’s total: 3.2000 V apart.']);
+    expect(contradictions(s)).toEqual(['Sum of cell voltages and accumulator voltage differ by 3.2000 V.']);
   });
 
   it('tell of an offset of the current sensor that is large and sure', () => {
@@ -87,7 +87,7 @@ describe('doubts', () => {
     expect(offset(0.4, 0.05)).toEqual([]);
     expect(offset(1.5, 0.8)).toEqual([]);
     expect(offset(-3, 0.05)).toEqual([
-      'The current sensor reads 3.00 ± 0.05 A too little; the charge is counted without it.',
+      'The current sensor reads 3.00 ± 0.05 A too low; SOC is corrected for it.',
     ]);
   });
 
@@ -105,10 +105,10 @@ describe('doubts', () => {
       readers: [],
     };
     expect(dataWarnings(s, system, 7.4)).toEqual([
-      '10.0 % of the RS232 frames were lost.',
-      'The service’s clock and this device’s are 7 s apart.',
-      'The service’s clock was set by −3600 s since it started.',
-      'The disk is full in 1.5 h.',
+      '10.0 % of RS232 frames lost.',
+      'Service clock and this device differ by 7 s.',
+      'The service clock was adjusted by −3600 s since it started.',
+      'Disk full in 1.5 h.',
     ]);
   });
 });

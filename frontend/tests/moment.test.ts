@@ -84,9 +84,9 @@ describe('a row of the log', () => {
 
   it('leads to the box, or nowhere where there is nothing to look at', () => {
     events.list = [event({ code: 'blackbox', cell: 30 })];
-    expect(body()).toMatch(/<a href="#\/sessions\/boxes"[^>]*>Look<\/a>/);
+    expect(body()).toMatch(/<a href="#\/sessions\/boxes"[^>]*>Go to recording<\/a>/);
     events.list = [event({})];
-    expect(body()).not.toContain('>Look<');
+    expect(body()).not.toContain('>Go to recording<');
     events.list = [];
   });
 });

@@ -23,7 +23,7 @@ describe('what lies ahead', () => {
     expect(ahead(-1)).toBe('0.0 s');
   });
 
-  it('tells "not within an hour" from "not known"', () => {
+  it('tells "not within an hour" from "unknown"', () => {
     expect(ahead(null)).toBe('> 1 h');
     expect(ahead(undefined)).toBe(DASH);
   });

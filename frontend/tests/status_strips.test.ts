@@ -41,7 +41,7 @@ describe('the strip over every page', () => {
     live.snapshot = { ...SILENT, links: { ...SILENT.links, rs232 } };
     const shown = strip('#/overview');
     expect(shown).toContain(
-      'Bytes arrive on RS232 (312 a second) but no frame: speed, parity, or another firmware?',
+      'RS232 receives 312 bytes per second but no valid frame. Check speed, parity and firmware.',
     );
     expect(shown).toContain('href="#/system"');
     expect(shown).not.toContain('supply');

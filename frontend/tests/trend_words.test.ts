@@ -15,12 +15,12 @@ const trend = {
 
 describe('monthly', () => {
   it('tells the pace with its band', () => {
-    expect(monthly(trend, 1)).toBe('+1.0 % a month, 95 %: +0.5 to +1.5');
-    expect(monthly({ ...trend, is_sure: false }, 1)).toContain('not more than chance');
+    expect(monthly(trend, 1)).toBe('+1.0 % per month (95 %: +0.5 to +1.5)');
+    expect(monthly({ ...trend, is_sure: false }, 1)).toContain('not statistically significant');
   });
 
   it('tells no month by the sessions of one day', () => {
     const day = { ...trend, per_month: -269, low: -406, high: -132, is_reportable: false };
-    expect(monthly(day, 1)).toBe('too few days to tell what a month changes');
+    expect(monthly(day, 1)).toBe('too few days for a monthly rate');
   });
 });

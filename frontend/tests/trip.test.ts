@@ -70,13 +70,13 @@ describe('a trip that is still open', () => {
     const open = await body('parts/TopBar.svelte');
     expect(open).toMatch(/class="bar[^"]* new/);
     expect(open).toContain('high-resistance joint, 13.99');
-    expect(open).toMatch(/Seen<\/button>/);
+    expect(open).toMatch(/Acknowledge<\/button>/);
     showing({ acknowledged_by: 'kari' });
     const seen = await body('parts/TopBar.svelte');
     expect(seen).toMatch(/class="bar[^"]* tripped/);
     expect(seen).not.toMatch(/class="bar[^"]* new/);
     expect(seen).toContain('data-testid="trip-box"');
-    expect(seen).not.toMatch(/Seen<\/button>/);
+    expect(seen).not.toMatch(/Acknowledge<\/button>/);
   });
 
   it('marks its cell on the map by the colour of trips, whatever its voltage is now', async () => {

@@ -6,8 +6,8 @@ afterEach(() => void vi.useRealTimers());
 
 it('what was thrown away is taken back once', () => {
   const back = vi.fn();
-  undo.let('Draft discarded', back);
-  expect(undo.offer?.what).toBe('Draft discarded');
+  undo.let('Changes discarded', back);
+  expect(undo.offer?.what).toBe('Changes discarded');
   undo.take();
   undo.take();
   expect(back).toHaveBeenCalledOnce();

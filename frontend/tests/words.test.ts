@@ -4,14 +4,16 @@ import { readdirSync, readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { parse } from 'svelte/compiler';
 import { describe, expect, it } from 'vitest';
-import page from '../../app/words/nb/page.json';
+import en from '../../app/words/en/page.json';
+import nb from '../../app/words/nb/page.json';
 import vectors from '../../tests/vectors/words.json';
 import { Shape } from '../src/store/shape.svelte';
 import { render, type Message, type Table } from '../src/words/render';
 import { chosen, fill, load, named, t, messageText } from '../src/words/words.svelte';
 
 const SRC = join(import.meta.dirname, '../src');
-const NB: Readonly<Record<string, string>> = page;
+const EN: Readonly<Record<string, string>> = en;
+const NB: Readonly<Record<string, string>> = nb;
 // Names, units and formats are the same in every language.
 const SAME =
   /^(https?\/\/\S+|car|V|A|B − A|Hz|µs|\(3 sigma\)|kW|kWh|Wh|Ah|mV|mΩ|°C|s|ms|min|kbit\/s|tx|18FF50E5|0E 74 00 00|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM|chargerflags)$/;
@@ -90,7 +92,7 @@ function bare(svelte: string): string[] {
 
 describe('words', () => {
   it('finds a bare text in a template, in an attribute and in a condition', () => {
-    const page = `<p title="Bare one">Bare two {x ? 'Bare three' : t('Fine')}</p>{#if a}Bare four{/if}`;
+    const page = `<p title="Bare one">Bare two {x ? 'Bare three' : t('common.close')}</p>{#if a}Bare four{/if}`;
     expect(bare(page).sort()).toEqual(['Bare four', 'Bare one', 'Bare three', 'Bare two']);
   });
 
@@ -102,13 +104,17 @@ describe('words', () => {
   }, 30_000); // parses every page, which takes seconds on a busy machine
 
   it('has no text that nothing shows', () => {
-    const all = [...source.values()].join('\n').replaceAll("\\'", "'");
-    expect(Object.keys(NB).filter((key) => !all.includes(key))).toEqual([]);
+    const all = [...source.values()].join('\n');
+    const kinds = new Set([...all.matchAll(/`(\w+\.)\$\{/g)].map((m) => m[1]!)); // `severity.${kind}`
+    const unused = Object.keys(EN).filter(
+      (code) => !all.includes(`'${code}'`) && !kinds.has(code.replace(/[^.]*$/, '')),
+    );
+    expect(unused).toEqual([]);
   });
 
   it('keeps the placeholders of every text', () => {
-    const wrong = Object.entries(NB).filter(
-      ([english, other]) => placeholders(english).join() !== placeholders(other).join(),
+    const wrong = Object.entries(EN).filter(
+      ([code, text]) => placeholders(text).join() !== placeholders(NB[code] ?? '').join(),
     );
     expect(wrong).toEqual([]);
   });
@@ -124,7 +130,7 @@ describe('words', () => {
     }
   });
 
-  it('tells a message in the chosen language, and without one the English text', async () => {
+  it('shows a message in the chosen language, and without one the English text', async () => {
     const message = { code: 'at-cell', args: { cell: { index: 30 } }, text: 'pack 3, cell 7' };
     const unknown = { code: 'no-code-of-this-version', args: {}, text: 'a sentence' };
     const packs = (size: number): Shape => new Shape({ segments: [size, size, size, size] });
@@ -137,13 +143,13 @@ describe('words', () => {
     chosen.words = null;
   });
 
-  it('speaks Norwegian once chosen, names of the data too', async () => {
+  it('shows Norwegian once chosen, names of the data too', async () => {
     chosen.words = await load('nb');
-    expect(t('pack {pack}, cell {cell}', { pack: 3, cell: 7 })).toBe('pakke 3, celle 7');
+    expect(t('common.pack_cell', { pack: 3, cell: 7 })).toBe('pakke 3, celle 7');
     expect(named('group.fans', 'fans')).toBe('vifter');
     expect(named('group.of tomorrow', 'of tomorrow')).toBe('of tomorrow');
     chosen.words = null;
     expect(named('any', '45 degC and 2 mohm by `serve`')).toBe('45 °C and 2 mΩ by serve');
-    expect(t('Overview')).toBe('Overview');
+    expect(t('common.overview')).toBe('Overview');
   });
 });

@@ -35,6 +35,41 @@ class BatteryEncoder(Protocol):
         ...
 
 
+class SerialVoice(Protocol):
+    """Turns readings into bytes on a serial line, by itself or where it is asked."""
+
+    @property
+    def due_s(self) -> float:
+        """When the next bytes are due [s]."""
+        ...
+
+    def begin(self, now_s: float) -> None:
+        """Start anew, as after a boot."""
+        ...
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take bytes that reach the battery."""
+        ...
+
+    def bytes_due(self, now_s: float, readings: Readings) -> bytes:
+        """Return what is sent now."""
+        ...
+
+
+class SilentBus:
+    """Of a battery that is on a serial line alone."""
+
+    due_s = float("inf")
+    has_fd_frames = False
+
+    def begin(self, now_s: float) -> None:
+        """Nothing to start."""
+
+    def frames(self, now_s: float, readings: Readings) -> list[tuple[int, bytes]]:
+        """Return none."""
+        return []
+
+
 @dataclass(frozen=True, slots=True)
 class TripLimits:
     """What the BMS trips at, and tells where its DBC has signals for it."""
@@ -56,6 +91,7 @@ class DbcBattery:
     capacity_ah: float  # capacity of what is measured as one cell
     limits: Mapping[str, float]  # by a name of `TripLimits`; where none is given, those of the simulated cell
     voice: BatteryEncoder
+    serial: SerialVoice | None = None
 
     @property
     def size(self) -> float:

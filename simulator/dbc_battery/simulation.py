@@ -1,5 +1,7 @@
 """A battery with a DBC in virtual time: physics, its BMS, its frames on the bus."""
 
+import math
+
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from simulator.accumulator import AccumulatorParameters
 from simulator.bms_state import RelayState
@@ -69,7 +71,15 @@ class BatterySimulation(Vehicle):
     def next_due_s(self) -> float:
         """Return the next instant at which something happens by itself [s]."""
         due_s = min(self._steps * self.step_s, self.bus.due_s)
-        return due_s if self.bms is None else min(due_s, self.battery.voice.due_s)
+        if self.bms is None:
+            return due_s
+        serial_s = math.inf if self.battery.serial is None else self.battery.serial.due_s
+        return min(due_s, self.battery.voice.due_s, max(serial_s, self.now_s))
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes that reach the BMS's serial line now."""
+        if self.bms is not None and self.battery.serial is not None:
+            self.battery.serial.receive(data, self.now_s)
 
     def run_until(self, until_s: float) -> None:
         """Advance to an instant, everything due until then included."""
@@ -83,13 +93,24 @@ class BatterySimulation(Vehicle):
                     is_extended = bool(can_id & CAN_ID_EXTENDED)
                     frame = CanFrame(can_id & ~CAN_ID_EXTENDED, is_extended, data)
                     self.bus.send(self.master_on_bus, frame, now_s)
+            self._send_serial(now_s)
             if self.bus.due_s <= now_s:
                 self.bus.run(now_s)
         self.now_s = max(self.now_s, until_s)
 
+    def _send_serial(self, now_s: float) -> None:
+        serial = self.battery.serial
+        if self.bms is None or serial is None or serial.due_s > now_s:
+            return
+        data = serial.bytes_due(now_s, self.bms.readings())
+        if data and self.serial_out is not None:
+            self.serial_out(data)
+
     def _boot(self) -> None:
         self.bms = Bms(self.battery, self.board, self.charger.unit, self.now_s)
         self.battery.voice.begin(self.now_s)
+        if self.battery.serial is not None:
+            self.battery.serial.begin(self.now_s)
 
     def _switch_off(self) -> None:
         self.bms = None

@@ -41,6 +41,8 @@ def long_flags(command: str) -> set[str]:
 
 def test_readme_and_documents_stay_short() -> None:
     assert len(README.split()) <= 600
+    for release in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1:]:
+        assert len(release.split()) <= 600, release.splitlines()[0]
     pages = [page for page in (ROOT / "docs").rglob("*.md") if page.name != "cli.md"]
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= 45_000
 

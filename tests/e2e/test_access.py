@@ -24,12 +24,12 @@ def test_nothing_is_shown_before_the_login_and_a_viewer_cannot_write(guarded, op
     expect(page.get_by_test_id("login")).to_be_visible()
     expect(page.get_by_test_id("param-v_cell_max")).to_have_count(0)
     log_in(page, "kari", "wrong")
-    expect(page.get_by_role("alert").filter(has_text="do not fit")).to_be_visible()
+    expect(page.get_by_role("alert").filter(has_text="Wrong name or password")).to_be_visible()
     log_in(page, "kari", "viewer-pass-1")
     expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text("4.2000")
     expect(page.get_by_test_id("user")).to_contain_text("viewer")
     expect(page.get_by_test_id("store")).to_be_disabled()
-    expect(page.get_by_text("writing needs the engineer role")).to_be_visible()
+    expect(page.get_by_text("requires the engineer role")).to_be_visible()
 
 
 @pytest.mark.parametrize("size", ["desktop", "phone"])
@@ -39,7 +39,7 @@ def test_the_login_page_is_for_everybody(guarded, open_page, violations, size):
     page.evaluate("new Promise((later) => setTimeout(later, 3000))")  # a silence that would be told
     expect(page.get_by_test_id("service-lost")).to_have_count(0)
     expect(page.get_by_test_id("state")).not_to_contain_text("does not answer")
-    expect(page.get_by_test_id("login-reach")).to_contain_text("this machine’s own address")
+    expect(page.get_by_test_id("login-reach")).to_contain_text("only works on this machine")
     assert violations(page) == {}
     expect(page.get_by_role("textbox", name="Name")).to_be_focused()
     page.keyboard.type("ola")
@@ -80,22 +80,22 @@ def test_the_first_chief_is_made_on_the_page_and_adds_a_person(guarded, open_pag
         people.get_by_role("button", name=button).click()
 
     password, strength = people.get_by_role("textbox", name="Password"), people.get_by_test_id("password-strength")
-    worth = {"short": "too short", "1234567890123": "easily guessed", "wet cats on every roof": "strong"}
+    worth = {"short": "too short", "1234567890123": "weak:", "wet cats on every roof": "strong"}
     for typed, told in worth.items():
         password.fill(typed)
         expect(strength).to_contain_text(told)
         expect(password).to_have_accessible_description(strength.inner_text())
-    expect(people.get_by_role("meter", name="Strength of the password")).to_be_visible()
-    add("cora", "chief-pass-1", "Make the first chief")
-    expect(people.get_by_role("button", name="Make the first chief")).to_have_count(0)
+    expect(people.get_by_role("meter", name="Password strength")).to_be_visible()
+    add("cora", "chief-pass-1", "Create the first administrator")
+    expect(people.get_by_role("button", name="Create the first administrator")).to_have_count(0)
     page.get_by_role("button", name="Log out", exact=True).last.click()
     log_in(page, "cora", "chief-pass-1")
-    expect(page.get_by_test_id("user")).to_contain_text("chief")
-    add("erik", "erik-password-1", "Add the account")
+    expect(page.get_by_test_id("user")).to_contain_text("admin")
+    add("erik", "erik-password-1", "Add user")
     expect(page.get_by_test_id("accounts")).to_contain_text("erik, viewer")
     expect(page.get_by_test_id("logins")).to_contain_text("this page")
     people.get_by_role("textbox", name="Program").fill("grafana")
-    people.get_by_role("button", name="Make a token").click()
+    people.get_by_role("button", name="Create read-only API token").click()
     expect(page.get_by_test_id("secret")).to_contain_text("vw_")
 
 
@@ -112,7 +112,7 @@ def test_two_engineers_and_a_viewer_work_at_once(make_service, open_page):
         page.get_by_role("textbox", name=name, exact=True).fill(value)
         page.get_by_test_id("write").click()
         page.get_by_test_id("confirm").click()
-        expect(page.get_by_test_id("outcome")).to_contain_text("Written and read back")
+        expect(page.get_by_test_id("outcome")).to_contain_text("Written and verified")
 
     bob.get_by_role("textbox", name="fan_ramp_stop", exact=True).fill("43")
     write(ada, "t_cell_max", "44")

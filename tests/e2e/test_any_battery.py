@@ -106,7 +106,7 @@ def test_pages_that_need_a_master_are_absent_and_the_others_hold_every_cell(batt
     expect(page.get_by_role("link", name="Parameters")).to_have_count(0)
     expect(page.get_by_role("link", name="Packs")).to_be_visible()
     page.goto(f"{service.base_url}/#/parameters")
-    expect(page.get_by_text("This battery has no such page")).to_be_visible()
+    expect(page.get_by_text("Page not available for this battery")).to_be_visible()
     page.goto(f"{service.base_url}/#/charging")
     expect(page.get_by_role("heading", name="Charging")).to_be_visible()
     expect(page.get_by_test_id("by-hand")).to_have_count(0)

@@ -119,7 +119,7 @@ def test_a_trip_is_on_every_page_and_its_cell_is_marked_on_every_map(service, op
         expect(view.get_by_test_id("trip-banner")).to_contain_text(
             re.compile(r"4\.\d+ V, limit 4\.2000 V.*since", re.I)
         )
-    expect(page.get_by_test_id("ahead")).to_contain_text("Relays open: no power")
+    expect(page.get_by_test_id("ahead")).to_contain_text("Contactors open: no power")
     expect(page.get_by_test_id("power-discharge-1")).to_have_count(0)
     for name in PAGES:
         for view in (page, phone):
@@ -154,5 +154,5 @@ def test_without_both_links_nothing_can_be_commanded_and_nothing_is_claimed(serv
     expect(page.get_by_test_id("car-silent")).to_be_visible()
     expect(page.get_by_test_id("command-reset")).to_be_disabled()
     expect(page.get_by_test_id("trip-banner")).to_contain_text("last known")  # it has not ended, nobody can see it
-    expect(page.get_by_test_id("doubts")).not_to_contain_text("None:")
+    expect(page.get_by_test_id("doubts")).not_to_contain_text("No warnings:")
     assert violations(page) == {}

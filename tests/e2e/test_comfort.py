@@ -30,7 +30,7 @@ def test_single_keys_act_and_can_be_switched_off(service, open_page, tell):
     expect(page.get_by_role("heading", level=1)).to_have_text("pack 1, cell 1")
     page.keyboard.press("?")
     expect(page.get_by_test_id("keys")).to_be_visible()
-    page.get_by_label("Single keys act").uncheck()
+    page.get_by_label("Enable single-key shortcuts").uncheck()
     page.keyboard.press("Escape")
     page.keyboard.press("1")
     expect(page.get_by_role("heading", level=1)).to_have_text("pack 1, cell 1")
@@ -38,10 +38,10 @@ def test_single_keys_act_and_can_be_switched_off(service, open_page, tell):
 
 def test_a_key_typed_into_a_field_does_nothing_else_and_a_muted_sound_stays_so(service, open_page):
     page = open_page(f"{service.base_url}/#/events")
-    page.get_by_label("Filter by word").fill("")
-    page.get_by_label("Filter by word").press("1")
+    page.get_by_label("Filter by text").fill("")
+    page.get_by_label("Filter by text").press("1")
     expect(page.get_by_role("heading", level=1)).to_have_text("Events")
-    expect(page.get_by_label("Filter by word")).to_have_value("1")
+    expect(page.get_by_label("Filter by text")).to_have_value("1")
 
     expect(page.get_by_test_id("sound-state")).to_have_text("Sound on")
     page.get_by_role("button", name="Mute 30 min").click()
@@ -55,10 +55,10 @@ def test_a_key_typed_into_a_field_does_nothing_else_and_a_muted_sound_stays_so(s
 def test_the_layout_is_as_it_was_left_and_arrows_walk_the_map_as_the_car_is_built(service, open_page):
     page = open_page(f"{service.base_url}/#/packs")
     page.get_by_test_id("metric-temperature").click()
-    page.get_by_label("Fix the colour scale").check()
+    page.get_by_label("Lock colour scale").check()
     page.reload()
     expect(page.get_by_test_id("metric-temperature")).to_have_attribute("aria-pressed", "true")
-    expect(page.get_by_label("Fix the colour scale")).to_be_checked()
+    expect(page.get_by_label("Lock colour scale")).to_be_checked()
 
     page.get_by_test_id("cell-0").focus()
     page.keyboard.press("ArrowDown")
@@ -80,15 +80,15 @@ def test_a_link_shows_the_same_part_of_the_live_charts_the_same_span_and_the_sam
     page.mouse.down()
     page.mouse.move(place["x"] + 0.9 * place["width"], place["y"] + 20, steps=3)
     page.mouse.up()
-    expect(page.get_by_role("button", name="Whole range")).to_have_count(3)
+    expect(page.get_by_role("button", name="Full range")).to_have_count(3)
     expect(page).to_have_url(re.compile(r"from-live=\d+\.\d+&to-live=\d+\.\d+"))
     again = open_page(page.url)
     expect(again.get_by_role("button", name="15 min")).to_have_attribute("aria-pressed", "true")
     expect(again.get_by_test_id("heatmap")).to_have_attribute("data-metric", "temperature")
-    expect(again.get_by_role("button", name="Whole range")).to_have_count(3)
-    again.get_by_role("button", name="Whole range").first.click()
+    expect(again.get_by_role("button", name="Full range")).to_have_count(3)
+    again.get_by_role("button", name="Full range").first.click()
     expect(again).not_to_have_url(re.compile("live"))
-    expect(again.get_by_role("button", name="Whole range")).to_have_count(0)
+    expect(again.get_by_role("button", name="Full range")).to_have_count(0)
 
 
 def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):

@@ -95,8 +95,8 @@ def field(page, name):
 @pytest.mark.parametrize(
     ("cut", "said", "in_force"),
     [
-        ("before", "Not written: the old configuration is in force", "4.2000"),
-        ("after", "Written: the new configuration is in force", "4.1900"),
+        ("before", "Not written: the old configuration is active", "4.2000"),
+        ("after", "Written: the new configuration is active", "4.1900"),
     ],
 )
 def test_the_line_is_cut_at_the_write_and_the_page_says_which_is_in_force(car, open_page, cut, said, in_force):
@@ -108,7 +108,7 @@ def test_the_line_is_cut_at_the_write_and_the_page_says_which_is_in_force(car, o
     cable.cut_at_write = cut
     page.get_by_test_id("confirm").click()
     outcome = page.get_by_test_id("outcome")
-    expect(outcome).to_contain_text("Not known which configuration is in force")
+    expect(outcome).to_contain_text("Active configuration unknown")
     cable.mend()
     expect(outcome).to_contain_text(said)
     expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text(in_force)
@@ -116,8 +116,8 @@ def test_the_line_is_cut_at_the_write_and_the_page_says_which_is_in_force(car, o
         expect(page.get_by_test_id("draft-state")).to_have_text("1 value changed")
         page.get_by_test_id("write").click()
         page.get_by_test_id("confirm").click()
-        expect(outcome).to_contain_text("Written and read back")
-    expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
+        expect(outcome).to_contain_text("Written and verified")
+    expect(page.get_by_test_id("draft-state")).to_have_text("none")
 
 
 N_WRITTEN = sum(len(page.data) for page in plan_store(b"\xff" * 1024, default_image()))
@@ -125,7 +125,10 @@ N_WRITTEN = sum(len(page.data) for page in plan_store(b"\xff" * 1024, default_im
 
 @pytest.mark.parametrize(
     ("cut_after", "said"),
-    [(100, "The EEPROM holds the old configuration"), (N_WRITTEN - 40, "The EEPROM holds the configuration in force")],
+    [
+        (100, "Not stored: the EEPROM still contains the old configuration"),
+        (N_WRITTEN - 40, "Stored: the EEPROM contains the active configuration"),
+    ],
     ids=["old", "new"],
 )
 def test_the_power_is_cut_in_a_store_and_the_page_says_what_the_eeprom_holds(
@@ -137,21 +140,21 @@ def test_the_power_is_cut_in_a_store_and_the_page_says_what_the_eeprom_holds(
     page.get_by_test_id("store").click()
     page.get_by_test_id("confirm").click()
     outcome = page.get_by_test_id("outcome")
-    expect(outcome).to_contain_text("Not known which configuration is stored")
+    expect(outcome).to_contain_text("Stored configuration unknown")
     failing.stop()
     failing.start()
     expect(outcome).to_contain_text(said, timeout=60_000)  # another process starts, and the service finds it
     page.get_by_test_id("store").click()
     page.get_by_test_id("confirm").click()
-    expect(outcome).to_contain_text("Stored in the EEPROM")
-    expect(page.get_by_test_id("stored-state")).to_have_text("same as in force")
+    expect(outcome).to_contain_text("Stored in EEPROM")
+    expect(page.get_by_test_id("stored-state")).to_have_text("none")
 
 
 def test_another_memory_map_is_said_and_nothing_can_be_written(failing, make_service, open_page):
     service = make_service("--serial", str(failing.start("--other-map").link))
     service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"] is False)
     page = open_page(f"{service.base_url}/#/parameters")
-    expect(page.get_by_text("The firmware’s memory map is not the one this service knows.")).to_be_visible()
+    expect(page.get_by_text("The firmware uses another memory map than this service")).to_be_visible()
     field(page, "v_cell_max").fill("4.19")
     for button in ("check", "write", "store"):
         expect(page.get_by_test_id(button)).to_be_disabled()

@@ -14,7 +14,7 @@ def test_one_click_leads_from_an_event_to_its_moment(make_service, open_page):
     for size in ("desktop", "phone"):
         page = open_page(f"{service.base_url}/#/events", size)
         row = page.get_by_test_id("events").get_by_role("row", name=re.compile("trip .*pack 3, cell [78]")).first
-        row.get_by_role("link", name=re.compile("Look at")).click()
+        row.get_by_role("link", name=re.compile("Go to recording at")).click()
         expect(page.get_by_test_id("readout")).to_be_visible()
         expect(page.get_by_text(re.compile("Voltage of pack 3, cell [78]")).first).to_be_visible()
         page.close()

@@ -25,7 +25,7 @@ def fresh_service(tmp_path):
 
 def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_page):
     page = open_page(fresh_service.base_url + "/", quiet=False)  # the connection is lost while it starts again
-    expect(page.get_by_role("heading", name="What shall Voltwall read?")).to_be_visible()
+    expect(page.get_by_role("heading", name="Connect to a battery")).to_be_visible()
     page.get_by_test_id("how-serial").check()
     page.get_by_test_id("setup-serial").fill("/dev/ttyUSB77")
     page.get_by_test_id("setup-test").click()
@@ -94,7 +94,7 @@ def test_a_suggestion_is_corrected_line_by_line_beside_what_a_log_says(fresh_ser
     page.get_by_test_id("learn-files").set_input_files(tmp_path / "ams.dbc")
     page.get_by_test_id("learn-log").set_input_files(tmp_path / "drive.log")
     page.get_by_test_id("learn-listen").click()
-    expect(page.get_by_test_id("now-voltage")).to_contain_text("160 of 160 heard")
+    expect(page.get_by_test_id("now-voltage")).to_contain_text("160 of 160 received")
     expect(page.get_by_test_id("now-state.closed")).to_contain_text("TS_ACTIVE")
     closed = page.get_by_test_id("line-state.closed").get_by_role("checkbox")
     expect(closed).not_to_be_checked()

@@ -51,12 +51,12 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     expect(green.get_by_test_id("alarms")).to_contain_text("cell overtemperature · pack 3, cell 7")
     cars[2].vanish()
     expect(red).to_have_attribute("data-state", "vanished")
-    expect(red.get_by_test_id("trust")).to_contain_text("vanished since")
-    expect(page.get_by_test_id("counts")).to_contain_text("2 of 3 live, 1 vanished")
+    expect(red.get_by_test_id("trust")).to_contain_text("offline since")
+    expect(page.get_by_test_id("counts")).to_contain_text("2 of 3 live, 1 offline")
     assert violations(page) == {}
     cars[0].fall_silent()
     expect(blue).to_have_attribute("data-state", "silent")
-    expect(page.get_by_test_id("counts")).to_contain_text("1 of 3 live, 1 silent, 1 vanished")
+    expect(page.get_by_test_id("counts")).to_contain_text("1 of 3 live, 1 silent, 1 offline")
     for line, state in (("rs232", "silent"), ("can", "live")):  # its service speaks: the links are as it says
         expect(blue.get_by_test_id(line)).to_have_attribute("data-state", state)
     expect(blue).to_contain_text("last SOC")
@@ -67,7 +67,7 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     expect(red.get_by_test_id("rs232")).to_have_attribute("data-state", "unknown")
     assert violations(page) == {}
     page.get_by_test_id("language").select_option("nb")
-    expect(red.get_by_test_id("trust")).to_contain_text("borte siden")
+    expect(red.get_by_test_id("trust")).to_contain_text("frakoblet siden")
     expect(green.get_by_test_id("alarms")).not_to_contain_text("cell overtemperature")
     for car in cars[:2]:
         car.vanish()

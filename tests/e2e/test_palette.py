@@ -62,7 +62,7 @@ def test_keys_lead_to_cells_pages_sessions_and_parameters(car, session, open_pag
     typed(page, "max cell v_")
     expect(chosen(page)).to_contain_text("v_cell_max")
     page.keyboard.press("Enter")
-    expect(page.get_by_label("Find a parameter")).to_have_value("v_cell_max")
+    expect(page.get_by_label("Find parameter")).to_have_value("v_cell_max")
     expect(page.get_by_test_id("param-v_cell_max")).to_be_visible()
     expect(page.get_by_test_id("param-t_cell_max")).to_have_count(0)
 
@@ -86,7 +86,7 @@ def test_the_words_of_a_task_lead_to_its_page(car, open_page):
 
 def test_it_is_walked_by_arrows_and_left_as_it_was_found(car, open_page, violations):
     page = open_page(f"{car.base_url}/#/events")
-    word = page.get_by_label("Filter by word")
+    word = page.get_by_label("Filter by text")
     word.fill("3")
     word.press("/")  # in a field it is a letter
     expect(word).to_have_value("3/")
@@ -101,7 +101,7 @@ def test_it_is_walked_by_arrows_and_left_as_it_was_found(car, open_page, violati
     expect(options.first).to_have_attribute("aria-selected", "true")
     assert violations(page) == {}
     field.fill("no such thing")
-    expect(page.get_by_role("status").filter(has_text="Nothing fits")).to_be_visible()
+    expect(page.get_by_role("status").filter(has_text="No match")).to_be_visible()
     expect(options).to_have_count(0)
     page.keyboard.press("Escape")
     expect(page.get_by_test_id("palette")).to_have_count(0)

@@ -27,17 +27,17 @@ def test_a_change_is_written_verified_stored_and_survives_the_restart(make_servi
         assert client.get("/config").json()["raw"]["v_cell_max"] == 42000
 
     confirm(page, "write")
-    expect(page.get_by_test_id("outcome")).to_contain_text("Written and read back")
-    expect(page.get_by_test_id("outcome")).to_contain_text("The EEPROM does not hold it")
+    expect(page.get_by_test_id("outcome")).to_contain_text("Written and verified")
+    expect(page.get_by_test_id("outcome")).to_contain_text("Not in EEPROM yet")
     expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text("4.1900")
-    expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
+    expect(page.get_by_test_id("draft-state")).to_have_text("none")
     with service.client() as client:
         assert client.get("/config").json()["raw"]["v_cell_max"] == 41900
 
     confirm(page, "store")
-    expect(page.get_by_test_id("outcome")).to_contain_text("Stored in the EEPROM")
+    expect(page.get_by_test_id("outcome")).to_contain_text("Stored in EEPROM")
     expect(page.get_by_test_id("stored-v_cell_max")).to_contain_text("4.1900")
-    expect(page.get_by_test_id("stored-state")).to_have_text("same as in force")
+    expect(page.get_by_test_id("stored-state")).to_have_text("none")
 
     service.stop()
     service.start()

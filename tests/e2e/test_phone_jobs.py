@@ -33,7 +33,7 @@ def test_a_limit_is_written_verified_and_stored(make_service, phone, tell):
     page.evaluate(COUNT_CLICKS)
     page.get_by_role("link", name="Parameters").tap()
     page.get_by_role("textbox", name="v_cell_max", exact=True).fill("4.18")
-    for button, said in (("write", "Written and read back"), ("store", "Stored in the EEPROM")):
+    for button, said in (("write", "Written and verified"), ("store", "Stored in EEPROM")):
         page.get_by_test_id(button).tap()
         page.get_by_test_id("confirm").tap()
         expect(page.get_by_test_id("outcome")).to_contain_text(said)

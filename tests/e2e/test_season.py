@@ -64,7 +64,7 @@ def test_a_swap_is_recorded_on_a_phone_of_the_car_that_is_chosen(page_of, open_p
     page.get_by_test_id("season-car").select_option("e-26-simulated")
     rows = page.get_by_test_id("season-cell-sessions").locator("tbody tr")
     expect(rows).to_have_count(DAYS)
-    expect(page.get_by_test_id("season-cell")).to_contain_text("% of the cell file")
+    expect(page.get_by_test_id("season-cell")).to_contain_text("% of cell model")
     page.get_by_role("textbox", name="Note").fill("spare 4")
     page.get_by_label("When").fill("2026-09-24T00:00")
     page.get_by_test_id("swap").click()
@@ -74,7 +74,7 @@ def test_a_swap_is_recorded_on_a_phone_of_the_car_that_is_chosen(page_of, open_p
     assert not is_too_wide(page)
     assert violations(page) == {}
     page.get_by_test_id("season-car").select_option("e-25-simulated")
-    expect(page.get_by_text("None was recorded.")).to_be_visible()
+    expect(page.get_by_text("No swaps recorded.")).to_be_visible()
     expect(module).to_have_text(["1"] * DAYS)
 
 

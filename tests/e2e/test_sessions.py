@@ -13,7 +13,7 @@ def test_a_session_is_recorded_marked_viewed_and_downloaded(make_service, open_p
     service = make_service("--seed", "5", "--no-record")
     service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
     page = open_page(f"{service.base_url}/#/sessions", size)
-    page.get_by_role("textbox", name="Name of the session").fill("run 3")
+    page.get_by_role("textbox", name="Session name").fill("run 3")
     page.get_by_test_id("record").click()
     expect(page.get_by_test_id("recording")).to_contain_text("REC")
     page.get_by_role("textbox", name="Marker text").fill("driver change")
@@ -94,7 +94,7 @@ def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(ma
     with page.expect_response(re.compile(r"/imports/\d+$")):
         page.get_by_test_id("import").click()
     first_look[0].fulfill(json={"last": None, "profiles": []})
-    page.get_by_role("link", name="theirs.csv is a session now").click()
+    page.get_by_role("link", name="theirs.csv imported").click()
     expect(page.get_by_role("heading", name="theirs.csv")).to_be_visible()
 
 

@@ -38,11 +38,11 @@ def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, open_
 def assert_other_cells_are_one_command_away(page):
     page.get_by_test_id("cells-packs").fill("3")
     page.get_by_test_id("cells-each").fill("201")
-    expect(page.get_by_test_id("number-of-cells")).to_contain_text("1 to 600 cells in all")
+    expect(page.get_by_test_id("number-of-cells")).to_contain_text("1 to 600 cells in total")
     page.get_by_test_id("cells-each").fill("14")
     expect(page.get_by_test_id("number-of-cells")).to_contain_text("8 × 12 cells")
     told = page.get_by_test_id("cells-command").or_(page.get_by_test_id("cells-start"))
-    expect(told).to_contain_text(re.compile("--battery 3x14 --scenario race-day|Start with these cells"))
+    expect(told).to_contain_text(re.compile("--battery 3x14 --scenario race-day|Restart with these cells"))
 
 
 def assert_circuits_are_compared_beside_the_thesis(page):
@@ -55,8 +55,8 @@ def assert_circuits_are_compared_beside_the_thesis(page):
     page.get_by_test_id("balancing-simulate").click()
     expect(page.get_by_test_id("balancing-transformer")).to_contain_text("end current")
     told = page.get_by_test_id("balancing")
-    expect(told.get_by_role("row", name="in the thesis")).to_contain_text("1.41 h")
-    expect(told.get_by_text("Highest less lowest SOC")).to_be_visible()
+    expect(told.get_by_role("row", name="thesis result")).to_contain_text("1.41 h")
+    expect(told.get_by_text("SOC spread (max − min)")).to_be_visible()
 
 
 def test_an_alarm_follows_a_lost_slave_all_faults_are_cleared_at_once_and_another_scenario_starts(service, open_page):
@@ -85,15 +85,15 @@ def children_of(pid: int) -> list[int]:
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no process can be found here")
 def test_a_car_that_does_not_answer_is_told_and_shows_no_value(service, open_page):
     page = open_page(f"{service.base_url}/#/simulator", quiet=False)
-    running = page.locator("dd", has_text=re.compile(r"^runs$"))
+    running = page.locator("dd", has_text=re.compile(r"^running$"))
     expect(running).to_have_count(1)
     children = children_of(service.process.pid)
     for child in children:
         os.kill(child, signal.SIGSTOP)
     try:
-        expect(page.get_by_test_id("simulator-gone")).to_contain_text("has not answered since")
+        expect(page.get_by_test_id("simulator-gone")).to_contain_text("No response from the simulated car since")
         expect(running).to_have_count(0)
-        expect(page.get_by_text("No fault is injected.")).to_have_count(0)
+        expect(page.get_by_text("No active faults.")).to_have_count(0)
         expect(page.get_by_test_id("inject")).to_be_disabled()
     finally:
         for child in children:

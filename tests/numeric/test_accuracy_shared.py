@@ -142,5 +142,5 @@ def test_fusion_is_as_good_on_the_measured_cell(panasonic, off):
 def test_fusion_is_as_good_as_the_better_of_its_parts(physics, off):
     cell, found, whole = physics
     judged = judge(found.model, part(whole, 880, 1280), off)
-    assert judged.excess.max() < {"Mohtat2020": 0.1, "Chen2020": 2.0}[cell], "a cell that has not come to rest"
+    assert judged.excess.max() < {"Mohtat2020": 0.1, "Chen2020": 2.2}[cell], "a cell that has not come to rest"
     assert min(score.inside_3_sigma for score in judged.scores) >= 0.95

@@ -5,6 +5,7 @@ It says file by file and name by name what `app/estimation/filters/engine` has t
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -13,12 +14,12 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.filters.estimates import N_OUT
 from app.estimation.filters.setup import FilterSetup, Kind
+from app.estimation.filters.tables import CURRENT_MAX_C
 from tests.oracle.fusion import fuse, read_rest, self_check, soc_variance, watch_rest
 from tests.oracle.output import Output, output_sigma, output_tangent
 from tests.oracle.predict import predict
 from tests.oracle.start import start
 from tests.oracle.state import (
-    CURRENT_MAX_C,
     Measurement,
     Motion,
     State,
@@ -30,6 +31,7 @@ from tests.oracle.state import (
 from tests.oracle.update import update
 
 COUNT_SIGMA_MAX: Final = 0.5
+BEYOND_SHARE: Final = 0.1  # of the charge, at currents beyond those of the cell file
 
 
 def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> tuple[State, FloatArray]:
@@ -83,6 +85,7 @@ class ReferenceEngine:
         self._setup = setup
         self._current_a = 0.0
         self._since_s = 0.0  # since the starts were last weighed
+        self._flow_a = self._beyond_a = 0.0  # size of the current, and of what of it is beyond the cell file's
         self._rest_s = -1.0  # of rest since the start; negative once it has been read or broken
 
     def start(
@@ -102,7 +105,9 @@ class ReferenceEngine:
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
         """Return (8, n_cells) estimates after one sample; see `NativeEngine.step`."""
         current_a = self._held(current_a)
-        motion = motion_of(self._setup, dt_s, current_a, self._since_s + dt_s, self._rest_s)
+        self._watch_current(dt_s)
+        is_beyond = self._beyond_a > BEYOND_SHARE * self._flow_a
+        motion = motion_of(self._setup, dt_s, current_a, self._since_s + dt_s, self._rest_s, is_beyond)
         self._since_s = 0.0 if motion.look_s > 0.0 else self._since_s + dt_s
         rests = motion.rest_share > 0.0 or (self._rest_s == 0.0 and dt_s == 0.0)
         self._rest_s = self._rest_s + dt_s if rests and not motion.is_whole_rest else -1.0
@@ -131,6 +136,13 @@ class ReferenceEngine:
     def set(self, name: str, values: FloatArray) -> None:
         """Replace one quantity of the state; see `NativeEngine.set`."""
         self.state = replace(self.state, **{name: np.array(values)})
+
+    def _watch_current(self, dt_s: float) -> None:
+        """q' = q + (1 - exp(-dt / wander_s)) (|i| - q) of the current, and of what of it was beyond `seen_a`."""
+        size_a, share = abs(self._current_a), 1.0 - math.exp(-dt_s / self._setup.tuning.wander_s)
+        beyond_a = size_a if size_a > self._setup.cell.seen_a else 0.0
+        self._flow_a += share * (size_a - self._flow_a)
+        self._beyond_a += share * (beyond_a - self._beyond_a)
 
     def _held(self, current_a: float) -> float:
         """Return the current in force: this one, or the last where this one is missing or impossible."""

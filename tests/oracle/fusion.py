@@ -55,7 +55,8 @@ def fuse(
         z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2     q charge drawn since the start
         d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, doubt_soc^2)),  w_0 = start_unknown
         z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
-        u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
+        u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
+        e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved within its own covariance
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
     Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,
@@ -87,10 +88,16 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
     state = wander(setup, state, motion)
     fused_gain, gain_v2 = believe_gain(setup, state)
     z = state.soc + state.gain_slope[0] * fused_gain
-    filter_v2 = np.minimum(filter_v2 + state.gain_slope[0] ** 2 * gain_v2 + state.wander_v2, SOC_VARIANCE_MAX)
+    alone_v2 = filter_v2 + state.gain_slope[0] ** 2 * gain_v2
+    filter_v2 = np.minimum(alone_v2 + state.wander_v2, SOC_VARIANCE_MAX)
     count_v2 = state.start_v2 + gain_v2 * state.drawn**2 + state.count_gain**2 + state.count_offset**2
     d = z - (state.start_soc - state.drawn * (1.0 + fused_gain))
-    errs_v2 = filter_v2 + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
+    known_v2 = tuning.wander_factor * np.maximum(state.apart_v2 - state.cov[0, 0], 0.0)
+    errs_v2 = (
+        alone_v2
+        + np.maximum(state.wander_v2 - known_v2, 0.0)
+        + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
+    )
     errs_v2 = np.minimum(errs_v2, SOC_VARIANCE_MAX)
     w = state.start_weight * student(d, np.minimum(errs_v2 + count_v2, tuning.doubt_soc**2))
     share = errs_v2**2 / (errs_v2**2 + count_v2**2)
@@ -117,7 +124,8 @@ def wander(setup: FilterSetup, state: State, motion: Motion) -> State:
     a = motion.look_share(setup.tuning.wander_s)
     beyond = state.soc - state.count_soc - state.apart
     wander_v2 = state.wander_v2 + a * (1.0 - a) * (setup.tuning.wander_factor * beyond**2 - state.wander_v2)
-    return replace(state, wander_v2=wander_v2, apart=state.apart + a * beyond)
+    apart_v2 = state.apart_v2 + a * (state.cov[0, 0] - state.apart_v2)
+    return replace(state, wander_v2=wander_v2, apart=state.apart + a * beyond, apart_v2=apart_v2)
 
 
 def believe_gain(setup: FilterSetup, state: State) -> tuple[FloatArray, FloatArray]:
@@ -276,5 +284,5 @@ def self_check(
         slow_square_v2=state.slow_square_v2 + share * (state.slow_mean_v**2 - state.slow_square_v2),
     )
     is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.conflict_max)
-    is_known = measured.doubt[DROP_ERROR] < tuning.drop_error_max
+    is_known = (measured.doubt[DROP_ERROR] < tuning.drop_error_max) & (not motion.is_beyond)
     return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v) & is_known

@@ -96,6 +96,7 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         fused_gain=zeros,
         conflict=zeros,
         apart=zeros,
+        apart_v2=cov[0, 0].copy(),
         wander_v2=zeros,
         check_mean_v=zeros,
         check_square_v2=zeros,

@@ -25,7 +25,6 @@ N_STARTS: Final = 4  # hypotheses of the SOC at the start: those, and a voltage 
 LEAST_VARIANCE: Final = 1e-8  # of a SOC at the start
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
 TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken
-CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
 VOLTAGE_MIN_V: Final = 0.5  # a cell that reads 0 is not connected
 VOLTAGE_MAX_V: Final = 6.0  # 6.5535 V is what the cell monitor says when it has not measured
 
@@ -63,6 +62,7 @@ class State:
         fused_gain: the gain it is counted with: that of the filter, as far as it is believed.
         conflict: mean square of filter minus fusion over its variance.
         apart: mean of the filter's SOC minus the count's.
+        apart_v2: mean of the variance that the filter gave itself meanwhile.
         wander_v2: variance that the filter shows against the count beyond that mean.
         check_mean_v: mean of the scaled innovation over `check_s` [V].
         check_square_v2: mean of its square over `check_s` [V^2].
@@ -97,6 +97,7 @@ class State:
     fused_gain: FloatArray
     conflict: FloatArray
     apart: FloatArray
+    apart_v2: FloatArray
     wander_v2: FloatArray
     check_mean_v: FloatArray
     check_square_v2: FloatArray
@@ -176,6 +177,7 @@ class Motion:
     Attributes:
         moved_ah: charge taken out; charging counts times the efficiency [Ah].
         correlation: growth of it for the gain: errors that last average out less.
+        is_beyond: whether a real share of the charge flowed at currents that the cell file has not seen.
         look_s: since the starts were last weighed; 0 where it is not time to weigh them [s].
         rest_share: of this sample in the mean of a rest from the start on.
         rest_lever: and in its moment [s^2].
@@ -189,6 +191,7 @@ class Motion:
     current_a: float
     moved_ah: float
     correlation: float
+    is_beyond: bool
     look_s: float
     rest_share: float
     rest_lever: float
@@ -206,7 +209,14 @@ class Motion:
         return 1.0 - math.exp(-self.look_s / time_s)
 
 
-def motion_of(setup: FilterSetup, dt_s: float, current_a: float, since_s: float = 0.0, rest_s: float = -1.0) -> Motion:
+def motion_of(
+    setup: FilterSetup,
+    dt_s: float,
+    current_a: float,
+    since_s: float = 0.0,
+    rest_s: float = -1.0,
+    is_beyond: bool = False,
+) -> Motion:
     """Return what a step means.
 
     Args:
@@ -215,6 +225,7 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, since_s: float 
         current_a: held over it [A].
         since_s: at its end, since the starts were last weighed [s].
         rest_s: of rest from the start on before it; negative = none, or read already [s].
+        is_beyond: whether a real share of the charge flowed at currents that the cell file has not seen.
     """
     model, tuning = setup.cell.model, setup.tuning
     rested_s, has_rested = rest_s + dt_s, rest_s >= 0.0 and dt_s > 0.0
@@ -229,6 +240,7 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, since_s: float 
         current_a=current_a,
         moved_ah=kept * current_a * dt_s / SECONDS_PER_HOUR,
         correlation=tuning.correlation_factor(dt_s),
+        is_beyond=is_beyond,
         look_s=look_s,
         rest_share=dt_s / rested_s if rests else 0.0,
         rest_lever=rest_s * dt_s / 2.0 if rests else 0.0,

@@ -59,7 +59,8 @@ def update(
     wander_v2 = motion.correlation * (output.H[0] ** 2 * state.wander_v2 + state.slow_square_v2)
     S_g = measured.doubt[COLD] ** 2 * (S + wander_v2)
     innovation = Innovation(nu, sigma, used)
-    state = learn_gain(setup.tuning.drop_error_max, state, measured, output.H, innovation, gain, S_g)
+    learns = used & (measured.doubt[DROP_ERROR] < setup.tuning.drop_error_max) & (not motion.is_beyond)
+    state = learn_gain(state, learns, output.H, nu, gain, S_g)
     moved = gain * np.where(used, nu, 0.0)
     after = replace(
         state,
@@ -71,13 +72,7 @@ def update(
 
 
 def learn_gain(
-    drop_error_max: float,
-    state: State,
-    measured: Measurement,
-    H: FloatArray,
-    innovation: Innovation,
-    gain: FloatArray,
-    S: FloatArray,
+    state: State, learns: BoolArray, H: FloatArray, nu: FloatArray, gain: FloatArray, S: FloatArray
 ) -> State:
     """Return the state with what the innovations say of the gain g of the charge.
 
@@ -88,21 +83,18 @@ def learn_gain(
     S_g = cold^2 (S + correlation (H_z^2 wander + slow))
 
     A filter that wanders against the count, or whose innovations do not average out, says the less of charge, and so
-    does a cold cell, whose slow overpotential looks like charge. Outside the temperatures that were measured nothing is
-    learned of it.
+    does a cold cell, whose slow overpotential looks like charge.
 
     Args:
-        drop_error_max: where resistances may be off by more than this share nothing is learned.
         state: before the update.
-        measured: the sample.
+        learns: (n,) whether the sample counts: it is used, and the cell file has seen such temperatures and currents.
         H: (1 + n_rc, n) slopes of the output.
-        innovation: what the voltages said.
+        nu: (n,) innovations [V].
         gain: (1 + n_rc, n) K of the filter, 0 where the innovation is not used.
         S: (n,) S_g, variance of the innovation with correlation and the errors that the filter has shown [V^2].
     """
     HV, M = (H * state.gain_slope).sum(axis=0), state.gain_v2
-    learns = innovation.used & (measured.doubt[DROP_ERROR] < drop_error_max)
-    off_v = np.where(learns, innovation.nu - HV * state.gain, 0.0)
+    off_v = np.where(learns, nu - HV * state.gain, 0.0)
     total = S + HV**2 * M
     return replace(
         state,

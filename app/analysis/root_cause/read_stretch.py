@@ -35,7 +35,7 @@ def read_stretch(session: SessionFile, from_s: float, to_s: float) -> SessionStr
     """Return what a session holds between two unix times."""
     found: dict[str, list[FieldSamples]] = defaultdict(list)
     battery, is_team = session.battery, session.loaded_battery.has_memory_map
-    in_turns = session.loaded_battery.dbc_mapping is not None
+    in_turns = session.loaded_battery.mapping is not None
     for piece in session.fields((*_FIELDS, IS_NEW) if in_turns else _FIELDS, from_s, to_s):
         for name, samples in piece.items():
             found[name].append(samples)

@@ -97,6 +97,8 @@ def bus(
         names = {can_id: message.name for can_id, message in battery.definitions.by_id().items()}
         known_bit_rate = battery.dbc_mapping.bit_rate or bit_rate_of(None if links.can is None else links.can.url)
         return bus_json(trace, None, live.snapshot, clock, names, known_bit_rate)
+    if not battery.has_memory_map:
+        return bus_json(trace, None, live.snapshot, clock, {}, None)
     return bus_json(trace, in_force.image() or default_image(), live.snapshot, clock)
 
 

@@ -201,7 +201,7 @@ async def trace(
     limit: Annotated[int, Query(ge=1, le=2000)] = 200,
 ) -> dict[str, Any]:
     """The last frames, and the latest of every id, named by the tables in force or the battery's DBC."""
-    if battery.dbc_mapping is None:
+    if battery.has_memory_map:
         names = message_names(in_force.image() or default_image())
     else:
         names = {message.can_id: message.name for message in battery.definitions.messages}

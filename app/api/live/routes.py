@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Query, Response, WebSocket
@@ -21,7 +21,7 @@ from app.api.web.dependencies import (
     FanOutPart,
     HealthPart,
     LivePart,
-    write_block_reason,
+    block_reason,
 )
 from app.api.web.fan_out import Reader
 from app.api.web.problems import Problem, invalid
@@ -71,8 +71,7 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
 def battery(battery: BatteryPart, live: LivePart) -> dict[str, Any]:
     """Shape, drawing, sensors and limits of the battery, and whether its configuration can be written."""
     limits = None if live.snapshot is None else live.snapshot.limits
-    source: Literal["master", "dbc"] = "master" if battery.dbc_mapping is None else "dbc"
-    return battery_json(battery.battery, source, write_block_reason(battery), limits)
+    return battery_json(battery.battery, battery.kind, block_reason(battery), limits)
 
 
 @router.get("/history", responses={200: {"model": HistoryOut}})

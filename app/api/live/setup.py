@@ -88,10 +88,11 @@ class ConnectionsIn(Body):
 
 
 class LinkCheckIn(Body):
-    """One of the two."""
+    """One of the two, and the battery that is on it; None: the one that is read."""
 
     serial: Url = None
     can: Url = None
+    battery: str | None = Field(default=None, max_length=1000)
 
 
 class UploadIn(Body):
@@ -112,7 +113,7 @@ def _setup_json(setup: Setup) -> dict[str, Any]:
                 "id": name,
                 "name": each.battery.name,
                 "cells": each.battery.n_cells,
-                "reads": "master" if each.dbc_mapping is None else "dbc",
+                "reads": each.kind,
                 "uploaded": BATTERIES in name,
             }
             for name, each in setup.batteries().items()
@@ -143,7 +144,9 @@ def look(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
     elif body.can is not None and body.can == in_force.can:
         found = _at_own(live, "can")
     else:
-        found = check_can(body.can) if body.can is not None else check_serial(body.serial or "")
+        battery = setup.batteries().get(body.battery or in_force.battery)
+        mapping = None if battery is None else battery.serial
+        found = check_can(body.can) if body.can is not None else check_serial(body.serial or "", mapping)
     return {
         "seconds": CHECK_S,
         "bytes": found.bytes,

@@ -22,14 +22,14 @@ class BatteryOut(BaseModel):
     sensors: list[list[int]]
     limits: dict[str, Number]
     rules: dict[str, float]
-    source: Literal["master", "dbc", "recording"]
+    source: Literal["master", "dbc", "serial", "table", "recording"]
     can_write: bool
     why_not: RenderedMessage | None
 
 
 def battery_json(
     battery: Battery,
-    source: Literal["master", "dbc", "recording"],
+    source: Literal["master", "dbc", "serial", "table", "recording"],
     why_not: Message | None,
     limits: ProtectionLimits | None = None,
 ) -> dict[str, Any]:

@@ -106,14 +106,14 @@ async def _fleet(connection: HTTPConnection) -> Fleet:
 
 
 async def _writable(connection: HTTPConnection) -> None:
-    why_not = write_block_reason(_web(connection).service.battery)
+    why_not = block_reason(_web(connection).service.battery)
     if why_not is not None:
         raise Problem(409, "battery-not-writable", why_not)
 
 
-def write_block_reason(battery: LoadedBattery) -> Message | None:
+def block_reason(battery: LoadedBattery) -> Message | None:
     """Why the configuration of a battery cannot be written; None where it can."""
-    return None if battery.dbc_mapping is None else Message("battery-not-writable")
+    return None if battery.has_memory_map else Message("battery-not-writable")
 
 
 async def _user(connection: HTTPConnection) -> User:

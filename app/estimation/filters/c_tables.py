@@ -46,6 +46,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "hysteresis_v": _number(model.hysteresis_v),
         "hysteresis_rate": _number(model.hysteresis_rate),
         "drop_per_a_v": _number(model.drop_per_c_v / model.c_rate_a),
+        "seen_a": _number(cell.seen_a),
         "doubt_low_degc": _number(DOUBT_DEGC[0]),
         "doubt_step_k": _number(DOUBT_DEGC[2]),
         "temperature_degc": "vw_cell_temperature_degc",

@@ -23,6 +23,8 @@ OCV, R0, OVERPOTENTIAL, PER_REFERENCE, R1 = range(5)  # columns of the table; th
 REFERENCE_DEGC: Final = 25.0
 LASTING_OHM: Final = 1.0  # the state of the lasting error is a current through this much
 LASTING_S: Final = 600.0  # its correlation time
+SEEN_FACTOR: Final = 1.1  # times the largest current of the fit: a current that is larger was not seen
+CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
 DROP_ERROR, OCV_ERROR, LASTING_DROP, COLD = range(4)  # columns of the doubt
 DOUBT_DEGC: Final = (-60.0, 120.0, 2.5)  # temperatures of the doubt: first, last, step
 EMPTY_ACTIVATION_J_MOL: Final = 30e3  # by which the cold makes a cell look empty early: diffusion in solids
@@ -44,6 +46,7 @@ class CellTables:
         doubt: (n, 4) what is not known at temperatures even apart: share by which resistances may be off, how far the
             OCV may be off [V], voltage a lasting current takes for each ampere [ohm], and how much earlier than at
             25 degC the cell looks empty.
+        seen_a: largest current that the model was made of; where the file does not say, the largest of any cell [A].
         ocv_slope_v: (n_soc,) dOCV/dSOC; with a smoothed OCV this is the smoothed slope [V].
         reading_slope_v: (n_soc,) volts per SOC at which a voltage READING_V off reads the SOC, the less of both sides.
         tau_s: (n_rc,) where every time constant is the same at any SOC and temperature, else (n_t, n_soc, n_rc) [s].
@@ -78,6 +81,7 @@ class CellTables:
         taus = np.stack([*rc[model.n_rc :], lasting_s], axis=-1)
         self.tau_s = np.ascontiguousarray(taus if self.has_tau_table else taus[0, 0])
         self.doubt = _doubt(model)
+        self.seen_a = SEEN_FACTOR * model.fit_current_max_a or CURRENT_MAX_C * model.capacity_ah
 
     def packed(self, width: int | None = None) -> FloatArray:
         """Return (n_t, n_soc, width) the columns that the C engine looks up: OCV, R0, R_k, e and 1 / i_ref.

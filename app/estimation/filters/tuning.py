@@ -124,7 +124,7 @@ class Tuning:
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05
-    gain_sigma: float = 0.1
+    gain_sigma: float = 0.07
     gain_doubt: float = 2.0
     gain_prior: float = 0.5
     doubt_soc: float = 0.06

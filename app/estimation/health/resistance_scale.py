@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.errors import ShapeError
 from app.estimation.filters.engine.native_resistance import FACTOR_MAX, FACTOR_MIN, NativeResistance
 from app.estimation.filters.estimates import N_OUT, Estimates
@@ -83,17 +84,33 @@ class ResistanceScale:
         return factor, sigma
 
 
-def trusted_factor(factor: FloatArray) -> FloatArray:
-    """Return the factor a filter may predict voltages with: 1 + g / (1 + (s / g)^6), g = factor - 1.
+def filter_factor(factor: FloatArray, is_learned: BoolArray) -> FloatArray:
+    """Return (n_cells,) the factors a filter may predict voltages with.
 
-    What is fast in a drop and what lasts do not grow alike, and a joint adds to the first alone: good models of fresh
-    cells are found up to a fifth off. That is left to the model; growth well beyond it is taken nearly whole. A
-    factor below 1 has to lie farther off: age does not explain it, and what lasts need not follow (0.78 seen on LFP).
+        f' = s(m) f / m,   m the median of those that were learned;   f' = s(m) where none was
+
+    What all cells share may be the model's error and counts as far as `shared_factor` s says. What they differ by is
+    not: it counts whole.
 
     Args:
-        factor: (n_cells,) as learned.
+        factor: (n_cells,) of `ResistanceScale`.
+        is_learned: (n_cells,) where it is known.
     """
-    growth = factor - 1.0
+    if not is_learned.any():
+        return np.ones(factor.shape)
+    median = np.median(factor[is_learned])
+    return np.asarray(shared_factor(median) * np.where(is_learned, factor / median, 1.0))
+
+
+def shared_factor(factor: ArrayLike) -> FloatArray:
+    """Return how much of a factor that all cells share counts: 1 + g / (1 + (s / g)^6), g = factor - 1.
+
+    What is fast in a drop and what lasts do not grow alike: good models of fresh cells are found up to a fifth off.
+    That is left to the model; growth well beyond it is taken nearly whole. A factor below 1 has to lie farther off:
+    age does not explain it, and what lasts need not follow (0.78 seen on LFP).
+    """
+    found = np.asarray(factor, dtype=np.float64)
+    growth = found - 1.0
     growth6 = (growth * growth) * (growth * growth) * (growth * growth)
-    doubt6 = np.where(factor < 1.0, LESS_SHAPE_ERROR**6, SHAPE_ERROR**6)
+    doubt6 = np.where(found < 1.0, LESS_SHAPE_ERROR**6, SHAPE_ERROR**6)
     return np.asarray(1.0 + growth * growth6 / (growth6 + doubt6))

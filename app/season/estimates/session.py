@@ -32,7 +32,7 @@ from app.estimation.filters.engine.native_resistance import LASTING_S
 from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
-from app.estimation.health.resistance_scale import trusted_factor
+from app.estimation.health.resistance_scale import filter_factor
 from app.season.estimates.results import SCHEMA, cell_hash
 from app.sessions.reading.reader import SessionFile
 
@@ -188,7 +188,7 @@ class SessionEstimate:
         xx, xy = np.einsum("ij,ij->j", weighted, x), np.einsum("ij,ij->j", weighted, y)
         self._sums += (xx, xy, np.einsum("ij,ij,ij->j", weight, y, y), lasted_s)
         factor, sigma = self.resistance()
-        self._factor = trusted_factor(np.where(sigma <= USED_SIGMA_MAX, factor, 1.0))
+        self._factor = filter_factor(factor, sigma <= USED_SIGMA_MAX)
         self._estimator.use_resistance(self._factor)
 
     def resistance(self) -> tuple[FloatArray, FloatArray]:

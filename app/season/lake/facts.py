@@ -148,7 +148,7 @@ class _Stretches:
         self._info = session.info
         in_force = [(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in session.configs()]
         self._in_force = in_force or [(0.0, limits_of_profile(battery))]
-        in_turns = session.loaded_battery.dbc_mapping is not None
+        in_turns = session.loaded_battery.mapping is not None
         self.whole = _Stretch(battery, in_turns=in_turns)
         self._of_lap = [_Stretch(battery, in_turns=in_turns) for _ in laps]
         self._estimate = SessionEstimate(cell, FILTER, battery.n_cells)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.serial import SerialMapping
 from app.battery.source import DbcMapping
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.session_info import meta_of
@@ -246,7 +247,11 @@ CARRIED_US = round(UNKNOWN_AGE_S * 1e6)  # longest age at the start of a range; 
 
 
 def in_rows(
-    blocks: Iterable[Block], wanted: Mapping[str, ElementArray], signals: Signals, source: DbcMapping, first_us: int
+    blocks: Iterable[Block],
+    wanted: Mapping[str, ElementArray],
+    signals: Signals,
+    source: DbcMapping | SerialMapping,
+    first_us: int,
 ) -> Iterator[Block]:
     """Yield blocks in which all wanted elements share one track; rows in which nothing is known are left out.
 

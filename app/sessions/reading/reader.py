@@ -306,7 +306,7 @@ class SessionFile:
     ) -> Iterator[Block]:
         first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
-        mapping = self.loaded_battery.dbc_mapping if in_rows else None
+        mapping = self.loaded_battery.mapping if in_rows else None
         if self.loaded_battery.has_memory_map:
             return with_whole_totals(lambda each: self._blocks.blocks(each, first_us, last_us), wanted, N_CELLS)
         if mapping is None:

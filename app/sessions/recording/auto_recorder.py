@@ -13,7 +13,7 @@ from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.recording.disk import DiskLimits
 from app.sessions.recording.recorder import Recorder
 from app.sessions.recording.session_names import RecordingPlan, load_plan, next_part, save_plan
-from app.sources.items import CanItem, Item, SerialItem
+from app.sources.items import CanItem, Item, SerialBytes, SerialItem
 from app.sources.loaded_battery import LoadedBattery
 from app.telemetry import Event, Severity, Source
 from app.telemetry.service_state import Stall
@@ -212,6 +212,9 @@ class AutoRecorder:
             if isinstance(frame, Frame) and item.t_mono_ns - self._last_clock_ns > CLOCK_S * 1e9:
                 self._last_clock_ns = item.t_mono_ns
                 self._recorder.clock(item.t_mono_ns, item.t_wall_ns, frame.uptime_ms)
+        elif isinstance(item, SerialBytes):
+            self._master_received(item.t_mono_ns)
+            self._recorder.frame(item.t_mono_ns, item.t_wall_ns, SERIAL_LINK, item.data, True)
         elif isinstance(item, CanItem):
             if not item.sent:
                 self._master_received(item.t_mono_ns)

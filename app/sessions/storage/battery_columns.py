@@ -5,13 +5,14 @@ each other: what a frame carried last is held.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.battery import Battery
+from app.battery.serial import SerialMapping
 from app.battery.source import DbcMapping
 from app.estimation.arrays import FloatArray
 from app.sessions.storage.battery_fields import EXTREMES, FIELD_OF_KIND, ages_of, has_sensor_a_cell
@@ -19,6 +20,8 @@ from app.sources.dbc.assembly import LEAST_AGE_S, PERIODS_BRIDGED, UNKNOWN_AGE_S
 from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import TimedFrame, frames_of
+from app.sources.serial.decoder import SerialDecoder
+from app.sources.serial.framing import StreamReader
 
 _NEVER_US = -np.inf
 Samples = tuple[NDArray[np.intp], NDArray[np.int64], FloatArray]  # (k,) elements, (n,) times [us], (n, k) values
@@ -91,12 +94,49 @@ class ColumnOfBattery:
     values: FloatArray  # (n, elements)
 
 
+class CanFrames:
+    """CAN frames into values."""
+
+    def __init__(self, decoder: BatteryDecoder) -> None:
+        self._decoder = decoder
+
+    @property
+    def bad_checksums(self) -> int:
+        """Frames whose checksum does not fit."""
+        return self._decoder.bad_checksums
+
+    def decode(self, frames: Sequence[TimedFrame]) -> dict[str, ChannelValues]:
+        """Return what the frames hold, by kind."""
+        return self._decoder.decode(frames_of(frames))
+
+
+class FrameBytes:
+    """Bytes of a serial line into values; a frame may begin in one chunk and end in the next."""
+
+    def __init__(self, battery: Battery, mapping: SerialMapping) -> None:
+        self._reader = StreamReader(mapping)
+        self._decoder = SerialDecoder(battery, mapping)
+
+    @property
+    def bad_checksums(self) -> int:
+        """Frames whose checksum does not fit."""
+        return self._reader.bad_frames
+
+    def decode(self, pieces: Sequence[TimedFrame]) -> dict[str, ChannelValues]:
+        """Return what the bytes hold, by kind."""
+        return self._decoder.decode(frame for t_ns, _, raw in pieces for frame in self._reader.feed(raw, t_ns))
+
+
 class BatteryColumns:
     """Collects frames; `build` gives the columns."""
 
-    def __init__(self, battery: Battery, source: DbcMapping, definitions: Definitions) -> None:
+    def __init__(self, battery: Battery, source: DbcMapping | SerialMapping, definitions: Definitions) -> None:
         self._battery = battery
-        self._decoder = BatteryDecoder(battery, source, definitions)
+        self._decoder = (
+            FrameBytes(battery, source)
+            if isinstance(source, SerialMapping)
+            else CanFrames(BatteryDecoder(battery, source, definitions))
+        )
         self._period_us = round(source.period_s * 1e6)
         self._frames: list[TimedFrame] = []
         self._is_direct = has_sensor_a_cell(battery)
@@ -123,7 +163,7 @@ class BatteryColumns:
 
     def build(self) -> list[ColumnOfBattery]:
         """Return what the frames tell, ordered by field and first element. To be called once before `clear`."""
-        values = self._decoder.decode(frames_of(self._frames))
+        values = self._decoder.decode(self._frames)
         found: list[ColumnOfBattery] = []
         for kind, of_kind in values.items():
             found += _columns(self._field_of(kind), of_kind)

@@ -6,8 +6,8 @@ A name of the team's memory map means the same here. Values are floating-point n
 from dataclasses import dataclass
 
 from app.battery.battery import Battery, each_cell
+from app.battery.serial import SerialMapping
 from app.battery.source import STATES, DbcMapping
-from app.sources.dbc.assembly import longest_age
 
 FIELD_OF_KIND = {
     "voltage": "v",
@@ -38,7 +38,7 @@ def has_sensor_a_cell(battery: Battery) -> bool:
     return battery.sensors == each_cell(battery.n_cells)
 
 
-def battery_fields(battery: Battery, source: DbcMapping) -> dict[str, BatteryField]:
+def battery_fields(battery: Battery, source: DbcMapping | SerialMapping) -> dict[str, BatteryField]:
     """Return what a session of this battery may hold, by name, in the order in which people want to read it."""
     n = battery.n_cells
     found = [
@@ -52,23 +52,24 @@ def battery_fields(battery: Battery, source: DbcMapping) -> dict[str, BatteryFie
     found += [BatteryField("v", n, "V", 1e-5), BatteryField("t", n, "degC", 1e-2)]
     if battery.n_sensors and not has_sensor_a_cell(battery):
         found.append(BatteryField("sensor", battery.n_sensors, "degC", 1e-2))
-    if "balancing" in source.cells:
+    if "balancing" in source.kinds:
         found.append(BatteryField("balancing", n, "", 1.0))
-    if "resistance" in source.cells:
+    if "resistance" in source.kinds:
         found.append(BatteryField("resistance", n, "ohm", 1e-6))
     found += [BatteryField("charger_voltage", None, "V", 1e-3), BatteryField("charger_current", None, "A", 1e-3)]
-    found += [BatteryField(f"state.{name}", None, "", 1.0) for name in STATES if name in source.states]
+    found += [BatteryField(f"state.{name}", None, "", 1.0) for name in STATES if f"state.{name}" in source.kinds]
     found += [BatteryField(f"limit.{name}", None, _unit_of(name), 1e-3) for name in battery.limits]
     return {field.name: field for field in found}
 
 
-def ages_of(source: DbcMapping) -> dict[str, float | None]:
-    """Return from what age on a field's values are missing, where the profile tells [s]."""
-    found = {name: longest_age(tuple(each.max_age_s for each in entries)) for name, entries in source.cells.items()}
-    temperature = found.pop("temperature", None)
-    readings = {name: getattr(source, name) for name in FIELD_OF_KIND if hasattr(source, name)}
-    found |= {name: reading.max_age_s for name, reading in readings.items() if reading is not None}
-    return {FIELD_OF_KIND[name]: age for name, age in found.items()} | {"t": temperature, "sensor": temperature}
+def ages_of(source: DbcMapping | SerialMapping) -> dict[str, float | None]:
+    """Return from what age on a field's values are missing, where the profile gives it [s]."""
+    ages = source.ages
+    temperature = ages.pop("temperature", None)
+    return {FIELD_OF_KIND[name]: age for name, age in ages.items() if name in FIELD_OF_KIND} | {
+        "t": temperature,
+        "sensor": temperature,
+    }
 
 
 def _unit_of(limit: str) -> str:

@@ -126,9 +126,10 @@ class ChunkBuilder:
             map_hash: of the memory map that was recorded; None is the present one.
         """
         battery = battery or team_battery()
-        mapping = battery.dbc_mapping
+        mapping = battery.mapping
         self._battery = None if mapping is None else BatteryColumns(battery.battery, mapping, battery.definitions)
-        self._table = TableColumns(battery.battery) if mapping is None and not battery.has_memory_map else None
+        self._table = TableColumns(battery.battery) if battery.kind == "table" else None
+        self._is_serial = battery.serial is not None
         self._n_cells = battery.battery.n_cells
         self._boots = boots
         self._last_uptime_ms = last_uptime_ms
@@ -176,7 +177,7 @@ class ChunkBuilder:
             self._table.add_all(measurements)
             return
         if self._battery is not None:
-            self._battery.add_all(can_frames)
+            self._battery.add_all(((t_ns, 0, raw) for t_ns, raw in frames) if self._is_serial else can_frames)
             return
         kinds: tuple[tuple[Iterable[tuple[Any, ...]], Callable[..., None]], ...] = (
             (configs, self._use_tables),

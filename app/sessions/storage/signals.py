@@ -66,7 +66,7 @@ def _fields_of(battery: LoadedBattery, map_hash: str | None) -> dict[str, _Field
     if battery.has_memory_map:
         fields = fields_of(map_hash).values()
         return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in fields}
-    mapping = battery.dbc_mapping
+    mapping = battery.mapping
     is_new = {} if mapping is None else {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
     return is_new | {
         name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)

@@ -229,7 +229,7 @@ def _notes(info: SessionInfo, battery: LoadedBattery, writer: SessionWriter) -> 
     Raises:
         ImportFailed: it is the log of another one.
     """
-    if battery.dbc_mapping is None:
+    if battery.mapping is None:
         yield Message("own-master")
         return
     received, n_cells = len(writer.cells), battery.battery.n_cells

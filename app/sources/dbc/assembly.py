@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.battery import Battery
+from app.battery.serial import SerialMapping
 from app.battery.source import STATES, DbcMapping
 from app.estimation.arrays import BoolArray, FloatArray
 from app.sources.dbc.battery_decoder import ChannelValues
@@ -132,17 +133,15 @@ class _Scalar:
 class Assembler:
     """Makes measurements of decoded values. Called from one thread; time comes with the values."""
 
-    def __init__(self, battery: Battery, source: DbcMapping) -> None:
+    def __init__(self, battery: Battery, source: DbcMapping | SerialMapping) -> None:
         self._battery = battery
         self._period_ns = round(source.period_s * 1e9)
-        ages = {kind: longest_age(tuple(e.max_age_s for e in entries)) for kind, entries in source.cells.items()}
+        ages = source.ages
         sizes = dict.fromkeys(_ARRAYS, battery.n_cells) | {"temperature": battery.n_sensors}
         self._arrays = {kind: _Channels.empty(sizes[kind], ages.get(kind)) for kind in _ARRAYS}
         self._scalars = {f"limit.{name}": _Scalar(None) for name in battery.limits}
         self._scalars |= {f"state.{name}": _Scalar(None) for name in STATES}
-        for name in _SCALARS:
-            reading = getattr(source, name)
-            self._scalars[name] = _Scalar(None if reading is None else reading.max_age_s)
+        self._scalars |= {name: _Scalar(ages.get(name)) for name in _SCALARS}
         self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
         self._next_ns: int | None = None
         self._first_ns: int | None = None  # time of the first voltage
@@ -246,9 +245,3 @@ def _joined(before: ChannelValues | None, after: ChannelValues) -> ChannelValues
     if before is None:
         return after
     return ChannelValues(*(np.concatenate((getattr(before, n), getattr(after, n))) for n in ("t_ns", "index", "value")))
-
-
-def longest_age(ages: tuple[float | None, ...]) -> float | None:
-    """The longest age of several ways; one that is measured leaves all measured."""
-    known = [age for age in ages if age is not None]
-    return max(known) if known and len(known) == len(ages) else None

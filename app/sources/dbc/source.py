@@ -9,7 +9,7 @@ import numpy as np
 from app.battery.battery import LIMITS, Battery, SignalName
 from app.battery.source import DbcMapping
 from app.sources.dbc.assembly import PERIODS_BRIDGED, Assembler, BatteryMeasurement
-from app.sources.dbc.battery_decoder import BatteryDecoder
+from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import frames_of_items
 from app.sources.dbc.two_senders import TwoSenders
@@ -126,7 +126,7 @@ class DbcSource:
 
     def _take(self, until_ns: int) -> BatteryMeasurement | None:
         """Decode what waited; of the periods that ended the newest with a sample, else the newest."""
-        values = self._decoder.decode(frames_of_items(self._waiting)) if self._waiting else {}
+        values = self._decode(self._waiting) if self._waiting else {}
         self._waiting = []
         if "voltage" in values:
             self._two_senders.take(values["voltage"])
@@ -138,14 +138,13 @@ class DbcSource:
         self._newest = next((each for each in reversed(found) if each.is_sample), found[-1])
         return self._newest
 
+    def _decode(self, items: list[CanItem]) -> dict[str, ChannelValues]:
+        return self._decoder.decode(frames_of_items(items))
+
     def _on_change(self, change: LinkChange) -> Received:
-        if change.link != "can" or not self._can.on_change(change) or change.state == "connecting":
+        if change.link != "can" or not self._can.on_change(change):
             return NOTHING_RECEIVED
-        if change.state == "open":
-            message = Message("can-open")
-            return Received(events=(Event(change.t_wall_ns, "info", message.code, message),))
-        message = link_lost("can", change.error)
-        return Received(events=(Event(change.t_wall_ns, "watch", message.code, message),))
+        return link_event(change)
 
     def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
         is_sample = is_fresh and found.is_sample
@@ -167,6 +166,17 @@ class DbcSource:
             awaited=self._assembler.awaited(t_mono_ns),
             live_s=self._rhythm.live_s(),
         )
+
+
+def link_event(change: LinkChange) -> Received:
+    """Return the event of a link that opened or was lost."""
+    if change.state == "connecting":
+        return NOTHING_RECEIVED
+    if change.state == "open":
+        message = Message("can-open") if change.link == "can" else Message("rs232-open")
+        return Received(events=(Event(change.t_wall_ns, "info", message.code, message),))
+    message = link_lost(change.link, change.error)
+    return Received(events=(Event(change.t_wall_ns, "watch", message.code, message),))
 
 
 def measurement_of(

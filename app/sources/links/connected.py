@@ -2,16 +2,20 @@
 
 import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from serial.tools import list_ports
 
+from app.battery.serial import SerialMapping
 from app.errors import message_of
 from app.sources.links.can_bus import can, open_bus, parse_bus
+from app.sources.links.profile_serial import Requests
 from app.sources.links.serial import reason_of
-from app.sources.links.serial_url import check_url, open_port
+from app.sources.links.serial_url import MASTER_PORT, check_url, open_port
+from app.sources.serial.framing import StreamReader
 from app.words import Message, Text
-from firmware_protocol.framing import START_STREAM, STOP_STREAM, Frame, FrameDecoder
+from firmware_protocol.framing import Frame, FrameDecoder
 
 CHECK_S = 1.5
 _POLL_S = 0.1
@@ -58,34 +62,48 @@ def can_adapters() -> list[Found]:
     return found + [Found(f"slcan:{port.device}", _described(port.description)) for port in usb]
 
 
-def check_serial(url: str) -> LinkCheck:
-    """Open a port that a request names as the service would, and count what arrives.
+def check_serial(url: str, mapping: SerialMapping | None = None) -> LinkCheck:
+    """Open a port that a request names as the service would, and count what arrives; None: from a master of ours.
 
     Raises:
         ConfigError: it is none that a request may name.
     """
     check_url(url)
-    decoder, received, frames = FrameDecoder(), 0, 0
+    received = frames = 0
+    count = _frame_counter(mapping)
+    settings = MASTER_PORT if mapping is None else mapping.port
+    requests = None if mapping is None else Requests(mapping)
     try:
-        port = open_port(url, _POLL_S)
+        port = open_port(url, _POLL_S, settings)
     except Exception as error:  # noqa: BLE001  drivers raise their own
         reason = reason_of(error)
         code = reason.code if isinstance(reason, Message) else ""
         return LinkCheck(0, 0, reason, _ADVICE.get(code, Message("advice-no-port")))
     try:
-        port.write(bytes([START_STREAM]))
+        port.write(settings.start)
         end = time.monotonic() + CHECK_S
-        while time.monotonic() < end:
+        while (now_s := time.monotonic()) < end:
+            if requests is not None and (request := requests.next(now_s)):
+                port.write(request)
             data = bytes(port.read(max(1, port.in_waiting)))
             received += len(data)
-            frames += sum(isinstance(each, Frame) for each in decoder.feed(data))
+            frames += count(data)
         with contextlib.suppress(Exception):
-            port.write(bytes([STOP_STREAM]))
+            port.write(settings.stop)
     except Exception as error:  # noqa: BLE001  drivers raise their own
         return LinkCheck(received, frames, reason_of(error), Message("advice-no-port"))
     finally:
         port.close()
     return LinkCheck(received, frames, None, _on_serial(received, frames))
+
+
+def _frame_counter(mapping: SerialMapping | None) -> Callable[[bytes], int]:
+    """Return what counts the frames in bytes as they are read."""
+    if mapping is None:
+        decoder = FrameDecoder()
+        return lambda data: sum(isinstance(each, Frame) for each in decoder.feed(data))
+    reader = StreamReader(mapping)
+    return lambda data: len(reader.feed(data, time.monotonic_ns()))
 
 
 def _on_serial(received: int, frames: int) -> Message | None:

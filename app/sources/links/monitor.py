@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from app.sources.items import CanFault, LinkChange, UnframedBytes
+from app.sources.items import CanFault, LinkChange, SerialBytes, UnframedBytes
 from app.telemetry import LinkState, LinkStatus
 from app.words import Text
 from firmware_protocol.can_tables import worst_case_bits
@@ -45,8 +45,10 @@ class _Rates:
 class LinkMonitor:
     """One link's counters."""
 
-    def __init__(self, url: str | None, *, line_bytes_per_s: float | None = None) -> None:
+    def __init__(self, url: str | None, *, line_bytes_per_s: float | None = None, live_s: float = LIVE_S) -> None:
         self.url = url
+        self._live_ns = round(live_s * 1e9)
+        self._unframed_since_ns: int | None = None  # bytes without a frame
         self._line_bytes_per_s = line_bytes_per_s
         self._opened = False
         self._open_state: LinkState = "off" if url is None else "connecting"
@@ -99,6 +101,21 @@ class LinkMonitor:
         self._add_bytes(found.t_mono_ns, found.count)
         self._unframed = found
 
+    def on_read(self, item: SerialBytes, frames: int, bad: int, last: bytes) -> None:
+        """Bytes of a line that a profile describes, how many frames they complete, and the last of all."""
+        t_ns = item.t_mono_ns
+        self._add_bytes(t_ns, len(item.data))
+        self.crc_errors += bad
+        if frames:
+            self.frames += frames
+            self._last_good_ns = self._last_sent_ns = t_ns
+            self._rates.add(t_ns, frames, 0, 0)
+            self._unframed = self._unframed_since_ns = None
+        elif self._unframed_since_ns is None:
+            self._unframed_since_ns = t_ns
+        elif t_ns - self._unframed_since_ns > self._live_ns:
+            self._unframed = UnframedBytes(t_ns, item.t_wall_ns, len(item.data), last)
+
     def on_malformed(self, t_ns: int, frame: Frame) -> None:
         """A frame's checksum holds and its body is impossible: no good frame, though its number was not lost."""
         self._add_bytes(t_ns, len(frame.raw) + DELIMITERS)
@@ -128,10 +145,10 @@ class LinkMonitor:
 
     def is_live(self, now_ns: int) -> bool:
         """A good frame was sent within the last second."""
-        return self._last_sent_ns is not None and now_ns - self._last_sent_ns < LIVE_S * 1e9
+        return self._last_sent_ns is not None and now_ns - self._last_sent_ns < self._live_ns
 
     def _delivers(self, now_ns: int) -> bool:
-        return self._last_good_ns is not None and now_ns - self._last_good_ns < LIVE_S * 1e9
+        return self._last_good_ns is not None and now_ns - self._last_good_ns < self._live_ns
 
     def status(self, now_ns: int) -> LinkStatus:
         """Return the counters and the state at an instant."""

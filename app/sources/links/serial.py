@@ -24,7 +24,7 @@ from firmware_protocol.framing import START_STREAM, STOP_STREAM, BadFrame, Frame
 SILENCE_S = 1.0
 UNFRAMED_S = 1.0  # with bytes and without a frame: these are no frames of the master
 LAST_BYTES = 64  # last bytes, shown for diagnosis
-_POLL_S = 0.1
+POLL_S = 0.1
 _BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in time leaves less at once
 
 
@@ -93,9 +93,8 @@ class SerialLink:
 
     def stop(self) -> None:
         """Stop the stream, close the port, end the thread."""
-        self.streams = False
         with contextlib.suppress(LinkLost):
-            self.write(bytes([STOP_STREAM]))
+            self.stream(on=False)
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(timeout=3.0)
@@ -125,7 +124,7 @@ class SerialLink:
         while not self._stopping.is_set():
             self.beat_ns = self._clock.monotonic_ns()
             try:
-                port = open_port(self.url, _POLL_S)
+                port = self._open()
             except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
                 self._report("lost", reason_of(error))
                 self._stopping.wait(self._backoff.next_s())
@@ -145,9 +144,12 @@ class SerialLink:
                 self.on_lost()
             self._stopping.wait(self._backoff.next_s())
 
+    def _open(self) -> serial.Serial:
+        return open_port(self.url, POLL_S)
+
     def _read_until_lost(self, port: serial.Serial, on_data: Callable[[], None]) -> None:
         """Read for ever; `on_data` is called for what arrives: a port that opens and says nothing proves little."""
-        read = _reader(port, self._clock)
+        read = port_reader(port, self._clock)
         decoder = FrameDecoder()
         empty_ns: int | None = None  # all that had arrived before this time has been read
         silent_since = self._clock.monotonic_s()
@@ -179,8 +181,8 @@ class SerialLink:
         self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "rs232", state, error))  # type: ignore[arg-type]
 
 
-def _reader(port: serial.Serial, clock: Clock) -> Callable[[], tuple[bytes, int]]:
-    """Return a function that waits at most _POLL_S and returns all that has arrived, and the time before it looked.
+def port_reader(port: serial.Serial, clock: Clock) -> Callable[[], tuple[bytes, int]]:
+    """Return a function that waits at most POLL_S and returns all that has arrived, and the time before it looked.
 
     The time is read before the bytes: the process may stand still between the two, and what arrives then is not among
     them. Where the port has a file descriptor it is read directly: pySerial's socket:// hands over one byte a call.
@@ -200,7 +202,7 @@ def _reader(port: serial.Serial, clock: Clock) -> Callable[[], tuple[bytes, int]
 
     def read_descriptor() -> tuple[bytes, int]:
         looked_ns = clock.monotonic_ns()
-        ready, _, _ = select.select([descriptor], [], [], _POLL_S)
+        ready, _, _ = select.select([descriptor], [], [], POLL_S)
         if not ready:
             return b"", looked_ns
         looked_ns = clock.monotonic_ns()

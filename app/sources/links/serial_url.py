@@ -15,10 +15,13 @@ from urllib.parse import parse_qsl, urlsplit
 import serial
 from serial.tools import list_ports
 
+from app.battery.serial import Port
 from app.errors import ConfigError
 from app.words import Message
-from firmware_protocol.framing import BAUD_RATE
+from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM
 
+MASTER_PORT = Port(BAUD_RATE, "even", start=bytes([START_STREAM]), stop=bytes([STOP_STREAM]))
+_PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 _OPTIONS = {
     "socket": ("logging",),
     "rfc2217": ("logging", "ign_set_control", "poll_modem", "timeout"),
@@ -101,8 +104,8 @@ def _may_be_requested(path: str) -> bool:
     )
 
 
-def open_port(url: str, timeout_s: float) -> serial.Serial:
-    """Open a port with the master's settings; drivers raise their own errors.
+def open_port(url: str, timeout_s: float, port: Port = MASTER_PORT) -> serial.Serial:
+    """Open a port; drivers raise their own errors.
 
     Raises:
         ConfigError: it is no serial port by now.
@@ -110,8 +113,10 @@ def open_port(url: str, timeout_s: float) -> serial.Serial:
     check_url(url, by_operator=True)
     return serial.serial_for_url(
         url,
-        baudrate=BAUD_RATE,
-        parity=serial.PARITY_EVEN,
+        baudrate=port.baud,
+        parity=_PARITIES[port.parity],
+        bytesize=port.data_bits,
+        stopbits=port.stop_bits,
         timeout=timeout_s,
         write_timeout=1.0,
         exclusive=True,  # two readers would each get half of the bytes

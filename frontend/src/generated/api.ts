@@ -123,7 +123,7 @@ export interface Battery {
   sensors: number[][];
   limits: Record<string, number | null>;
   rules: Record<string, number>;
-  source: 'master' | 'dbc' | 'recording';
+  source: 'master' | 'dbc' | 'serial' | 'table' | 'recording';
   can_write: boolean;
   why_not: RenderedMessage | null;
 }

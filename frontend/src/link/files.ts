@@ -18,10 +18,10 @@ export async function copy(content: Blob, name: string): Promise<string> {
   try {
     const [type] = content.type.split(';');
     await navigator.clipboard.write([new ClipboardItem({ [type!]: content })]);
-    return t('Copied');
+    return t('common.copied');
   } catch {
     saveAs(content, name);
-    return t('Saved as {name}', { name });
+    return t('common.saved_as', { name });
   }
 }
 
@@ -38,7 +38,7 @@ export async function download(address: string, fallbackName: string): Promise<s
     answer = await fetch(address, { cache: 'no-store' });
     file = await answer.blob();
   } catch {
-    return t('The service does not answer.');
+    return t('common.service_does_not_respond');
   }
   if (!answer.ok) return (JSON.parse(await file.text()) as { detail?: string }).detail ?? answer.statusText;
   const named = /filename="([^"]+)"/.exec(answer.headers.get('content-disposition') ?? '')?.[1];

@@ -63,11 +63,11 @@ export async function call<T>(path: string, options: Call = {}): Promise<T> {
     response = await fetch(apiUrl(path), request);
   } catch (error) {
     if (error instanceof DOMException && error.name === 'AbortError') throw error;
-    throw new Problem(0, t('The service does not answer'), {
+    throw new Problem(0, t('common.no_connection_service'), {
       detail:
         request.method === 'GET'
-          ? t('The service does not answer.')
-          : t('The service does not answer. Whether it was done is not known.'),
+          ? t('common.service_does_not_respond')
+          : t('common.service_did_not_respond_so'),
     });
   }
   if (response.ok) {
@@ -107,8 +107,8 @@ export async function send<T>(path: string, file: Blob): Promise<T> {
       body: file,
     });
   } catch {
-    throw new Problem(0, t('The file did not arrive'), {
-      detail: t('The file did not arrive at the service.'),
+    throw new Problem(0, t('common.upload_failed'), {
+      detail: t('common.file_did_not_reach_service'),
     });
   }
   if (response.ok) return (await response.json()) as T;

@@ -21,9 +21,9 @@ export function openAlarms(snapshot: Maybe<Snapshot>): Alarm[] {
 }
 
 const NOUNS: Record<Severity, readonly [one: Text, other: Text]> = {
-  trip: ['trip', 'trips'],
-  warning: ['warning', 'warnings'],
-  watch: ['to watch', 'to watch'],
+  trip: ['alarms.trip', 'alarms.trips'],
+  warning: ['alarms.warning', 'alarms.warnings'],
+  watch: ['alarms.to_watch', 'alarms.to_watch'],
 };
 
 interface Counted {
@@ -92,13 +92,15 @@ export function causeText({ message, cell }: PossibleCause, trip: Alarm, shape?:
 
 /** Since when it holds, or when it ended. */
 export const when = ({ since, ended, active }: Alarm): string =>
-  active ? t('since {time}', { time: clock(since) }) : t('ended {time}', { time: clock(ended).slice(0, 5) });
+  active
+    ? t('common.since', { time: clock(since) })
+    : t('alarms.cleared', { time: clock(ended).slice(0, 5) });
 
 /** Its value and, where it has one, the limit; empty where nothing was measured. */
 export const withLimit = ({ value, limit, unit }: Alarm): string =>
   value === null
     ? ''
-    : quantity(value, unit) + (limit === null ? '' : t(', limit {limit}', { limit: quantity(limit, unit) }));
+    : quantity(value, unit) + (limit === null ? '' : t('alarms.limit', { limit: quantity(limit, unit) }));
 
 /** Every cell that an alarm is about. */
 export const cellsOf = (alarm: Alarm): number[] =>

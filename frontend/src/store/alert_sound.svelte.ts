@@ -65,10 +65,10 @@ class AlertSound {
   }
 
   get muteText(): string {
-    if (!this.sound.value) return t('Sound off');
+    if (!this.sound.value) return t('common.sound_off');
     return this.mutedUntil === null
-      ? t('Sound on')
-      : t('Muted until {time}', { time: clock(this.mutedUntil) });
+      ? t('common.sound_on')
+      : t('common.muted_until', { time: clock(this.mutedUntil) });
   }
 
   mute(minutes: number): void {
@@ -91,7 +91,7 @@ class AlertSound {
   /** Let a voice name new alarms from now on; what it says first is that it does. */
   setSpeaking(on: boolean): void {
     this.speak.value = on;
-    if (on) this.say(t('Alarms are spoken.'));
+    if (on) this.say(t('common.alarms_read_aloud'));
     else speechSynthesis.cancel();
   }
 
@@ -104,7 +104,8 @@ class AlertSound {
   private sayNew(alarms: readonly Alarm[]): void {
     const fresh = spokenAlarms(alarms, this.announced);
     if (fresh[0]?.severity === 'trip') speechSynthesis.cancel(); // a trip waits for no other sentence
-    for (const alarm of fresh) this.say(`${t(alarm.severity)}: ${messageText(alarm.message, shapes.live)}`);
+    for (const alarm of fresh)
+      this.say(`${t(`severity.${alarm.severity}`)}: ${messageText(alarm.message, shapes.live)}`);
   }
 
   async allowNotifications(on: boolean): Promise<void> {
@@ -143,7 +144,7 @@ class AlertSound {
     this.shown.add(alarm.id);
     if (!this.notify.value || this.permission !== 'granted' || !document.hidden) return;
     try {
-      const note = new Notification(`Voltwall: ${t(alarm.severity)}`, {
+      const note = new Notification(`Voltwall: ${t(`severity.${alarm.severity}`)}`, {
         body: messageText(alarm.message, shapes.live),
         tag: `alarm-${alarm.id}`,
         icon: './icon-192.png',

@@ -1,4 +1,4 @@
-// How one cell compares with the others, in one sentence, and what of that can be said at all.
+// How one cell compares with the others, in a sentence each for SOC, resistance and busbar joint.
 
 import { cellName, fixed, percent } from '../format';
 import { type Shape, shapes } from './shape.svelte';
@@ -22,48 +22,45 @@ function chargeWords(cells: Cells, index: number): string {
   const sigma = cells.soc_sigma[index] ?? null;
   const all = known(cells.soc);
   const middle = median(all);
-  if (soc === null || sigma === null || middle === null) return t('SOC not known');
+  if (soc === null || sigma === null || middle === null) return t('packs.soc_unknown');
   const points = percent(Math.abs(soc - middle), 1);
   const n = all.length;
-  if (Math.abs(soc - middle) <= sigma) return t('SOC like the other {n}', { n: n - 1 });
-  if (soc > middle) return t('SOC {points} points above the median', { points });
+  if (Math.abs(soc - middle) <= sigma) return t('packs.soc_normal');
+  if (soc > middle) return t('packs.soc_points_above_median', { points });
   return all.some((other) => other < soc)
-    ? t('SOC {points} points below the median', { points })
-    : t('lowest SOC of {n}, {points} points below the median', { n, points });
+    ? t('packs.soc_points_below_median', { points })
+    : t('packs.lowest_soc_points_below_median', { n, points });
 }
 
-/** R0 against the mean of the cells beside it. */
+/** R0 against the mean of the adjacent cells. */
 function resistanceWords(cells: Cells, index: number, neighbours: readonly number[]): string {
   const own = cells.resistance_ohm[index] ?? null;
-  const beside = known(neighbours.map((cell) => cells.resistance_ohm[cell] ?? null));
-  if (own === null || beside.length === 0) return t('R0 not known before it has been under load');
-  const more = (own - beside.reduce((sum, ohm) => sum + ohm, 0) / beside.length) * 1000;
+  const adjacent = known(neighbours.map((cell) => cells.resistance_ohm[cell] ?? null));
+  if (own === null || adjacent.length === 0) return t('packs.r0_unknown_until_under_load');
+  const more = (own - adjacent.reduce((sum, ohm) => sum + ohm, 0) / adjacent.length) * 1000;
   const mohm = fixed(Math.abs(more), 2);
-  if (mohm === fixed(0, 2)) return t('R0 like its neighbours');
-  return more > 0
-    ? t('R0 {mohm} mΩ more than its neighbours', { mohm })
-    : t('R0 {mohm} mΩ less than its neighbours', { mohm });
+  if (mohm === fixed(0, 2)) return t('packs.r0_normal');
+  return more > 0 ? t('packs.r0_m_above_neighbours', { mohm }) : t('packs.r0_m_below_neighbours', { mohm });
 }
 
 function jointWords(cells: Cells, index: number): string {
-  if (cells.joint_loose[index] === true) return t('its joint resistance is high');
+  if (cells.joint_loose[index] === true) return t('packs.high_resistance_busbar_joint');
   return (cells.joint_excess_ohm[index] ?? null) === null
-    ? t('its joint is not assessed yet')
-    : t('its joint resistance is normal');
+    ? t('packs.busbar_joint_not_yet_assessed')
+    : t('packs.busbar_joint_normal');
 }
 
-/** Return how cell `index` compares; `neighbours` are those beside it in the string. */
+/** Return how cell `index` compares; `neighbours` are the adjacent cells in the string. */
 export function comparison(cells: Cells, index: number, neighbours: readonly number[]): string {
-  if ((cells.voltage_v[index] ?? null) === null) return t('Not measured now.');
-  const words = [
+  if ((cells.voltage_v[index] ?? null) === null) return t('packs.no_voltage_reading');
+  const parts = [
     chargeWords(cells, index),
     resistanceWords(cells, index, neighbours),
     jointWords(cells, index),
   ];
-  const sentence = `${words.join('; ')}.`;
-  const doubt =
-    cells.model_valid[index] === false ? ` ${t('The model does not follow this cell: doubt its SOC.')}` : '';
-  return sentence[0]!.toUpperCase() + sentence.slice(1) + doubt;
+  const sentences = parts.map((part) => `${part[0]!.toUpperCase()}${part.slice(1)}.`);
+  if (cells.model_valid[index] === false) sentences.push(t('packs.model_does_not_fit_cell'));
+  return sentences.join(' ');
 }
 
 // Words for the place of a cell on the map, and for its temperature sensor.
@@ -75,14 +72,14 @@ export function placeOf(cell: number): string {
   const { packRow, packColumn, cellRow, cellColumn } = shape.seat(cell);
   const rows = Math.max(shape.rows.length, shape.cellRows(shape.place(cell)?.segment ?? 0).length);
   if (rows > 2)
-    return t('pack row {packRow}, column {packColumn}; cell row {cellRow}, column {cellColumn}', {
+    return t('packs.pack_row_column_cell_row_lower', {
       packRow,
       packColumn,
       cellRow,
       cellColumn,
     });
-  const named = (row: number): string => (row === 1 ? t('upper') : t('lower'));
-  return t('{packRow} pack row, column {packColumn}; {cellRow} cell row, column {cellColumn}', {
+  const named = (row: number): string => (row === 1 ? t('packs.upper') : t('packs.lower'));
+  return t('packs.pack_row_column_cell_row', {
     packRow: named(packRow),
     packColumn,
     cellRow: named(cellRow),
@@ -90,18 +87,18 @@ export function placeOf(cell: number): string {
   });
 }
 
-/** Which sensor tells the temperature of a cell, and which other cells it stands for. */
+/** Which sensor measures the temperature of a cell, and which other cells share it. */
 export function sensorText(shape: Shape, cell: number): string {
   const sensors = shape.sensors(cell);
-  if (!sensors.length) return t('no temperature sensor');
+  if (!sensors.length) return t('packs.no_temperature_sensor');
   const others = shape.sharesSensor(cell);
-  if (sensors.length > 1) return t('hottest of {n} sensors', { n: sensors.length });
-  if (!others.length) return t('a temperature sensor of its own');
-  return t('sensor {n}, also for {cells}', {
+  if (sensors.length > 1) return t('packs.hottest_of_sensors', { n: sensors.length });
+  if (!others.length) return t('packs.own_temperature_sensor');
+  return t('packs.sensor_also_for', {
     n: sensors[0]! + 1,
     cells:
       others.length > SHOWN
-        ? t('{n} other cells', { n: others.length })
+        ? t('packs.other_cells_title', { n: others.length })
         : others.map((each) => cellName(each, shape)).join('; '),
   });
 }

@@ -18,37 +18,38 @@ function flows(snapshot: Snapshot): boolean {
 
 /** Reasons in the order in which they have to be dealt with; empty while charge flows. */
 export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
-  if (live.gone) return [t('The service does not answer.')];
-  if (!snapshot || !known) return [t('Nothing is heard of the charger or the master.')];
+  if (live.gone) return [t('common.service_does_not_respond')];
+  if (!snapshot || !known) return [t('charging.no_data_charger_master')];
   const { charger, master, accumulator, cells } = snapshot;
   if (flows(snapshot)) return [];
   const reasons: string[] = [];
   if (master.fit === false)
     reasons.push(
-      t('The master holds the shutdown circuit open: {why}', {
+      t('charging.master_keeps_shutdown_circuit_open', {
         why: messageText(master.why),
       }),
     );
   if (master.flags && !master.flags['charger']) {
-    reasons.push(t('No charger is heard on CAN: check its plug, its mains and the bit rate.'));
+    reasons.push(t('charging.no_charger_check_connector_mains'));
   }
   for (const flag of charger.flags)
-    reasons.push(t('The charger reports a fault: {flag}', { flag: named(`flag.${flag}`, flag) }));
+    reasons.push(t('charging.charger_reports_fault', { flag: named(`flag.${flag}`, flag) }));
   const missing = cells.voltage_v.filter((v) => v === null).length;
-  if (missing > 0) reasons.push(t('{n} cells have no voltage.', { n: missing }));
-  if (charger.state === 'done') reasons.push(t('It is done: the cells are as full as the master allows.'));
-  else if (charger.state === 'off' || charger.state === null) reasons.push(t('Charging was not started.'));
-  else if (charger.state === 'waiting') reasons.push(t('The master waits for the charger to answer.'));
+  if (missing > 0) reasons.push(t('common.cells_without_voltage_reading', { n: missing }));
+  if (charger.state === 'done') reasons.push(t('charging.charging_complete_cells_reached_charge'));
+  else if (charger.state === 'off' || charger.state === null)
+    reasons.push(t('charging.charging_not_started'));
+  else if (charger.state === 'waiting') reasons.push(t('charging.waiting_charger_respond'));
   else if (charger.state === 'balancing') {
     reasons.push(
-      t('The charger pauses while {cell} and others are bled: {v} between highest and lowest.', {
+      t('charging.charging_paused_balancing_others_high', {
         cell: cellName(accumulator.voltage_max_cell),
         v: quantity((accumulator.voltage_delta_v ?? 0) * 1000, 'mV'),
       }),
     );
-  } else if (charger.state === 'fault') reasons.push(t('The charging ended in a fault.'));
+  } else if (charger.state === 'fault') reasons.push(t('charging.charging_stopped_fault'));
   if (reasons.length === 0 && charger.asked_current_a !== null) {
-    reasons.push(t('The master asks for {a} A, none flows.', { a: fixed(charger.asked_current_a, 1) }));
+    reasons.push(t('charging.master_requests_but_no_current', { a: fixed(charger.asked_current_a, 1) }));
   }
   return reasons;
 }

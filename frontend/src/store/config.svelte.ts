@@ -8,8 +8,8 @@ import { changes, draftOf, rawBody, rebase, type Draft } from './draft';
 
 const KEY = 'voltwall.draft';
 const notRead = (): Problem =>
-  new Problem(503, t('Not read yet'), {
-    detail: t('The master has not sent its configuration yet. This page reads it as soon as it has.'),
+  new Problem(503, t('parameters.not_received_yet'), {
+    detail: t('parameters.master_not_sent_configuration_yet'),
   });
 
 class ConfigStore {
@@ -96,7 +96,7 @@ class ConfigStore {
     const result = await this.attempt('writing', (hash) =>
       call<WriteResult>('config', this.request(hash, reason)),
     );
-    if (result) await this.written(result, t('Written and read back'));
+    if (result) await this.written(result, t('parameters.written_and_verified'));
   }
 
   /** Say that a write came to its end, and show what is in force now. */
@@ -106,9 +106,9 @@ class ConfigStore {
     this.checked = null;
     this.outcome = {
       kind: result.verified ? 'good' : 'bad',
-      title: result.verified ? title : t('Written, but the read-back differs'),
+      title: result.verified ? title : t('common.written_but_read_back_does'),
       text: [
-        n === 1 ? t('1 value is now in force.') : t('{n} values are now in force.', { n }),
+        n === 1 ? t('parameters.1_value_now_active') : t('parameters.values_now_active', { n }),
         afterRestart(this.nothingStored || this.stored !== null ? !this.unstored : null),
       ].join(' '),
       difference: result.difference,
@@ -125,13 +125,13 @@ class ConfigStore {
     const n = this.changes.length;
     this.outcome = {
       kind: 'good',
-      title: n === 0 ? t('The same as what is in force') : t('Taken as the draft'),
+      title: n === 0 ? t('parameters.same_active_configuration') : t('parameters.added_changes'),
       text:
         n === 0
           ? ''
           : n === 1
-            ? t('1 value differs from what is in force. Nothing is written yet.')
-            : t('{n} values differ from what is in force. Nothing is written yet.', { n }),
+            ? t('parameters.1_value_differs_active_configuration')
+            : t('parameters.values_differ_active_configuration', { n }),
     };
   }
 
@@ -141,9 +141,9 @@ class ConfigStore {
       this.outcome = {
         kind: result.verified ? 'good' : 'bad',
         title: result.verified
-          ? t('Stored in the EEPROM and read back')
-          : t('The EEPROM differs from what was stored'),
-        text: t('Store number {n}. The master starts with this configuration.', { n: result.counter }),
+          ? t('parameters.stored_eeprom_verified')
+          : t('parameters.eeprom_does_not_match_stored'),
+        text: t('parameters.store_number_master_uses_next', { n: result.counter }),
       };
       await this.load();
     });
@@ -154,8 +154,8 @@ class ConfigStore {
       await post('config/load');
       this.outcome = {
         kind: 'good',
-        title: t('Loaded from the EEPROM'),
-        text: t('The stored configuration is in force again.'),
+        title: t('parameters.loaded_from_eeprom'),
+        text: t('parameters.stored_configuration_active_again'),
       };
       await this.load();
     });
@@ -198,10 +198,8 @@ class ConfigStore {
       await this.load();
       this.outcome = {
         kind: 'conflict',
-        title: t('Somebody else changed the configuration meanwhile'),
-        text: t(
-          'Nothing was written. What is in force was read again; your draft is kept. Look at the differences, then write again.',
-        ),
+        title: t('parameters.another_user_changed_configuration'),
+        text: t('parameters.nothing_written_active_configuration'),
         difference,
         meanwhile,
       };
@@ -216,7 +214,7 @@ class ConfigStore {
     } else {
       const findings = problem.errors.filter((e): e is ConfigIssue & typeof e => 'level' in e);
       const nothing =
-        findings.length > 0 || (unanswered && what === 'writing') ? t('Nothing was written.') : '';
+        findings.length > 0 || (unanswered && what === 'writing') ? t('parameters.nothing_was_written') : '';
       const text = [findings.length > 0 ? '' : `${problem.detail}${nothing && '.'}`, nothing]
         .filter(Boolean)
         .join(' ');
@@ -227,10 +225,10 @@ class ConfigStore {
 
 /** What a restart would bring, after a write. */
 function afterRestart(isStored: boolean | null): string {
-  if (isStored === null) return t('What the EEPROM holds is not known: read it again before a restart.');
+  if (isStored === null) return t('parameters.eeprom_contents_unknown_read_them');
   return isStored
-    ? t('The EEPROM holds the same configuration.')
-    : t('The EEPROM does not hold it: store it to keep it after a restart.');
+    ? t('parameters.eeprom_contains_same_configuration')
+    : t('parameters.not_eeprom_yet_store_keep');
 }
 
 function asProblem(error: unknown): Problem {
@@ -266,38 +264,34 @@ export function writeUnconfirmed(inForce: InForce): WriteOutcome {
     case 'old':
       return {
         kind: 'bad',
-        title: t('Not written: the old configuration is in force'),
-        text: t('The master was read again. Your draft is kept; writing again is safe.'),
+        title: t('parameters.not_written_old_configuration_active'),
+        text: t('parameters.master_read_again_changes_kept'),
       };
     case 'new':
       return {
         kind: 'good',
-        title: t('Written: the new configuration is in force'),
-        text: t('Only the answer was lost; the master was read again.'),
+        title: t('parameters.written_new_configuration_active'),
+        text: t('parameters.only_response_lost_master_read'),
       };
     case 'other':
       return {
         kind: 'bad',
-        title: t('Another configuration is in force'),
-        text: t(
-          'Neither the old one nor the new one: the master has started again, or somebody else wrote. Look at what differs from your draft.',
-        ),
+        title: t('parameters.different_configuration_active'),
+        text: t('parameters.neither_old_nor_new_one'),
       };
     case 'unknown':
       return {
         kind: 'bad',
-        title: t('Not known which configuration is in force'),
-        text: t(
-          'No answer came. The master holds the old one or the new one, never a mixture. It is read again as soon as it answers; writing again then is safe.',
-        ),
+        title: t('parameters.active_configuration_unknown'),
+        text: t('parameters.no_response_master_uses_either'),
       };
   }
 }
 
 export const storeUnconfirmed = (detail: string): WriteOutcome => ({
   kind: 'bad',
-  title: t('Not known which configuration is stored'),
-  text: `${detail}. ${t('The EEPROM holds the old one or the new one, never a mixture. It is read again as soon as the master answers.')}`,
+  title: t('parameters.stored_configuration_unknown'),
+  text: `${detail}. ${t('parameters.eeprom_contains_either_old_new')}`,
 });
 
 /** What the EEPROM holds after a store whose answer was lost. */
@@ -305,11 +299,11 @@ export const storeResult = (differs: boolean): WriteOutcome =>
   differs
     ? {
         kind: 'bad',
-        title: t('The EEPROM holds the old configuration'),
-        text: t('The store did not come to its end, and left what was there before. Storing again is safe.'),
+        title: t('parameters.not_stored_eeprom_still_contains'),
+        text: t('parameters.store_did_not_finish_safely'),
       }
     : {
         kind: 'good',
-        title: t('The EEPROM holds the configuration in force'),
-        text: t('Only the answer was lost; the EEPROM was read again.'),
+        title: t('parameters.stored_eeprom_contains_active'),
+        text: t('parameters.only_response_lost_eeprom_read'),
       };

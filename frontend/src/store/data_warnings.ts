@@ -17,22 +17,20 @@ export function contradictions(snapshot: Maybe<Snapshot>): string[] {
   if (!p) return [];
   const found: string[] = [];
   if (p.sum.verdict === false) {
-    found.push(
-      t('The cells do not add up to the master’s total: {v} apart.', { v: quantity(p.sum.value, 'V') }),
-    );
+    found.push(t('system.sum_cell_voltages_accumulator_voltage', { v: quantity(p.sum.value, 'V') }));
   }
   if (p.current.verdict === false) {
     found.push(
       p.current.value === null
-        ? t('Voltages move while the current stands still: the current sensor may be dead.')
-        : t('Current and voltage do not fit: together they give {r} mΩ a cell.', {
+        ? t('system.voltages_change_while_current_constant')
+        : t('system.current_voltage_inconsistent_they', {
             r: fixed(p.current.value * 1000, 2),
           }),
     );
   }
   if (p.chips.verdict === false) {
     found.push(
-      t('A chip and the master disagree on {cell} by {v} mV.', {
+      t('system.slave_master_differ_mv', {
         cell: cellName(p.chips.cell),
         v: fixed((p.chips.value ?? 0) * 1000, 0),
       }),
@@ -45,7 +43,7 @@ export function contradictions(snapshot: Maybe<Snapshot>): string[] {
 export const unframed = (snapshot: Maybe<Snapshot>): string => {
   const link = snapshot?.links.rs232;
   return link?.unframed
-    ? t('Bytes arrive on RS232 ({n} a second) but no frame: speed, parity, or another firmware?', {
+    ? t('system.rs232_receives_bytes_per_second', {
         n: fixed(link.bytes_per_s, 0),
       })
     : '';
@@ -76,44 +74,39 @@ export function dataWarnings(
   if (snapshot) {
     const { links, estimator, cells, accumulator } = snapshot;
     const missing = shapes.live.nCells - (accumulator.loaded_cells ?? 0);
-    if (missing === 1) found.push(t('One cell has no voltage.'));
-    else if (missing > 1) found.push(t('{n} cells have no voltage.', { n: missing }));
-    if (!estimator.started) found.push(t('No estimate of the charge yet.'));
+    if (missing === 1) found.push(t('system.1_cell_without_voltage_reading'));
+    else if (missing > 1) found.push(t('common.cells_without_voltage_reading', { n: missing }));
+    if (!estimator.started) found.push(t('system.no_soc_estimate_yet'));
     const untrusted = cells.model_valid.filter((v) => v === false).length;
-    if (untrusted === 1) found.push(t('The model does not fit one cell: its charge is less sure.'));
-    else if (untrusted > 1)
-      found.push(t('The model does not fit {n} cells: their charge is less sure.', { n: untrusted }));
-    if (accumulator.soc_source === 'master')
-      found.push(t('The charge shown is the master’s own count, not an estimate.'));
+    if (untrusted === 1) found.push(t('system.model_does_not_fit_1'));
+    else if (untrusted > 1) found.push(t('system.model_does_not_fit_cells', { n: untrusted }));
+    if (accumulator.soc_source === 'master') found.push(t('system.soc_shown_master_not_estimate'));
     const { current_offset_a: offset, current_offset_sigma_a: sigma } = estimator;
     if (offset !== null && Math.abs(offset) > Math.max(OFFSET_A, 3 * (sigma ?? 0))) {
       const said = { a: fixed(Math.abs(offset), 2), sigma: fixed(sigma, 2) };
       found.push(
         offset > 0
-          ? t('The current sensor reads {a} ± {sigma} A too much; the charge is counted without it.', said)
-          : t('The current sensor reads {a} ± {sigma} A too little; the charge is counted without it.', said),
+          ? t('system.current_sensor_reads_too_high', said)
+          : t('system.current_sensor_reads_too_low', said),
       );
     }
     const noFrame = unframed(snapshot);
     if (noFrame) found.push(noFrame);
     const { lost, frames } = links.rs232;
     if (lost > LOST_SHARE * frames) {
-      found.push(t('{n} % of the RS232 frames were lost.', { n: fixed((100 * lost) / (lost + frames), 1) }));
+      found.push(t('system.rs232_frames_lost', { n: fixed((100 * lost) / (lost + frames), 1) }));
     }
   }
   if (clockOffS !== null && Math.abs(clockOffS) > CLOCK_OFF_S) {
-    found.push(t('The service’s clock and this device’s are {n} s apart.', { n: fixed(clockOffS, 0) }));
+    found.push(t('system.service_clock_device_differ', { n: fixed(clockOffS, 0) }));
   }
   if (system?.clock.was_set) {
-    found.push(
-      t('The service’s clock was set by {n} s since it started.', { n: fixed(system.clock.moved_s, 0) }),
-    );
+    found.push(t('system.service_clock_adjusted_since_started', { n: fixed(system.clock.moved_s, 0) }));
   }
   if (system?.disk) {
     const hours = system.disk.recording_hours_left;
-    if (hours !== null && hours < DISK_HOURS)
-      found.push(t('The disk is full in {n} h.', { n: fixed(hours, 1) }));
-    else if (system.disk.free_bytes < DISK_FREE_BYTES) found.push(t('The disk is nearly full.'));
+    if (hours !== null && hours < DISK_HOURS) found.push(t('system.disk_full_h', { n: fixed(hours, 1) }));
+    else if (system.disk.free_bytes < DISK_FREE_BYTES) found.push(t('system.disk_nearly_full'));
   }
   return found;
 }

@@ -30,19 +30,19 @@ export function rawText(field: SchemaField, raw: Maybe<number>): string {
 export function judge(field: SchemaField, text: string): Verdict {
   const plain = text.trim().replace('−', '-').replace(',', '.');
   const value = plain === '' ? NaN : Number(plain);
-  if (!Number.isFinite(value)) return { raw: null, error: t('not a number') };
+  if (!Number.isFinite(value)) return { raw: null, error: t('common.not_a_number') };
   const raw = Math.round(value / (field.scale * displayUnit(field.unit).factor));
   const unit = displayUnit(field.unit).label;
   if (field.minimum !== null && raw < field.minimum) {
     return {
       raw,
-      error: t('below the limit of {limit}', { limit: `${rawText(field, field.minimum)} ${unit}`.trim() }),
+      error: t('common.below_limit', { limit: `${rawText(field, field.minimum)} ${unit}`.trim() }),
     };
   }
   if (field.maximum !== null && raw > field.maximum) {
     return {
       raw,
-      error: t('above the limit of {limit}', { limit: `${rawText(field, field.maximum)} ${unit}`.trim() }),
+      error: t('common.above_limit', { limit: `${rawText(field, field.maximum)} ${unit}`.trim() }),
     };
   }
   return { raw, error: null };

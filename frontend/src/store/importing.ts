@@ -5,11 +5,16 @@ import { DASH, MINUS } from '../format';
 import type { Text } from '../words/words.svelte';
 
 export const QUANTITIES = [
-  { id: 'time', field: 'time', name: 'Time', units: ['s', 'ms', 'us', 'min', 'h'] },
-  { id: 'current', field: 'current', name: 'Current', units: ['A', 'mA', '0.1A'] },
-  { id: 'voltage', field: 'voltages', name: 'Cell voltages', units: ['V', 'mV', '0.1mV'] },
-  { id: 'temperature', field: 'temperatures', name: 'Temperatures', units: ['degC', 'K', 'degF', '0.1degC'] },
-  { id: 'soc', field: 'soc', name: 'SOC', units: ['percent', 'fraction'] },
+  { id: 'time', field: 'time', name: 'common.time', units: ['s', 'ms', 'us', 'min', 'h'] },
+  { id: 'current', field: 'current', name: 'common.current', units: ['A', 'mA', '0.1A'] },
+  { id: 'voltage', field: 'voltages', name: 'common.cell_voltages', units: ['V', 'mV', '0.1mV'] },
+  {
+    id: 'temperature',
+    field: 'temperatures',
+    name: 'common.temperatures',
+    units: ['degC', 'K', 'degF', '0.1degC'],
+  },
+  { id: 'soc', field: 'soc', name: 'common.soc', units: ['percent', 'fraction'] },
 ] as const satisfies readonly {
   id: string;
   field: keyof ImportMapping;

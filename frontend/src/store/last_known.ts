@@ -121,7 +121,7 @@ export function lastOf(s: Maybe<Snapshot>, part: Part): Maybe<{ time: number; ce
   return last ? { time: last.time, cells: last.values.filter((v) => v !== null).length } : null;
 }
 
-export const ago = (seconds: Maybe<number>): string => t('{age} ago', { age: age(seconds) });
+export const ago = (seconds: Maybe<number>): string => t('common.ago', { age: age(seconds) });
 
 // Of the newest snapshot, as this page's clock ages it.
 export const cellNow = (name: CellQuantity, index: number): Shown =>
@@ -153,7 +153,5 @@ export function ageText(part: Part): string {
   if (!snapshot || !last) return '';
   const one = ago(live.since(last.time));
   const all = snapshot.cells.voltage_v.length;
-  return last.cells === 0 || last.cells === all
-    ? one
-    : t('{n} of {all}: {age}', { n: last.cells, all, age: one });
+  return last.cells === 0 || last.cells === all ? one : t('common.of', { n: last.cells, all, age: one });
 }

@@ -6,10 +6,10 @@ import { live } from './live.svelte';
 
 /** What a marker can be; laps and drivers are read out of them later. */
 export const KINDS: readonly { kind: string; name: Text; key: string }[] = [
-  { kind: 'note', name: 'Note', key: 'n' },
-  { kind: 'lap', name: 'Lap', key: 'l' },
-  { kind: 'driver', name: 'Driver change', key: 'd' },
-  { kind: 'off-track', name: 'Off track', key: 'o' },
+  { kind: 'note', name: 'common.note', key: 'n' },
+  { kind: 'lap', name: 'common.lap', key: 'l' },
+  { kind: 'driver', name: 'common.driver_change', key: 'd' },
+  { kind: 'off-track', name: 'common.off_track', key: 'o' },
 ];
 
 class Mark {

@@ -88,11 +88,11 @@ const metric = (
 ): Metric => ({ id, name, unit, decimals, least, part, values, last, diverging: id === 'deviation' });
 
 export const METRICS: readonly Metric[] = [
-  metric('voltage', 'Voltage', 'V', 3, 0.02, 'voltage', column('voltage_v'), lastColumn('voltage_v')),
-  metric('deviation', 'Deviation', 'mV', 0, 20, 'voltage', deviation, lastDeviation),
+  metric('voltage', 'common.voltage', 'V', 3, 0.02, 'voltage', column('voltage_v'), lastColumn('voltage_v')),
+  metric('deviation', 'common.deviation', 'mV', 0, 20, 'voltage', deviation, lastDeviation),
   metric(
     'temperature',
-    'Temperature',
+    'common.temperature',
     '°C',
     0,
     4,
@@ -100,13 +100,13 @@ export const METRICS: readonly Metric[] = [
     column('temperature_degc'),
     lastColumn('temperature_degc'),
   ),
-  metric('soc', 'SOC', '%', 1, 2, 'voltage', column('soc', 100), lastColumn('soc', 100)),
-  metric('sigma', 'Sigma', '%', 2, 0.5, 'voltage', column('soc_sigma', 100)),
-  metric('resistance', 'R0', 'mΩ', 2, 0.2, 'voltage', column('resistance_ohm', 1000)),
-  metric('joint', 'Joint', 'mΩ', 2, 0.2, 'voltage', column('joint_excess_ohm', 1000)),
-  metric('capacity', 'Capacity', 'Ah', 2, 0.5, 'voltage', column('capacity_ah')),
-  metric('health', 'Health', '%', 1, 2, 'voltage', column('soh_capacity', 100)),
-  metric('balancing', 'Balancing', '', 0, 1, 'slaves', (s) =>
+  metric('soc', 'common.soc', '%', 1, 2, 'voltage', column('soc', 100), lastColumn('soc', 100)),
+  metric('sigma', 'common.soc_uncertainty_1sigma', '%', 2, 0.5, 'voltage', column('soc_sigma', 100)),
+  metric('resistance', 'common.r0', 'mΩ', 2, 0.2, 'voltage', column('resistance_ohm', 1000)),
+  metric('joint', 'common.busbar_joint', 'mΩ', 2, 0.2, 'voltage', column('joint_excess_ohm', 1000)),
+  metric('capacity', 'common.capacity', 'Ah', 2, 0.5, 'voltage', column('capacity_ah')),
+  metric('health', 'common.soh', '%', 1, 2, 'voltage', column('soh_capacity', 100)),
+  metric('balancing', 'common.balancing', '', 0, 1, 'slaves', (s) =>
     s.cells.balancing.map((b) => (b === null ? null : Number(b))),
   ),
 ];
@@ -114,7 +114,8 @@ export const METRICS: readonly Metric[] = [
 export const metricById = (id: string): Metric => METRICS.find((m) => m.id === id) ?? METRICS[0]!;
 
 export function metricText(metric: Metric, value: number | null): string {
-  if (metric.id === 'balancing') return value === null ? fixed(null, 0) : value ? t('bleed') : t('off');
+  if (metric.id === 'balancing')
+    return value === null ? fixed(null, 0) : value ? t('common.balancing_2') : t('common.off');
   return fixed(value, metric.decimals);
 }
 

@@ -4,7 +4,7 @@ import { untrack } from 'svelte';
 import { get, post } from '../link/rest';
 import type { Schema, Session } from '../link/types';
 import { cellName, dateTime, ordinal } from '../format';
-import { chosen, LANGUAGES, named, t, type Text } from '../words/words.svelte';
+import { chosen, LANGUAGES, english, named, t, type Text } from '../words/words.svelte';
 import { openAlarms } from './alarms.svelte';
 import { battery, pagesNow } from './battery.svelte';
 import { fitting, placesIn, type Entry } from './find_entry';
@@ -16,9 +16,9 @@ import { THEMES, user } from './user.svelte';
 
 const MOST = 60; // more than anybody reads; typing narrows them
 const SUBPAGES: readonly { path: string; name: Text; page: Text }[] = [
-  { path: 'sessions/boxes', name: 'Black boxes', page: 'Sessions' },
-  { path: 'sessions/import', name: 'Import', page: 'Sessions' },
-  { path: 'setup', name: 'What shall Voltwall read?', page: 'System' },
+  { path: 'sessions/boxes', name: 'common.black_boxes', page: 'common.sessions' },
+  { path: 'sessions/import', name: 'common.import', page: 'common.sessions' },
+  { path: 'setup', name: 'common.connect_battery', page: 'common.system' },
 ];
 
 /** What people look for that no page is called after: tasks of the documents, English and Norwegian. */
@@ -48,29 +48,30 @@ async function acknowledgeAll(): Promise<void> {
 function fixedEntries(): Entry[] {
   const list: Entry[] = [];
   const add = (id: string, name: Text, detail: string, act: Entry['act'], key = ''): void => {
-    list.push({ id, name: t(name), detail, also: `${name} ${KEYWORDS[id] ?? ''}`, key, act });
+    list.push({ id, name: t(name), detail, also: `${english(name)} ${KEYWORDS[id] ?? ''}`, key, act });
   };
   const keyOf = (name: Text): string => SHORTCUTS.find((s) => s.does === name)?.key ?? '';
-  for (const page of pagesNow()) add(page.id, page.name, t('Page'), go(page.id), keyOf(page.name));
+  for (const page of pagesNow()) add(page.id, page.name, t('palette.page'), go(page.id), keyOf(page.name));
   for (const { path, name, page } of SUBPAGES) add(path, name, t(page), go(path));
   const nUnseen = user.mayWrite ? unseen().length : 0;
   if (nUnseen > 0)
     list.push({
       id: 'acknowledge-all',
-      name: t('Acknowledge all alarms'),
-      detail: t('{n} not seen', { n: nUnseen }),
+      name: t('palette.acknowledge_all_alarms'),
+      detail: t('palette.not_acknowledged', { n: nUnseen }),
       also: 'Acknowledge all alarms',
       waits: true,
       act: acknowledgeAll,
     });
-  if (user.mayWrite && live.snapshot?.recording) add('lap', 'Mark a lap', '', () => mark.begin('lap'));
+  if (user.mayWrite && live.snapshot?.recording)
+    add('lap', 'palette.mark_a_lap', '', () => mark.begin('lap'));
   for (const { key, does, act, can, isPage } of SHORTCUTS)
     if (!isPage && (can?.() ?? true)) add(`key-${key}`, does, '', act, key);
-  add('keys', 'Keys', '', () => void (keys.list = true), '?');
+  add('keys', 'common.keyboard_shortcuts', '', () => void (keys.list = true), '?');
   for (const theme of THEMES.filter((each) => each !== user.theme))
     list.push({
       id: `theme-${theme}`,
-      name: `${t('Theme')}: ${t(theme)}`,
+      name: `${t('common.theme')}: ${t(`theme.${theme}`)}`,
       detail: '',
       also: `Theme ${theme}`,
       act: () => user.setTheme(theme),
@@ -78,7 +79,7 @@ function fixedEntries(): Entry[] {
   for (const { id, name } of LANGUAGES.filter((each) => each.id !== chosen.language))
     list.push({
       id: `language-${id}`,
-      name: `${t('Language')}: ${name}`,
+      name: `${t('common.language')}: ${name}`,
       detail: '',
       also: 'Language',
       act: () => chosen.set(id),
@@ -92,7 +93,7 @@ const fixedFor = (_canMark: boolean): Entry[] => untrack(fixedEntries);
 const sessionEntry = (s: Session): Entry => ({
   id: `session-${s.id}`,
   name: s.name || s.id,
-  detail: `${t('Session')} · ${dateTime(s.started)}`,
+  detail: `${t('common.session')} · ${dateTime(s.started)}`,
   hidden: true,
   act: go(`sessions/${encodeURIComponent(s.id)}`),
 });
@@ -102,7 +103,7 @@ const parameterEntries = (schema: Schema): Entry[] =>
     id: `parameter-${name}`,
     name,
     detail: named(`parameter.${name}`, meaning),
-    also: `${t('parameter')} ${meaning}`,
+    also: `${t('common.parameter')} ${meaning}`,
     hidden: true,
     act: go(`parameters?find=${encodeURIComponent(name)}`),
   }));
@@ -130,20 +131,20 @@ export class Palette {
 
   find(typed: string): Entry[] {
     const shape = shapes.live;
-    const names = { pack: ['pack', t('pack')], cell: ['cell', t('cell')] };
+    const names = { pack: ['pack', t('common.pack_2')], cell: ['cell', t('common.cell_2')] };
     const places = placesIn(typed, shape, names).map(({ pack, cell }): Entry => {
       if (cell === null)
         return {
           id: `pack-${pack}`,
-          name: t('pack {n}', { n: pack }),
-          detail: t('Packs'),
+          name: t('common.pack_lower', { n: pack }),
+          detail: t('common.packs'),
           act: go(`packs/${pack}`),
         };
       const index = shape.cells(pack - 1)[cell - 1]!;
       return {
         id: `cell-${index}`,
         name: cellName(index, shape),
-        detail: t('cell {n}', { n: ordinal(index) }),
+        detail: t('common.cell_lower', { n: ordinal(index) }),
         act: go(`packs/${pack}/${cell}`),
       };
     });

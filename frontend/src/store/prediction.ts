@@ -5,19 +5,19 @@ import type { EnergyTarget, PowerReason, Trip, TripLimit } from '../link/types';
 import type { Text } from '../words/words.svelte';
 
 export const LIMITS: Record<TripLimit, Text> = {
-  v_min: 'lowest voltage',
-  v_max: 'highest voltage',
-  soc_min: 'empty',
-  soc_max: 'full',
-  temperature_max: 'too hot',
+  v_min: 'overview.undervoltage',
+  v_max: 'overview.overvoltage',
+  soc_min: 'overview.empty',
+  soc_max: 'overview.full',
+  temperature_max: 'overview.overtemperature',
 };
 
 export const REASONS: Record<PowerReason, Text> = {
-  voltage: 'voltage',
-  soc: 'charge',
-  temperature: 'heat',
-  current: 'current limit',
-  relays: 'relays open',
+  voltage: 'overview.voltage',
+  soc: 'common.soc',
+  temperature: 'overview.temperature',
+  current: 'overview.current_limit',
+  relays: 'common.contactors_open',
 };
 
 /** The limit that is met first; null when none is within the hour that is looked at. */

@@ -18,17 +18,17 @@ export type Page =
   | 'judge';
 
 export const PAGES: readonly { id: Page; name: Text; icon: string }[] = [
-  { id: 'overview', name: 'Overview', icon: 'gauge' },
-  { id: 'packs', name: 'Packs', icon: 'grid' },
-  { id: 'charging', name: 'Charging', icon: 'plug' },
-  { id: 'parameters', name: 'Parameters', icon: 'sliders' },
-  { id: 'can', name: 'CAN', icon: 'bus' },
-  { id: 'sessions', name: 'Sessions', icon: 'record' },
-  { id: 'season', name: 'Season', icon: 'season' },
-  { id: 'events', name: 'Events', icon: 'list' },
-  { id: 'system', name: 'System', icon: 'pulse' },
-  { id: 'simulator', name: 'Simulator', icon: 'flask' },
-  { id: 'help', name: 'Help', icon: 'help' },
+  { id: 'overview', name: 'common.overview', icon: 'gauge' },
+  { id: 'packs', name: 'common.packs', icon: 'grid' },
+  { id: 'charging', name: 'common.charging', icon: 'plug' },
+  { id: 'parameters', name: 'common.parameters', icon: 'sliders' },
+  { id: 'can', name: 'common.can', icon: 'bus' },
+  { id: 'sessions', name: 'common.sessions', icon: 'record' },
+  { id: 'season', name: 'common.season', icon: 'season' },
+  { id: 'events', name: 'common.events', icon: 'list' },
+  { id: 'system', name: 'common.system', icon: 'pulse' },
+  { id: 'simulator', name: 'common.simulator', icon: 'flask' },
+  { id: 'help', name: 'common.help', icon: 'help' },
 ];
 
 export interface Place {

@@ -1,14 +1,18 @@
-// The page's words: English stands in the code and is the key; the tables of another language are loaded when it is
-// chosen. They are in app/words, one folder a language: `page` by the English text, `names` of the service's data by
-// their key, `codes` the templates of its messages. A text that has no translation does not compile; that all languages
-// have the same keys is a test of the service.
+// The texts of the pages by code, in app/words, one folder a language: `page` the texts of the pages, `names` of the
+// service's data by their key, `codes` the templates of its messages. English is always there; the tables of another
+// language are loaded when it is chosen. A code that the English table lacks does not compile, nor a missing value;
+// that all languages have the same codes is a test of the service.
 
-import type page from '../../../app/words/nb/page.json';
+import page from '../../../app/words/en/page.json';
 import type { RenderedMessage } from '../generated/api';
 import { shapes } from '../store/shape.svelte';
+import type { Texts } from '../generated/texts';
 import { render, type Table } from './render';
 
-export type Text = keyof typeof page;
+/** The code of any text of the pages. */
+export type Code = keyof Texts;
+/** The code of a text that takes no values. */
+export type Text = { [C in Code]: Texts[C] extends null ? C : never }[Code];
 
 const FILES = import.meta.glob<Table>(['../../../app/words/*/*.json', '!../../../app/words/en/*'], {
   import: 'default',
@@ -28,9 +32,13 @@ export const LANGUAGES: readonly { id: string; name: string }[] = [
 
 const KEY = 'voltwall.language';
 type Values = Record<string, string | number>;
+type ValuesOf<C extends Code> = Texts[C] extends null
+  ? []
+  : [values: Record<NonNullable<Texts[C]>, string | number>];
+const EN: Readonly<Record<string, string>> = page;
 
 export interface Tables {
-  page: Readonly<Record<string, string>>; // by the English text, and names of the service's data by their key
+  page: Readonly<Record<string, string>>; // by code, and names of the service's data by their key
   codes: Table;
 }
 
@@ -68,10 +76,12 @@ class Chosen {
 
 export const chosen = new Chosen();
 
-/** `text` in the chosen language, with `{name}` replaced by the value of that name. */
-export function t(text: Text, values?: Values): string {
-  const words = chosen.words?.page[text] ?? text;
-  return values ? fill(words, values) : words;
+/** The English text of a code, with `{name}` replaced by the value of that name. */
+export const english = (code: Code, values: Values = {}): string => fill(EN[code] ?? code, values);
+
+/** The text of a code in the chosen language, with `{name}` replaced by the value of that name. */
+export function t<C extends Code>(code: C, ...[values]: ValuesOf<C>): string {
+  return fill(chosen.words?.page[code] ?? EN[code] ?? code, values ?? {});
 }
 
 /** A name of the service's data, as of a scenario, in the chosen language; one that no table knows stays English. */

@@ -106,6 +106,15 @@ def test_between_agreement_and_contradiction_sigma_covers_both():
         assert 0.6 - gap - 1e-12 <= soc <= 0.6 + 1e-12
 
 
+@pytest.mark.parametrize(("own_sigma", "trusts_filter"), [(0.1, True), (0.01, False)])
+def test_what_a_filter_moves_within_its_covariance_while_it_settles_is_no_wander(own_sigma, trusts_filter):
+    pair = Pair(0.52, 0.50)
+    pair.state = replace(pair.state, apart_v2=np.array([own_sigma**2]))
+    for _ in range(30):
+        soc, _ = pair.fuse(1.0, 1e-4, filter_soc=0.60)
+    assert (soc > 0.59) == trusts_filter
+
+
 def test_between_two_looks_nothing_is_weighed():
     pair = Pair(0.51, 0.50)
     before, _ = pair.fuse(1.0, 1e-4)
@@ -133,7 +142,7 @@ def gain_believed(gain, sigma):
 
 
 def test_a_small_gain_is_left_to_the_cell_file_and_a_large_one_is_believed():
-    assert abs(gain_believed(0.01, 0.01)[0]) < 0.002
+    assert abs(gain_believed(0.01, 0.01)[0]) < 0.25 * 0.01
     assert gain_believed(0.10, 0.01)[0] == pytest.approx(0.10, rel=0.01)
     assert gain_believed(0.0, TUNING.gain_sigma)[0] == 0.0
 

@@ -55,6 +55,7 @@ CELL_ROWS: Final = {
     "fused_gain": 1,
     "conflict": 1,
     "apart": 1,
+    "apart_v2": 1,
     "wander_v2": 1,
     "check_mean_v": 1,
     "check_square_v2": 1,
@@ -98,7 +99,7 @@ class CellModelStruct(ctypes.Structure):
         *[(name, _real) for name in ("soc_low", "soc_step", "capacity_ah", "efficiency", "overpotential_a")],
         *[
             (name, _real)
-            for name in ("hysteresis_v", "hysteresis_rate", "drop_per_a_v", "doubt_low_degc", "doubt_step_k")
+            for name in ("hysteresis_v", "hysteresis_rate", "drop_per_a_v", "seen_a", "doubt_low_degc", "doubt_step_k")
         ],
         *[
             (name, _pointer)
@@ -115,7 +116,7 @@ class FilterStruct(ctypes.Structure):
         ("kind", _int32),
         ("current_a", _real),
         ("since_s", _real),
-        ("rest_s", _real),
+        *[(name, _real) for name in ("rest_s", "flow_a", "beyond_a")],
         ("rule", SigmaRuleStruct),
         ("tuning", TuningStruct),
         ("model", CellModelStruct),

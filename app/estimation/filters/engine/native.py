@@ -63,6 +63,8 @@ class NativeEngine:
             0.0,
             0.0,
             0.0,
+            0.0,
+            0.0,
             SigmaRuleStruct(*rule),
             TuningStruct(*astuple(setup.tuning)),
             _model(setup.cell, self._table),
@@ -211,6 +213,7 @@ def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
         model.hysteresis_v,
         model.hysteresis_rate,
         model.drop_per_c_v / model.c_rate_a,
+        cell.seen_a,
         DOUBT_DEGC[0],
         DOUBT_DEGC[2],
         *(

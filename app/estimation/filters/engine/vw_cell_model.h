@@ -51,6 +51,7 @@ typedef struct {
     vw_real hysteresis_v;        /* M, half the gap between charge and discharge [V]; 0 = none */
     vw_real hysteresis_rate;     /* how fast h follows, per unit of SOC moved */
     vw_real drop_per_a_v;        /* voltage that a lasting current costs [V/A] */
+    vw_real seen_a;              /* largest current that the model was made of [A] */
     vw_real doubt_low_degc;      /* first temperature of the doubt [degC] */
     vw_real doubt_step_k;        /* from one to the next [K] */
     const vw_real *temperature_degc; /* (n_temperatures) rising [degC] */

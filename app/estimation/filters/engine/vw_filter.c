@@ -151,9 +151,19 @@ static void answer(const vw_filter *filter, vw_cells *restrict x, vw_work *restr
     for (int row = 0; rows == part && row < n_rows; row++) copy(estimates + row * n_cells + first, rows + row * width, n);
 }
 
+/* q' = q + (1 - exp(-dt / wander_s)) (|i| - q) of the current's size, and of what of it was beyond `seen_a`. */
+static void watch_current(vw_filter *filter, vw_real dt_s)
+{
+    const vw_real size_a = vw_abs(filter->current_a), share = 1 - vw_exp(-dt_s / filter->tuning.wander_s);
+    const vw_real beyond_a = size_a > filter->model.seen_a ? size_a : 0;
+    filter->flow_a += share * (size_a - filter->flow_a);
+    filter->beyond_a += share * (beyond_a - filter->beyond_a);
+}
+
 static void step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, int n_rows, vw_real *estimates)
 {
     vw_hold_current(filter, sample->current_a);
+    watch_current(filter, sample->dt_s);
     const vw_motion motion = vw_motion_of(filter, sample->dt_s, filter->current_a);
     const int rests = motion.rest_share > 0 || (filter->rest_s == 0 && sample->dt_s == 0);
     filter->rest_s = rests && !motion.is_whole_rest ? filter->rest_s + sample->dt_s : -1;

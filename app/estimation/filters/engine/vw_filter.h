@@ -95,6 +95,8 @@ typedef struct {
     vw_real current_a; /* last current that was measured [A] */
     vw_real since_s;   /* since the starts were last weighed [s] */
     vw_real rest_s;    /* of rest since the start; negative once it has been read or broken [s] */
+    vw_real flow_a;    /* mean size of the current over wander_s [A] ... */
+    vw_real beyond_a;  /* ... and of what of it was beyond the currents that the cell file has seen [A] */
     vw_sigma_rule rule;
     vw_tuning tuning;
     vw_cell_model model;
@@ -156,6 +158,7 @@ typedef struct {
     vw_lanes fused_gain;           /* the gain it is counted with: that of the filter, as far as it is believed */
     vw_lanes conflict;             /* mean square of filter minus fusion over its variance */
     vw_lanes apart;                /* mean of the filter's SOC minus the count's */
+    vw_lanes apart_v2;             /* mean of the variance that the filter gave itself meanwhile */
     vw_lanes wander_v2;            /* variance that the filter shows against the count beyond that mean */
     vw_lanes check_mean_v;         /* mean of the scaled innovation over check_s [V] */
     vw_lanes check_square_v2;      /* mean of its square over check_s [V^2] */

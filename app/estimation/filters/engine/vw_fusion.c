@@ -177,6 +177,7 @@ static void wander(const vw_tuning *t, const vw_motion *motion, vw_cells *restri
         const vw_real beyond = x->soc[c] - x->count_soc[c] - x->apart[c];
         x->wander_v2[c] += a * (1 - a) * (t->wander_factor * beyond * beyond - x->wander_v2[c]);
         x->apart[c] += a * beyond;
+        x->apart_v2[c] += a * (x->cov[0][c] - x->apart_v2[c]);
     }
 }
 
@@ -192,11 +193,13 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
     VW_EACH_CELL(c)
     {
         const vw_real slope = x->gain_slope[0][c], z = x->soc[c] + slope * x->fused_gain[c];
-        const vw_real filter_v2 =
-            vw_min(work->soc_v2[c] + vw_square(slope) * gain_v2[c] + x->wander_v2[c], VW_SOC_VARIANCE_MAX);
+        const vw_real alone_v2 = work->soc_v2[c] + vw_square(slope) * gain_v2[c];
+        const vw_real filter_v2 = vw_min(alone_v2 + x->wander_v2[c], VW_SOC_VARIANCE_MAX);
         const vw_real lasts_v2 = lasting_v2[c] / work->slope_v2[c];
         const vw_real plateau_v2 = vw_square(lasts_v2) / (lasts_v2 + vw_square(t->plateau_soc));
-        const vw_real errs_v2 = vw_min(filter_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
+        const vw_real known_v2 = t->wander_factor * vw_max(x->apart_v2[c] - x->cov[0][c], 0);
+        const vw_real strays_v2 = vw_max(x->wander_v2[c] - known_v2, 0);
+        const vw_real errs_v2 = vw_min(alone_v2 + strays_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
         const vw_real drift_v2 =
             gain_v2[c] * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
         /* beginning with the case that no start is right; moments count from the filter's SOC */
@@ -234,7 +237,8 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2      q charge drawn since the start
  *   d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, doubt_soc^2)),   w_0 = start_unknown
  *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
- *   u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
+ *   u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
+ *   e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)      what the filter moved within its own covariance
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *
  * Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,
@@ -277,7 +281,7 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
         x->slow_mean_v[c] += bias_share * (y - slow);
         const int is_small = x->check_square_v2[c] < vw_square(t->check_rms_v);
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
-        const int is_known = x->climate.drop_error[c] < t->drop_error_max;
+        const int is_known = (x->climate.drop_error[c] < t->drop_error_max) & !motion->is_beyond;
         work->valid[c] = vw_pick(is_small & is_centred & is_known & (x->conflict[c] < t->conflict_max), 1, 0);
     }
 }

@@ -1,6 +1,8 @@
 /* What happens to a state between two samples: everything that moves is linear. */
 #include "vw_parts.h"
 
+#define BEYOND_SHARE ((vw_real)0.1) /* of the charge, at currents beyond those of the cell file */
+
 static vw_real share_of(vw_real dt_s, vw_real time_s) { return 1 - vw_exp(-dt_s / time_s); }
 
 vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
@@ -24,6 +26,7 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.hysteresis_pull = moved < 0 ? to.hysteresis_keep - 1 : 1 - to.hysteresis_keep;
     to.noise_v2 = vw_square(t->model_error_v);
     to.correlation = 1 + 2 * t->correlation_s / vw_max(dt_s, (vw_real)1e-3);
+    to.is_beyond = filter->beyond_a > BEYOND_SHARE * filter->flow_a;
     to.check_share = share_of(dt_s, t->check_s);
     to.bias_share = share_of(dt_s, t->bias_s);
     const vw_real rest_s = filter->rest_s + dt_s, since_s = filter->since_s + dt_s;

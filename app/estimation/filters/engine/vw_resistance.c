@@ -87,13 +87,49 @@ void vw_resistance_judge(int32_t n_cells, vw_real *rows)
     }
 }
 
-/* 1 + g / (1 + (s / g)^6), g = factor - 1: see trusted_factor in resistance_scale.py. */
-static vw_real trusted(const vw_learning *learning, vw_real factor)
+/* 1 + g / (1 + (s / g)^6), g = factor - 1: see shared_factor in resistance_scale.py. */
+static vw_real shared(const vw_learning *learning, vw_real factor)
 {
     const vw_real growth = factor - 1, error = growth < 0 ? learning->less_shape_error : learning->shape_error;
     const vw_real growth2 = growth * growth, error2 = error * error;
     const vw_real growth6 = growth2 * growth2 * growth2, error6 = error2 * error2 * error2;
     return 1 + growth * growth6 / (growth6 + error6);
+}
+
+static int is_learned(const vw_learning *learning, const vw_real *rows, int n, int c)
+{
+    return rows[VW_FACTOR_SIGMA * n + c] <= learning->sigma_max;
+}
+
+/* Median of the factors that were learned, NaN without any: by ranks, once a second, since nothing is allocated. */
+static vw_real median_factor(const vw_learning *learning, const vw_real *rows, int n)
+{
+    const vw_real *factor = rows + VW_FACTOR * n;
+    int n_learned = 0;
+    vw_real low = NAN, high = NAN;
+    for (int c = 0; c < n; c++) n_learned += is_learned(learning, rows, n, c);
+    for (int c = 0; c < n; c++) {
+        if (!is_learned(learning, rows, n, c)) continue;
+        int n_less = 0, n_not_more = 0;
+        for (int other = 0; other < n; other++) {
+            if (!is_learned(learning, rows, n, other)) continue;
+            n_less += factor[other] < factor[c];
+            n_not_more += factor[other] <= factor[c];
+        }
+        if (n_less <= (n_learned - 1) / 2 && (n_learned - 1) / 2 < n_not_more) low = factor[c];
+        if (n_less <= n_learned / 2 && n_learned / 2 < n_not_more) high = factor[c];
+    }
+    return (low + high) / 2;
+}
+
+/* factor = shared(median) f / median: see filter_factor in resistance_scale.py. */
+static void use_factors(const vw_learning *learning, const vw_real *rows, int n, vw_cells *cells, vw_real *factor)
+{
+    const vw_real median = median_factor(learning, rows, n), typical = vw_is_missing(median) ? 1 : shared(learning, median);
+    for (int c = 0; c < n; c++) {
+        const vw_real ratio = is_learned(learning, rows, n, c) ? rows[VW_FACTOR * n + c] / median : 1;
+        cells[c / VW_LANES].resistance[c % VW_LANES] = factor[c] = typical * ratio;
+    }
 }
 
 void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_learning *learning, int64_t n_steps,
@@ -109,10 +145,6 @@ void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_l
         if (learning->since_s < learning->every_s) continue;
         learning->since_s = 0;
         vw_resistance_judge(n, rows);
-        for (int c = 0; c < n; c++) {
-            const int is_learned = rows[VW_FACTOR_SIGMA * n + c] <= learning->sigma_max;
-            factor[c] = is_learned ? trusted(learning, rows[VW_FACTOR * n + c]) : 1;
-            cells[c / VW_LANES].resistance[c % VW_LANES] = factor[c];
-        }
+        use_factors(learning, rows, n, cells, factor);
     }
 }

@@ -162,6 +162,7 @@ static void begin(const vw_filter *filter, vw_cells *restrict x, int c, vw_real 
     x->anchor_v2[c] = x->cov[0][c];
     x->soc[c] = x->count_soc[c];
     x->apart[c] = 0;
+    x->apart_v2[c] = x->cov[0][c];
     suppose(&filter->tuning, x, c, soc, sigma);
     if (vw_is_missing(soc)) return;
     const int is_counted = filter->kind == VW_COUNT || filter->kind == VW_SIGMA_FUSED;
@@ -179,6 +180,7 @@ static void begin(const vw_filter *filter, vw_cells *restrict x, int c, vw_real 
 void vw_filter_init(vw_filter *filter, vw_cells *cells)
 {
     filter->current_a = filter->since_s = 0;
+    filter->flow_a = filter->beyond_a = 0;
     filter->rest_s = -1;
     for (int block = 0; block < VW_BLOCKS(filter->n_cells); block++) {
         vw_cells *restrict x = &cells[block];

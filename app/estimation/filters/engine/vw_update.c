@@ -12,7 +12,8 @@
  *   S_g = cold^2 (S + correlation (H_z^2 wander + slow))
  *
  * A filter that wanders against the count, or whose innovations do not average out, says the less of charge, and so does
- * a cold cell, whose slow overpotential looks like charge. Outside the temperatures that were measured nothing is learned.
+ * a cold cell, whose slow overpotential looks like charge. Beyond the temperatures and currents that the cell file has
+ * seen nothing is learned.
  */
 #include "vw_parts.h"
 
@@ -49,7 +50,7 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
         work->used[c] = vw_pick(is_used, 1, 0);
         /* g */
-        const int learns = is_used & (x->climate.drop_error[c] < t->drop_error_max);
+        const int learns = is_used & !motion->is_beyond & (x->climate.drop_error[c] < t->drop_error_max);
         const vw_real lasting_v2 = vw_square(work->H[0][c]) * x->wander_v2[c] + x->slow_square_v2[c];
         const vw_real S_g = x->climate.cold2[c] * (S + motion->correlation * lasting_v2);
         const vw_real M = x->gain_v2[c], gain_v2 = S_g + vw_square(HV) * M;

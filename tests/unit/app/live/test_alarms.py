@@ -215,6 +215,23 @@ def test_the_cause_of_a_trip_stays_with_its_alarm_while_it_holds(pipeline, maste
     assert [(each.code, each.cell) for each in snapshot.findings] == [("joint-resistance-high", 40)]
 
 
+def test_what_tripped_stays_with_its_cell_once_the_trip_is_acknowledged_until_a_look_does_not_show_it(pipeline, master):
+    cause = TripCause("joint-resistance-high", condition("joint-resistance-high"), 40, 3, 0.9, size=13e-3, unit="ohm")
+    master.set("v", [*[37000] * 40, 24000, *[37000] * 55])
+    tripped, _ = run(pipeline, master, 2)
+    pipeline.explain(cause)
+    for alarm in tripped.alarms:
+        pipeline.acknowledge(alarm.id, "cora")
+    master.set("v", [37000] * 96)
+    snapshot, _ = run(pipeline, master, 6)
+    assert {alarm.cause for alarm in snapshot.alarms if alarm.active} >= {cause}
+    assert [(each.code, each.cell, each.size) for each in snapshot.findings] == [("joint-resistance-high", 40, 13e-3)]
+    pipeline.name(())
+    snapshot, _ = run(pipeline, master, 6)
+    assert "joint-resistance-high" not in codes(snapshot)
+    assert snapshot.findings == ()
+
+
 @pytest.mark.parametrize("later_s", [8, 32])
 def test_a_cause_that_is_revised_belongs_to_the_trips_of_its_incident_alone(pipeline, master, later_s):
     unknown = TripCause("unknown", condition("cause-unknown"), None, None, 0.0)

@@ -8,6 +8,7 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.filters.estimators import FILTERS, make_estimator
+from tests.open_loop import simulate
 
 CELL = load_cell("samsung-25r-10p")
 OWN_AH = np.array([0.8, 1.0, 1.1]) * CELL.capacity_ah
@@ -199,3 +200,18 @@ def test_a_capacity_that_is_learned_elsewhere_is_not_counted_twice():
     estimator.use_capacity(0.8 * CELL.capacity_ah)
     assert estimator.engine.get("gain") == pytest.approx(np.zeros(N), abs=1e-12)
     assert estimator.capacity()[0] == pytest.approx(0.8 * CELL.capacity_ah)
+
+
+@pytest.mark.parametrize(("peak_a", "learns"), [(100.0, True), (200.0, False)])
+def test_a_drive_beyond_the_currents_of_the_cell_file_says_nothing_of_capacity(peak_a, learns):
+    seen = replace(CELL, fit_current_max_a=150.0)
+    aged = replace(seen, capacity_ah=0.8 * CELL.capacity_ah)
+    time_s = np.arange(0.0, 900.0, 0.1)
+    current = np.where((time_s > 20.0) & (time_s % 8.0 < 400.0 / peak_a), peak_a, 0.0)
+    _, volts = simulate(aged, time_s, current, np.full(time_s.size, 25.0), 0.95)
+    estimator = make_estimator("fused", seen, 1)
+    estimator.start(volts[:1], DEGC[:1], 0.0, soc=0.95)
+    found = estimator.run(np.full(time_s.size, 0.1), current, volts[:, None], np.full((time_s.size, 1), 25.0))
+    assert bool(found.model_valid[-1, 0]) == learns
+    own_ah = estimator.capacity()[0][0]
+    assert own_ah < 0.95 * CELL.capacity_ah if learns else own_ah == pytest.approx(CELL.capacity_ah)

@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.health.learned import LEARN_S, RESISTANCE_SIGMA_MAX, LearningRun
-from app.estimation.health.resistance_scale import PRIOR_SIGMA, trusted_factor
+from app.estimation.health.resistance_scale import PRIOR_SIGMA, filter_factor
 from tests.open_loop import simulate
 from tests.oracle.both_engines import ENGINES, make_on
 from tests.oracle.resistance import ReferenceResistance
@@ -17,20 +18,21 @@ GROWTH = 1.6
 DT_S = 0.1
 
 
-def samples(seconds):
-    """A drive of a cell that resists GROWTH times its model, with one voltage missing."""
+def samples(seconds, growths=(GROWTH,)):
+    """A drive of cells that resist so many times their model, with one voltage missing."""
     time_s = np.arange(0.0, seconds, DT_S)
     current = np.where(time_s % 20.0 < 14.0, 130.0, -20.0)
-    aged = replace(MODEL, r0_ohm=GROWTH * MODEL.r0_ohm, r_ohm=GROWTH * MODEL.r_ohm)
-    _, volts = simulate(aged, time_s, current, np.full(time_s.size, 25.0), 0.8)
-    volts[40] = np.nan
-    steps, volts = np.full(time_s.size, DT_S), volts[:, None]
+    aged = [replace(MODEL, r0_ohm=each * MODEL.r0_ohm, r_ohm=each * MODEL.r_ohm) for each in growths]
+    degc = np.full(time_s.size, 25.0)
+    volts = np.stack([simulate(each, time_s, current, degc, 0.8)[1] for each in aged], axis=1)
+    volts[40, 0] = np.nan
+    steps = np.full(time_s.size, DT_S)
     return steps, steps, current, volts, volts, np.full(volts.shape, 25.0)
 
 
 def learned(drive, pieces=1):
     _, _, current, volts, _, degc = drive
-    estimator = make_estimator("fused", MODEL, 1)
+    estimator = make_estimator("fused", MODEL, volts.shape[1])
     estimator.start(volts[0], degc[0], current[0])
     run = LearningRun(estimator)
     parts = [np.array_split(each, pieces) for each in drive]
@@ -40,10 +42,11 @@ def learned(drive, pieces=1):
 def learned_step_by_step(drive):
     """Return the oracle's factor and SOC: once a second the filter is given what was learned."""
     dt_s, lasted_s, current, volts, learned_v, degc = drive
-    estimator = make_on(ENGINES["reference"], "fused", MODEL, 1)
+    n = volts.shape[1]
+    estimator = make_on(ENGINES["reference"], "fused", MODEL, n)
     estimator.start(volts[0], degc[0], current[0])
-    regression = ReferenceResistance(np.ones(1), np.full(1, PRIOR_SIGMA**-2))
-    factor, since_s, soc = np.ones(1), 0.0, []
+    regression = ReferenceResistance(np.ones(n), np.full(n, PRIOR_SIGMA**-2))
+    factor, since_s, soc = np.ones(n), 0.0, []
     for k, lasted in enumerate(lasted_s):
         estimates = estimator.step(dt_s[k], current[k], volts[k], degc[k])
         soc.append(estimates.soc)
@@ -51,7 +54,7 @@ def learned_step_by_step(drive):
         since_s += lasted
         if since_s >= LEARN_S:
             since_s, (found, sigma) = 0.0, regression.judge()
-            factor = trusted_factor(np.where(sigma <= RESISTANCE_SIGMA_MAX, found, 1.0))
+            factor = filter_factor(found, sigma <= RESISTANCE_SIGMA_MAX)
             estimator.use_resistance(factor)
     return factor, np.array(soc)
 
@@ -61,8 +64,9 @@ def test_resistances_are_learned():
     assert 1.3 < run.judge()[0] < GROWTH + 0.1, "most of the growth, and none that is not there"
 
 
-def test_what_is_learned_along_a_drive_is_what_the_oracle_learns_step_by_step():
-    drive = samples(30.0)
+@pytest.mark.parametrize("growths", [(GROWTH,), (0.9, 1.0, 1.1, 1.15), (1.3, 1.7, 1.5, 1.6, 1.6)])
+def test_what_is_learned_along_a_drive_is_what_the_oracle_learns_step_by_step(growths):
+    drive = samples(30.0, growths)
     run, soc = learned(drive)
     factor, expected = learned_step_by_step(drive)
     np.testing.assert_allclose(soc, expected, rtol=1e-9)
@@ -72,3 +76,9 @@ def test_what_is_learned_along_a_drive_is_what_the_oracle_learns_step_by_step():
 def test_pieces_of_any_length_make_the_same_run():
     drive = samples(30.0)
     np.testing.assert_allclose(learned(drive, pieces=7)[1], learned(drive)[1], rtol=1e-12)
+
+
+def test_cells_that_differ_are_predicted_with_what_they_differ_by():
+    growths = np.array([0.87, 0.95, 1.0, 1.06, 1.12])
+    run, _ = learned(samples(120.0, growths))
+    np.testing.assert_allclose(run.factor, growths, atol=0.03)

@@ -3,7 +3,7 @@ import pytest
 
 from app.estimation.errors import ShapeError
 from app.estimation.filters.estimates import OUT_OCV, OUT_VOLTAGE, Estimates
-from app.estimation.health.resistance_scale import PRIOR_SIGMA, ResistanceScale, trusted_factor
+from app.estimation.health.resistance_scale import PRIOR_SIGMA, ResistanceScale, filter_factor, shared_factor
 
 GROWN = np.array([1.0, 1.4, 0.9, 1.15])
 DT_S = 0.1
@@ -94,16 +94,31 @@ def test_a_past_that_cannot_be_is_none():
 
 
 def test_growth_is_believed_and_what_a_circuit_cannot_tell_is_not():
-    np.testing.assert_allclose(trusted_factor(np.array([0.93, 1.0, 1.1])), 1.0, atol=0.008)
-    np.testing.assert_allclose(trusted_factor(np.array([0.78])), 1.0, atol=0.02)  # age makes no cell resist less
-    np.testing.assert_allclose(trusted_factor(np.array([0.4, 1.6, 2.5])), [0.4, 1.6, 2.5], atol=0.03)
-    assert (np.diff(trusted_factor(np.linspace(0.3, 3.0, 200))) > 0.0).all()
+    np.testing.assert_allclose(shared_factor(np.array([0.93, 1.0, 1.1])), 1.0, atol=0.008)
+    np.testing.assert_allclose(shared_factor(np.array([0.78])), 1.0, atol=0.02)  # age makes no cell resist less
+    np.testing.assert_allclose(shared_factor(np.array([0.4, 1.6, 2.5])), [0.4, 1.6, 2.5], atol=0.03)
+    assert (np.diff(shared_factor(np.linspace(0.3, 3.0, 200))) > 0.0).all()
 
 
 def test_a_factor_below_one_is_believed_later_than_one_above():
     growth = np.linspace(0.01, 0.6, 60)
-    believed_more, believed_less = trusted_factor(1.0 + growth) - 1.0, 1.0 - trusted_factor(1.0 - growth)
+    believed_more, believed_less = shared_factor(1.0 + growth) - 1.0, 1.0 - shared_factor(1.0 - growth)
     assert (believed_less < believed_more).all()
     assert (np.diff(believed_more) > 0.0).all()
     assert (np.diff(believed_less) > 0.0).all()
     assert believed_more[-1] > 0.95 * growth[-1]
+
+
+def test_what_cells_share_is_left_to_the_model_and_what_they_differ_by_is_used_whole():
+    ratio = np.array([0.86, 0.95, 1.0, 1.07, 1.14])
+    known = np.full(5, True)
+    np.testing.assert_allclose(filter_factor(1.12 * ratio, known), ratio, atol=0.02)
+    np.testing.assert_allclose(filter_factor(1.7 * ratio, known), shared_factor(1.7) * ratio, atol=1e-12)
+    np.testing.assert_allclose(filter_factor(np.array([1.12]), known[:1]), 1.0, atol=0.01)  # one cell differs from none
+
+
+def test_a_cell_of_which_nothing_is_known_is_like_the_others():
+    factor = np.array([1.7, 1.0, 1.7, 9.0])
+    found = filter_factor(factor, np.array([True, False, True, False]))
+    np.testing.assert_allclose(found, shared_factor(1.7))
+    np.testing.assert_allclose(filter_factor(factor, np.full(4, False)), 1.0)

@@ -3,11 +3,6 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_inference import (
-    assert_cells_decode,
-    assert_learned_rightly,
-    learned_of,
-)
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
@@ -15,6 +10,11 @@ from app.sources.dbc.infer.bus_survey import survey_bus
 from app.sources.dbc.infer.families import family_proposals
 from tests.campaign import examples
 from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
+from tests.unit.app.sources.dbc.infer.test_inference import (
+    assert_cells_decode,
+    assert_learned_rightly,
+    learned_of,
+)
 
 RUNNING = (
     "Cell{c}_Voltage",

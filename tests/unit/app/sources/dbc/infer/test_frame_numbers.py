@@ -3,7 +3,6 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_inference import assert_learned_rightly
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
@@ -11,6 +10,7 @@ from app.sources.dbc.infer.bus_survey import survey_bus
 from app.sources.dbc.infer.frame_numbers import UNKNOWN_COUNT, frame_number_proposals
 from tests.campaign import examples
 from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
+from tests.unit.app.sources.dbc.infer.test_inference import assert_learned_rightly
 
 UNITS = (("V", 1.0, 0.0001), ("mV", 1000.0, 1.0), ("", 1000.0, 1.0), ("", 1e4, 1.0), ("V", 1e4, 1.0))
 CELL_NAMES = (("Cell_ID", "Cell_Voltage"), ("CellNumber", "CellVolt"), ("cell_index", "voltage"), ("ZellNr", "Zelle_U"))

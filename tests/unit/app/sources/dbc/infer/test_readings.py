@@ -6,7 +6,6 @@ from math import sin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_inference import codes, learned_of
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
@@ -21,6 +20,7 @@ from app.sources.dbc.infer.readings import (
 from tests.campaign import examples
 from tests.peer_batteries import one_signal_a_cell
 from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
+from tests.unit.app.sources.dbc.infer.test_inference import codes, learned_of
 
 CURRENTS = ("Pack_Current", "BatteryCurrent", "HV_Current", "Accu_Current", "TS_Current", "Strom_Batterie", "Pack_I")
 VOLTAGES = ("Pack_Voltage", "TS_Voltage", "HV_Voltage", "Batt_U", "Total_Voltage", "PackVolt")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.app.sources.dbc.infer.test_inference import assert_cells_decode, learned_of
 
 from app.battery.source import STATES
 from app.sources.dbc.dbc_file import parse_definitions
@@ -15,6 +14,7 @@ from app.sources.dbc.infer.states import Flow, state_proposals
 from tests.campaign import examples
 from tests.naming_habits import HABITS
 from tests.peer_messages import HEAD
+from tests.unit.app.sources.dbc.infer.test_inference import assert_cells_decode, learned_of
 
 CONFIRMED = {f"state.{name}": Choice(is_taken=True) for name in STATES}
 

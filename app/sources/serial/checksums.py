@@ -1,0 +1,45 @@
+"""Checksums of serial frames: sums by their name, CRCs by the name that crccheck has for them."""
+
+import re
+from collections.abc import Callable
+from functools import cache
+
+from crccheck import crc
+from crccheck.checksum import ChecksumXor8
+
+from app.battery.serial import Checksum
+
+SUMS: dict[str, tuple[int, Callable[[bytes], int]]] = {  # bytes, and the number
+    "sum8": (1, lambda data: sum(data) & 0xFF),
+    "xor8": (1, ChecksumXor8.calc),
+    "sum16": (2, lambda data: sum(data) & 0xFFFF),
+    "sum16-complement": (2, lambda data: -sum(data) & 0xFFFF),
+}
+
+_CRCS = {name.lower(): each for name, each in vars(crc).items() if name.startswith("Crc") and name != "CrcBase"}
+
+
+@cache
+def checksum_of(kind: str) -> tuple[int, Callable[[bytes], int]] | None:
+    """Return the size [bytes] and the function of a checksum, None where there is none of this name."""
+    if kind in SUMS:
+        return SUMS[kind]
+    found = _CRCS.get(re.sub(r"[^a-z0-9]", "", kind.lower()))
+    return None if found is None else ((found.width() + 7) // 8, found.calc)
+
+
+def is_sound(checksum: Checksum, frame: bytes) -> bool:
+    """Return whether a whole frame has its checksum.
+
+    Raises:
+        KeyError: there is no checksum of this kind.
+    """
+    found = checksum_of(checksum.kind)
+    if found is None:
+        raise KeyError(checksum.kind)
+    size, number = found
+    at = checksum.at % len(frame)
+    stored = frame[at : at + size]
+    return len(stored) == size and int.from_bytes(stored, checksum.byte_order) == number(
+        frame[checksum.first : checksum.end]
+    )

@@ -1,0 +1,163 @@
+"""Readings of a battery into the frames and lines of its serial profile: what the simulated battery sends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from app.battery.battery import Battery
+from app.battery.serial import TYPES, SerialField, SerialFrame, SerialLine, SerialMapping
+from app.estimation.arrays import FloatArray, IntArray
+from app.sources.serial.checksums import checksum_of
+
+STREAM_S = 0.5  # between two frames that nobody asks for, at least; and LEAST_GAPS of silence
+LEAST_GAPS = 3.0
+_LONGEST_REQUEST = 1024  # bytes
+Readings = Mapping[str, FloatArray]  # by kind, as `Values`
+_ORDERS = {"little": "<", "big": ">"}
+
+
+class SerialEncoder:
+    """Answers requests, and sends what nobody asks for once it was started. Time comes with the calls."""
+
+    def __init__(self, battery: Battery, mapping: SerialMapping) -> None:
+        self._mapping = mapping
+        self._sizes = dict.fromkeys(("voltage", "balancing", "resistance"), battery.n_cells)
+        self._sizes["temperature"] = battery.n_sensors
+        self._unasked = tuple(each for each in mapping.parts if not each.poll)
+        gaps_s = [each.gap_s for each in mapping.frames if each.gap_s is not None]
+        self._every_s = max([STREAM_S, *(LEAST_GAPS * gap_s for gap_s in gaps_s)])
+        self._streams = not mapping.port.start
+        self._received = b""
+        self._asked: list[SerialFrame | SerialLine] = []
+        self._due_s = 0.0
+
+    @property
+    def due_s(self) -> float:
+        """When something is to be sent [s]."""
+        if self._asked:
+            return 0.0
+        return self._due_s if self._streams and self._unasked else math.inf
+
+    def begin(self, now_s: float) -> None:
+        """Start anew, as after a boot."""
+        self._received, self._asked, self._due_s = b"", [], now_s
+        self._streams = not self._mapping.port.start
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take bytes that reach the battery."""
+        self._received += data
+        port = self._mapping.port
+        requests = [each.poll for each in self._mapping.parts if each.poll]
+        for request in (port.start, port.stop, *requests):
+            if not request or request not in self._received:
+                continue
+            self._received = self._received.replace(request, b"")
+            self._asked += [each for each in self._mapping.parts if each.poll == request]
+            if request == port.start:
+                self._streams, self._due_s = True, now_s
+            elif request == port.stop:
+                self._streams = False
+        self._received = self._received[-_LONGEST_REQUEST:]
+
+    def bytes_due(self, now_s: float, readings: Readings) -> bytes:
+        """Return what is sent now."""
+        parts, self._asked = self._asked, []
+        if self._streams and self._unasked and now_s >= self._due_s:
+            parts = [*parts, *self._unasked]
+            self._due_s = now_s + self._every_s
+        return b"".join(self.encoded(part, readings) for part in parts)
+
+    def encoded(self, part: SerialFrame | SerialLine, readings: Readings) -> bytes:
+        """Return a frame or line; of a frame with a number of its own as many as hold all channels."""
+        if isinstance(part, SerialLine):
+            return self._line(part, readings)
+        frames = [-(-self._sizes.get(each.kind, 1) // each.count) for each in part.fields if each.index is not None]
+        return b"".join(self._frame(part, number, readings) for number in range(max(frames, default=1)))
+
+    def _frame(self, of: SerialFrame, number: int, readings: Readings) -> bytes:
+        tail = len(of.end)
+        if of.checksum is not None:
+            found = checksum_of(of.checksum.kind)
+            assert found is not None
+            tail = max(tail, -of.checksum.at if of.checksum.at < 0 else 0)
+        ends = [_end(each) for each in of.fields]
+        frame = bytearray(of.length or max(*ends, len(of.header)) + tail)
+        frame[: len(of.header)] = bytes(each or 0 for each in of.header)
+        if of.length_at is not None:
+            at = of.length_at
+            frame[at.offset : at.offset + at.size] = (len(frame) - at.adds).to_bytes(at.size, at.byte_order)
+        for each in of.fields:
+            shift = 0
+            if each.index is not None:
+                shift = number * each.count
+                _put(
+                    frame,
+                    each.index.type,
+                    each.index.at,
+                    0,
+                    each.index.byte_order,
+                    np.array([number + each.index.base]),
+                )
+            raw = _raw(each, readings, each.first + shift)
+            if each.bits:
+                raw = _words(raw, 8 * np.dtype(TYPES[each.type]).itemsize)
+            _put(frame, each.type, each.at, each.stride, each.byte_order, raw)
+        if of.end:
+            frame[-len(of.end) :] = of.end
+        if of.checksum is not None and found is not None:
+            size, calc = found
+            at_byte = of.checksum.at % len(frame)
+            value = calc(bytes(frame[of.checksum.first : of.checksum.end]))
+            frame[at_byte : at_byte + size] = value.to_bytes(size, of.checksum.byte_order)
+        return bytes(frame)
+
+    @staticmethod
+    def _line(of: SerialLine, readings: Readings) -> bytes:
+        n_columns = 1 + max((each.columns[1] for each in of.fields if each.columns is not None), default=0)
+        texts = ["0"] * n_columns
+        for each in of.fields:
+            if each.columns is None:
+                continue
+            for k, value in enumerate(_raw(each, readings, each.first)):
+                texts[each.columns[0] + k] = f"{int(value):X}" if each.base == 16 else f"{int(value)}"
+        return (of.begin + of.separator.join(texts) + (of.end or "\r\n")).encode("ascii")
+
+
+def _end(each: SerialField) -> int:
+    size = np.dtype(TYPES[each.type]).itemsize
+    count = -(-each.count // (8 * size)) if each.bits else each.count
+    return 0 if each.at < 0 else each.at + (count - 1) * (each.stride or size) + size
+
+
+def _raw(each: SerialField, readings: Readings, first: int) -> IntArray:
+    """Return (count,) raw numbers: value = raw * scale + offset; the first invalid one where nothing is known."""
+    values = readings.get(each.kind, np.full(1, np.nan))
+    found = np.full(each.count, np.nan)
+    part = values[first : first + each.count]
+    found[: len(part)] = part
+    if each.kind.startswith("state."):
+        yes = each.mask or (each.equals or (1,))[0]
+        no = 0 if each.mask or yes else 1
+        return np.where(found == 1.0, yes, no).astype(np.int64)
+    signed = -found if each.charge_is_positive else found
+    raw = np.rint((signed - each.offset) / each.scale)
+    return np.where(np.isnan(raw), each.invalid[0] if each.invalid else 0, raw).astype(np.int64)
+
+
+def _words(bits: IntArray, width: int) -> IntArray:
+    padded = np.zeros(-(-len(bits) // width) * width, np.int64)
+    padded[: len(bits)] = bits
+    return np.asarray((padded.reshape(-1, width) << np.arange(width)).sum(axis=1))
+
+
+def _put(frame: bytearray, kind: str, at: int, stride: int, byte_order: str, raw: IntArray) -> None:
+    dtype = np.dtype(_ORDERS[byte_order] + TYPES[kind])
+    at += len(frame) if at < 0 else 0
+    view = np.ndarray((len(raw),), dtype, frame, at, (stride or dtype.itemsize,))
+    if dtype.kind in "iu":
+        limits = np.iinfo(dtype)
+        raw = np.clip(raw, max(limits.min, -(2**63)), min(limits.max, 2**63 - 1))
+    view[:] = raw
