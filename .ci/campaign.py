@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "contributing" / "reliability.md"
 BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 COLUMNS = ("Promise", "Test", "Size", "Day", "Took", "Count", "Result")
-NOTHING = "pytest"  # of which a row is not kept
+NOTHING = "pytest"  # the command of a part without a row
 RULE = "| --- | --- | --- | --- | ---: | ---: | --- |"
 SIZES = ("short", "full", "long")
 PROPERTIES = ("-m", "hypothesis", "tests/unit", "tests/property", "tests/numeric")
@@ -95,7 +95,7 @@ class Part:
     count: int
     result: str
     held: bool
-    took_s: float = 0.0  # of all its tests; several run at once
+    took_s: float = 0.0  # sum over its tests; several run at once
 
 
 def run_tests(size: str, what: str, *chosen: str, promise: str | None = None) -> list[Part]:

@@ -72,7 +72,7 @@ def _licence(name: str) -> dict[str, str] | None:
     try:
         facts = importlib.metadata.metadata(name).json
     except importlib.metadata.PackageNotFoundError:
-        return None  # of another system
+        return None  # a package of another system
     if "license_expression" in facts:
         return {"expression": str(facts["license_expression"])}
     return {"name": licence_of(name)}

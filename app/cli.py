@@ -75,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return 0
-    except OSError as error:  # of a file that was named; where more can be said, the command says it
+    except OSError as error:  # a file that was named; a command that knows more reports it
         place = "" if error.filename is None else f"{error.filename}: "
         return _refuse(only, f"{place}{error.strerror or error}", REFUSED)
 

@@ -34,7 +34,7 @@ class Clock:
 class ClockRun:
     """Names a run of the monotonic clock: another start, and what comes after a sleep, counts from elsewhere.
 
-    Who hears of times of this clock may take two of one run for times of one clock, and of no other.
+    Who receives of times of this clock may take two of one run for times of one clock, and of no other.
     """
 
     def __init__(self, clock: Clock) -> None:

@@ -67,7 +67,7 @@ class MasterSilent(LinkError):
     """The port is open, the master did not answer in time."""
 
 
-MEANINGS = {  # of results that carry no offset
+MEANINGS = {  # results without an offset
     "UNKNOWN_REQUEST": Message("refused-unknown-request"),
     "NOT_NOW": Message("refused-not-now"),
     "EEPROM_FAILED": Message("refused-eeprom-failed"),

@@ -23,14 +23,14 @@ from tests.numeric.judgement import Judgement, judge, part
 FloatArray = NDArray[np.float64]
 
 DATA = Path("../shared/data")
-MIDDLES = (0.2, 0.35, 0.5)  # of the run, where a filter wakes up under load
+MIDDLES = (0.2, 0.35, 0.5)  # starts under load, as shares of the run
 WRONG_SOC = 0.5
 WRONG_SOC_MIDDLE = 0.45
 LITTLE_OFF = 0.02
 SUMMARY_HEADER = """| run | count | CDKF | fused | worse by | 50 points wrong | largest after 60 s | 2 low / high |
 | --- | --- | --- | --- | --- | --- | --- | --- |"""
 STARTS = {"right": 0.0, "50 off": -WRONG_SOC, "2 low": -LITTLE_OFF, "2 high": LITTLE_OFF}
-N_PINNED = 2  # of them, from which the fusion is to be as good as the better of its parts
+N_PINNED = 2  # pinned starts for which the fusion is to be as good as the better of its parts
 
 
 @dataclass(frozen=True)

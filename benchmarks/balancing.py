@@ -35,7 +35,7 @@ from simulator.balancing.transformer import TransformerParameters
 CELL_OHM = 0.0082
 RESISTORS_OHM = (10, 20, 30, 40, 50, 60, 70, 80)
 PASSIVE_C = (0.25, 0.5, 1.0, 2.0)
-# of the search for switched capacitors, and values between them that were looked at besides
+# those of the search for switched capacitors, and values between them that were tried besides
 SWEEP_MICRO = (22.0, 100.0, 470.0, 1000.0, 4700.0)  # capacitors [uF]
 SWEEP_KILO = (10.0, 50.0, 100.0)  # [kHz]
 SWEEP_MILLI = (1.0, 3.0, 10.0, 100.0)  # switches [mohm]

@@ -18,11 +18,11 @@ from tests.service_process import Service
 
 N_SERVICES: Final = 10
 RACE: Final = "clean-endurance"
-KINDS: Final = (  # of which each opens the shutdown circuit while the car races
+KINDS: Final = (  # faults that open the shutdown circuit while the car races
     *(JOINT, "sense-wire-open", "cell-voltage-stuck", "temperature-sensor-fault", "temperature-sensor-open"),
     *("slave-lost", "slave-adc-fault", "slave-multiplexer-fault", "isospi-noise", "current-sensor-open"),
 )
-BEFORE_S: Final = (40.0, 70.0)  # of driving before the fault
+BEFORE_S: Final = (40.0, 70.0)  # driving time before the fault
 TRIPS_S: Final = 90.0  # after it, and explained
 AFTER_S: Final = 5.0  # what is shown then is asked for
 _one_at_a_time = threading.Lock()  # the command line prints where all print

@@ -11,20 +11,20 @@ import math
 
 import numpy as np
 
-from app.battery.sizing import Layout, figures_of
+from app.battery.sizing import CellLayout, figures_of
 from app.estimation.cell_model.cell_file import load_cell
 from benchmarks.sources_units import units
 from benchmarks.thesis_curves import load_curves
 from simulator.loads import PATTERNS_C
 
 CELLS_A_MODULE = 10
-PASSES, STEP_S = 113_605, 290e-6  # of the hard run, as the thesis reports them
+PASSES, STEP_S = 113_605, 290e-6  # passes and step of the hard run, as the thesis reports them
 PRINTED_MASS_KG = {"segment": 7.40, "battery": 59.2}  # by CAD, with electronics and mechanics: no equation gives them
 
 
 def key_data() -> list[str]:
     """Return Tables 1 to 3 as they follow from one 25R cell, 10 in parallel, 12 in series, 8 segments."""
-    figures = figures_of(load_cell("samsung-25r-10p"), Layout(8, 12))
+    figures = figures_of(load_cell("samsung-25r-10p"), CellLayout(8, 12))
     charge, highest = figures["capacity_ah"], figures["voltage_max_v"]
     energy, mass = figures["energy_nominal_mj"], figures["mass_kg"]
     lines = [

@@ -25,7 +25,7 @@ from firmware_protocol.memory_map import (
 from firmware_protocol.messages import Window
 
 CAN_CLOCK_HZ = 32_000_000
-TIME_QUANTA = 8  # of one bit
+TIME_QUANTA = 8  # time quanta of one bit
 INTERFRAME_BITS = 3
 _SIGNED = {  # start and size of each signed number of several bytes
     field.offset + element * field.item_size: field.item_size
@@ -124,7 +124,7 @@ def response_code(message: RxMessage) -> int:
     """
     if message.response is None:
         if message.charges:
-            raise EncodeError("charges", True, "with a response only: a charger hears commands")
+            raise EncodeError("charges", True, "with a response only: a charger receives commands")
         return NO_RESPONSE
     return message.response | RESPONSE_CHARGES * message.charges
 

@@ -48,7 +48,7 @@ _ATTRIBUTES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class MapSignal:
     """A value in a message: `n_bits` from bit `first_bit` of byte `start_byte` on, over whole bytes unless a flag."""
 
     name: str
@@ -74,10 +74,10 @@ class Signal:
         return "big" if self.is_big_endian else "little"
 
 
-def signals(message: TxMessage | RxMessage) -> tuple[Signal, ...]:
+def signals(message: TxMessage | RxMessage) -> tuple[MapSignal, ...]:
     """Return the signals of a message in order of their bytes; unused entries and padding have none."""
     offsets = message.data_offsets[: message.length]
-    found: list[Signal] = []
+    found: list[MapSignal] = []
     position = 0
     while position < len(offsets):
         located = locate(offsets[position])
@@ -96,7 +96,7 @@ def signals(message: TxMessage | RxMessage) -> tuple[Signal, ...]:
     return tuple(_distinct(found))
 
 
-def decode(signal: Signal, data: bytes) -> tuple[float, str | None] | None:
+def decode(signal: MapSignal, data: bytes) -> tuple[float, str | None] | None:
     """Return a signal's value in its unit, and its name where the value has one; None if the data is too short."""
     raw_bytes = data[signal.start_byte : signal.start_byte + signal.length]
     if len(raw_bytes) < signal.length:
@@ -176,14 +176,14 @@ def _run(offsets: tuple[int, ...], position: int, field: Field, start: int) -> t
     return 1, False
 
 
-def _signal(field: Field, element: int, position: int, n_bytes: int, is_big_endian: bool, byte: int) -> Signal:
+def _signal(field: Field, element: int, position: int, n_bytes: int, is_big_endian: bool, byte: int) -> MapSignal:
     name = identifier(element_name(field, element))
     is_number = n_bytes == field.item_size or n_bytes > 1
     if not is_number:
         meaning = f"byte {byte} of {field.name}"
-        return Signal(f"{name}_byte{byte}", position, 8, False, False, 1.0, "", meaning, is_cut=True)
+        return MapSignal(f"{name}_byte{byte}", position, 8, False, False, 1.0, "", meaning, is_cut=True)
     values = VALUES.get(re.sub(r"\[\d+\]", "", field.name), {})
-    return Signal(
+    return MapSignal(
         name,
         position,
         8 * n_bytes,
@@ -196,10 +196,10 @@ def _signal(field: Field, element: int, position: int, n_bytes: int, is_big_endi
     )
 
 
-def _flag_signals(field: Field, flags: tuple[str, ...], byte: int, position: int) -> Iterator[Signal]:
+def _flag_signals(field: Field, flags: tuple[str, ...], byte: int, position: int) -> Iterator[MapSignal]:
     for bit, flag in enumerate(flags[8 * byte : 8 * byte + 8]):
         name = identifier(f"{field.name.partition('.')[0]}_{flag}")
-        yield Signal(name, position, 1, False, False, 1.0, "", f"{flag} flag in {field.name}", first_bit=bit)
+        yield MapSignal(name, position, 1, False, False, 1.0, "", f"{flag} flag in {field.name}", first_bit=bit)
 
 
 def identifier(name: str) -> str:
@@ -207,7 +207,7 @@ def identifier(name: str) -> str:
     return re.sub(r"\W+", "_", name).strip("_")
 
 
-def _distinct(found: list[Signal]) -> Iterator[Signal]:
+def _distinct(found: list[MapSignal]) -> Iterator[MapSignal]:
     """Number the second and later signals of the same name."""
     seen: dict[str, int] = {}
     for signal in found:

@@ -18,7 +18,7 @@ from firmware_protocol.older_maps import FIRST_LAYOUT, present_image
 
 EEPROM_SIZE = 32 * 1024
 PAGE_SIZE = 64
-LAYOUT_VERSION = 2  # of the struct; a slot of none of these two is not understood
+LAYOUT_VERSION = 2  # version of the struct; any other slot is invalid
 
 SLOT_OFFSETS = (0, 8 * PAGE_SIZE)
 SLOT_SIZE = 8 * PAGE_SIZE

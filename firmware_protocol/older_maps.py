@@ -12,7 +12,7 @@ from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, FIELDS, MAP_HASH, Field
 
 FIRST_MAP = "3b6bf984ad19a456"
-FIRST_LAYOUT = 1  # of the EEPROM
+FIRST_LAYOUT = 1  # layout version of the EEPROM
 _TS, _PERIOD = CONFIG["ts"], CONFIG["telemetry_period"]
 _FIRST_FIELDS: Mapping[str, Field] = {
     name: field for name, field in FIELDS.items() if name != "conf.telemetry_period"

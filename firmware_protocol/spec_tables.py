@@ -178,7 +178,7 @@ _MESSAGE_TYPES: dict[type, MessageType] = {
     Reply: MessageType.REPLY,
     EventMessage: MessageType.EVENT,
 }
-_ARGUMENTS = {  # of the commands that take one
+_ARGUMENTS = {  # arguments of commands
     CommandId.FAN_OVERRIDE: 128 + 256 * 60,
     CommandId.SET_SOC: 9991,
     CommandId.CAN_TX_ENABLE: 0b110,

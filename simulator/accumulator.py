@@ -18,7 +18,7 @@ from simulator.errors import ParameterError
 from simulator.thermal import ThermalNetwork, ThermalParameters
 
 _SELF_DISCHARGE_SPREAD_LIMIT = 3.0  # times the mean
-_TIME_TOLERANCE_S = 1e-9  # of ten steps of 0.1 s against one second
+_TIME_TOLERANCE_S = 1e-9  # rounding of ten steps of 0.1 s against one second
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class AccumulatorParameters:
     packs: tuple[int, ...] = ()  # cells of each, where they are not all of `cells_per_pack`
     start_soc: float | npt.ArrayLike = 0.9
     ambient_degc: float = 25.0
-    start_degc: float | None = None  # of the cells; the ambient when left out
+    start_degc: float | None = None  # temperature of the cells; the ambient when left out
     cell: CellModel = SAMSUNG_25R_10P
     capacity_spread: float = 0.01
     resistance_spread: float = 0.03
@@ -44,7 +44,7 @@ class AccumulatorParameters:
     capacity_ageing: float | npt.ArrayLike = 1.0  # present over new capacity, one number or one per cell
     resistance_ageing: float | npt.ArrayLike = 1.0
     thermal: ThermalParameters = field(default_factory=ThermalParameters)
-    slow_period_s: float = 1.0  # of temperatures and resistances; 0: at every step
+    slow_period_s: float = 1.0  # period of temperatures and resistances; 0: at every step
 
     def __post_init__(self) -> None:
         if self.n_cells < 1:
@@ -101,7 +101,7 @@ class Accumulator:
         )
         self._capacity_ah = np.empty(n)
         self._measured_v = np.empty(n)
-        self._sum_v: float | None = None  # of `_measured_v`, once asked for
+        self._sum_v: float | None = None  # sum of `_measured_v`, once used
         self._outlet_v: float | None = None
         self._short_now_s = np.zeros(n)
         self._leak_a = np.zeros(n)

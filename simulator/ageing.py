@@ -26,11 +26,11 @@ from simulator.scenario import Start
 
 FloatArray = NDArray[np.float64]
 KELVIN: Final = 273.15
-SPREAD: Final = 0.12  # of the factors between cells, standard deviation of their logarithm
+SPREAD: Final = 0.12  # standard deviation of the logarithm of the cells' factors
 STEP_S: Final = 60.0
 DAY_S: Final = 86400.0
 LEAST_V: Final = 3.2  # below 3.15 V the law would heal
-LAW_AH: Final = 2.05  # of the cells that the law was fitted to
+LAW_AH: Final = 2.05  # capacity of the cells that the law was fitted to
 LOWEST_CAPACITY: Final = 0.05  # beyond what the law was fitted to, a cell is left so much
 
 

@@ -14,16 +14,16 @@ from typing import Protocol
 import numpy as np
 
 WARNING, PASSIVE, BUS_OFF = 96, 128, 256  # error counts
-SENDER_STEP = 8  # of the sender's count for a failed frame; a receiver's is 1
+SENDER_STEP = 8  # sender's error count for a failed frame; a receiver's is 1
 RECOVERY_BITS = 128 * 11
 ERROR_FRAME_BITS = 20
 MAX_WAITING = 96  # frames of a node
 MAX_AGE_S = 0.2  # a frame that could not be sent for so long is given up: old is never live
 _HOPELESS_S = 0.1  # between tries that cannot succeed, which on a real bus follow at once
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67  # without data, with the space between frames
-_UNSTUFFED_BITS = 13  # of those: end of frame, acknowledge, space
-_FD_BITS, _FD_DATA_SPEED_UP = 30, 4  # of a CAN FD frame at the bus's rate; the rest is sent four times as fast
-_FD_FAST_BITS, _CLASSIC_BYTES = 40, 8  # of the rest, beside data
+_UNSTUFFED_BITS = 13  # bits without stuffing: end of frame, acknowledge, space
+_FD_BITS, _FD_DATA_SPEED_UP = 30, 4  # bits of a CAN FD frame at the bus's rate; the rest is sent four times as fast
+_FD_FAST_BITS, _CLASSIC_BYTES = 40, 8  # bits at the fast rate without data, bytes of classic CAN
 _STUFFING = 0.033  # bits stuffed a bit, mean over random data
 _STANDARD_SHIFT = 18
 
@@ -105,7 +105,7 @@ class CanBus:
         self.noise_per_bit = 0.0
         self.frames = 0
         self.error_frames = 0
-        self.error_listeners: list[Callable[[], None]] = []  # told of each error frame
+        self.error_listeners: list[Callable[[], None]] = []  # called at each error frame
         self._current: tuple[Station, Waiting] | None = None
         self.due_s = math.inf  # when something happens on the bus by itself [s]
         self._free_s = 0.0
@@ -214,7 +214,7 @@ class CanBus:
 
     def _unanswered(self, sender: Station, item: Waiting, now_s: float) -> float:
         """Count a missing acknowledge; it never leads to bus-off."""
-        self._tell_error()
+        self._broadcast_error()
         heapq.heappush(sender.waiting, item)
         if sender.transmit_errors >= PASSIVE:
             return now_s + _HOPELESS_S
@@ -223,7 +223,7 @@ class CanBus:
 
     def _destroyed(self, sender: Station, item: Waiting, others: list[Station], now_s: float) -> float:
         rate = sender.node.bit_rate
-        self._tell_error()
+        self._broadcast_error()
         sender.transmit_errors += SENDER_STEP
         for station in others:
             station.receive_errors = min(station.receive_errors + 1, PASSIVE)
@@ -234,7 +234,7 @@ class CanBus:
             heapq.heappush(sender.waiting, item)
         return now_s + ERROR_FRAME_BITS / rate
 
-    def _tell_error(self) -> None:
+    def _broadcast_error(self) -> None:
         self.error_frames += 1
         for listener in self.error_listeners:
             listener()

@@ -26,7 +26,7 @@ finally:
 
 log = logging.getLogger(__name__)
 _BUS_ERROR, _OFF, _CONTROLLER = 0x80, 0x40, 0x04  # bits of an error frame's id (linux/can/error.h)
-_PASSIVE_BITS, _WARNING_BITS = 0x30, 0x0C  # of its second byte
+_PASSIVE_BITS, _WARNING_BITS = 0x30, 0x0C  # bits of the error frame's second byte
 
 
 class CanPort(Protocol):
@@ -90,7 +90,7 @@ class SlcanPort:
 
 
 class PythonCanPort:
-    """A bus that python-can opens, at the bit rate it was given (500 kbit/s unless told otherwise).
+    """A bus that python-can opens, at the bit rate it was given (default: 500 kbit/s).
 
     Its `virtual` bus shows the error frames of ours in SocketCAN's form, with what this node's counters say of it; on
     real buses each controller makes its own.

@@ -145,7 +145,7 @@ class CellArray:
         """Lay out what depends on the step length: v_end = v + (a-1) (v - R i), v_mean = v + (g-1) (v - R i)."""
         self._dt_s = dt_s
         pairs = self.n_pairs
-        end, mean = self._closing[:, :pairs]  # of the step
+        end, mean = self._closing[:, :pairs]  # current at the step's end, and its mean
         if dt_s > 0.0:
             x = dt_s / (self.rc_ohm * self._rc_f)
             np.expm1(-x, out=end)

@@ -102,7 +102,7 @@ class CellModel:
     rc_j_per_mol: float = 0.0
     hysteresis_v: float = 0.0  # half the gap between the branches
     hysteresis_soc: float = 0.02  # charge, as a part of capacity, that turns a branch over to 63 %
-    coulombic_efficiency: float = 1.0  # of charging
+    coulombic_efficiency: float = 1.0  # efficiency of charging
     self_discharge_a: float = 0.0
     heat_capacity_j_per_k: float = 480.0
 

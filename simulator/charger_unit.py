@@ -31,9 +31,9 @@ class ChargerParameters:
     min_battery_v: float = 60.0  # below, no battery is detected
     ramp_up_a_per_s: float = 2.0
     ramp_down_a_per_s: float = 20.0
-    lag_s: float = 0.15  # of the current loop
+    lag_s: float = 0.15  # time constant of the current loop
     loop_ohm: float = 0.6  # what the voltage loop takes the battery's resistance for; stable up to twice that and more
-    voltage_gain: float = 1.001  # of its own measurement
+    voltage_gain: float = 1.001  # gain error of its own measurement
     efficiency: float = 0.93
     heat_capacity_j_per_k: float = 4000.0
     cooling_w_per_k: float = 12.0
@@ -45,7 +45,7 @@ class ChargerParameters:
 class ChargerUnit:
     """One charger. `current_a` is what it gives, positive INTO the battery.
 
-    Faults to be set from outside: `has_mains`, `is_reversed`, `is_silent` (sends nothing, hears nothing),
+    Faults to be set from outside: `has_mains`, `is_reversed`, `is_silent` (sends nothing, receives nothing),
     `has_hardware_fault`, `extra_heat_w` (a blocked fan of its own).
     """
 

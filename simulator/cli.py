@@ -27,7 +27,7 @@ DESCRIPTION = """\
 A simulated accumulator, to be opened like the real thing: the team's own, 96 cells behind a simulated master.
 
 It answers on the ports given here exactly as the car does: RS232 at 115200 8E1 and CAN.
-With --battery it is any battery by its profile, which speaks its DBC on CAN.
+With --battery it is any battery by its profile, which sends its DBC's messages on CAN.
 One line per open port is printed (what to give to `voltwall serve --serial` and `--can`), then `ready`.
 """
 EPILOG = """\

@@ -7,7 +7,7 @@ from simulator.bms_state import RelayState
 from simulator.errors import SimulatorError
 from simulator.fault_kinds import FAULTS, FaultKind, Target, read_fault
 from simulator.faults import ActiveFault, read_target
-from simulator.inputs import FOR_S, MIN_SPEED, Limits, read_number, read_optional, refuse_unknown
+from simulator.inputs import FOR_S, MIN_SPEED, NumberRange, read_number, read_optional, refuse_unknown
 from simulator.library import library
 from simulator.runner import Runner
 from simulator.scenario_player import Notice, ScenarioPlayer
@@ -16,8 +16,8 @@ from simulator.vehicle import Operated
 
 MAX_SPEED = 1000.0  # what a page may ask for
 MAX_UNPLUGGED_S = 3600.0
-_SPEED = Limits(MIN_SPEED, MAX_SPEED)
-_UNPLUGGED = Limits(0, MAX_UNPLUGGED_S, "s", is_above=True)
+_SPEED = NumberRange(MIN_SPEED, MAX_SPEED)
+_UNPLUGGED = NumberRange(0, MAX_UNPLUGGED_S, "s", is_above=True)
 _KEYS = {
     "status": (),
     "faults": (),

@@ -75,8 +75,8 @@ class Conversion(NamedTuple):
 
     kind: int  # ADCV, ADOW, ADAX, ADSTAT or DIAGN; a self-test has the kind whose registers it fills
     mode: AdcMode
-    columns: slice  # of the kind's registers
-    times_s: tuple[float, float]  # of a chip with its reference up, by its adcopt
+    columns: slice  # columns of the kind's registers
+    times_s: tuple[float, float]  # duration with the reference up, by the chip's adcopt
     discharge_permitted: bool = False
     pull_up: bool = False
     self_test: SelfTest | None = None

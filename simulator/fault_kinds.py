@@ -40,7 +40,7 @@ class FaultKind:
     apply: Apply
     is_instant: bool = False  # over as soon as it has happened
     is_whole: bool = False  # only whole numbers are values
-    area: str = ""  # of the car, for people who look for it
+    area: str = ""  # area of the car
     is_of_team: bool = False  # batteries that send by a DBC have nothing that it breaks
 
 
@@ -241,7 +241,7 @@ _AREAS = {
             _set("charger.unit.is_reversed", bool),
         ),
         _Kind(
-            *("charger-silent", "the charger neither sends nor hears", _NONE, *_ON),
+            *("charger-silent", "the charger neither sends nor receives", _NONE, *_ON),
             _set("charger.unit.is_silent", bool),
         ),
         _Kind(

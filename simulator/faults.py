@@ -6,7 +6,7 @@ from typing import Any
 
 from simulator.errors import FaultError, InputError
 from simulator.fault_kinds import FAULTS, FaultKind, Target, today
-from simulator.inputs import FOR_S, Limits, check_number, read_number
+from simulator.inputs import FOR_S, NumberRange, check_number, read_number
 from simulator.shape import TEAM, Shape
 from simulator.vehicle import Vehicle
 
@@ -36,11 +36,11 @@ def read_target(target: Target, table: Mapping[str, Any], shape: Shape = TEAM) -
         raise InputError("pack", f"needs {' and '.join(needed) or 'neither pack nor cell'}")
     if target is Target.NONE:
         return 0
-    pack = int(read_number(table, "pack", Limits(1, shape.n_packs, is_whole=True)))
+    pack = int(read_number(table, "pack", NumberRange(1, shape.n_packs, is_whole=True)))
     if target is Target.PACK:
         return pack - 1
     cells = shape.packs[pack - 1]
-    return shape.cell_index(pack, int(read_number(table, "cell", Limits(1, cells, is_whole=True))))
+    return shape.cell_index(pack, int(read_number(table, "cell", NumberRange(1, cells, is_whole=True))))
 
 
 class FaultBoard:
@@ -131,7 +131,7 @@ def check_fault(
     n_targets = {Target.NONE: 1, Target.CELL: shape.n_cells, Target.PACK: shape.n_packs}[kind.target]
     if not 0 <= target < n_targets:
         raise FaultError(kind.name, f"{kind.target.value} index {target} is outside 0..{n_targets - 1}")
-    limits = Limits(kind.minimum, kind.maximum, kind.unit, is_whole=kind.is_whole)
+    limits = NumberRange(kind.minimum, kind.maximum, kind.unit, is_whole=kind.is_whole)
     try:
         given = kind.default if value is None else check_number("value", value, limits)
         if for_s is not None:

@@ -84,7 +84,7 @@ def load() -> ctypes.PyDLL:
     """Return the library.
 
     Raises:
-        FirmwareError: there is none for this machine, or it was built from other sources than those beside it.
+        FirmwareError: there is none for this machine, or it was built from other sources than these.
     """
     try:
         library = open_library(LIBRARY, sources())

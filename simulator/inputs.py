@@ -13,7 +13,7 @@ _LONGEST_SHOWN = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class NumberRange:
     """The range of a number, ends included; `is_above` excludes the lower end."""
 
     minimum: float
@@ -28,16 +28,16 @@ class Limits:
         return f"{numbers}{self.minimum:.10g}..{self.maximum:.10g} {self.unit}".rstrip() + left_out
 
 
-AT_S = Limits(0, MAX_TIME_S, "s")
-FOR_S = Limits(0, MAX_TIME_S, "s", is_above=True)
-SHARE = Limits(0, 1)
-AMBIENT_DEGC = Limits(-40, 80, "degC")
-CURRENT_A = Limits(-MAX_CURRENT_A, MAX_CURRENT_A, "A")
+AT_S = NumberRange(0, MAX_TIME_S, "s")
+FOR_S = NumberRange(0, MAX_TIME_S, "s", is_above=True)
+SHARE = NumberRange(0, 1)
+AMBIENT_DEGC = NumberRange(-40, 80, "degC")
+CURRENT_A = NumberRange(-MAX_CURRENT_A, MAX_CURRENT_A, "A")
 MIN_SPEED, MAX_SPEED = 0.01, 1e6  # times real time
-SEED = Limits(0, 2**32 - 1, is_whole=True)
+SEED = NumberRange(0, 2**32 - 1, is_whole=True)
 
 
-def check_number(key: str, value: object, limits: Limits) -> float:
+def check_number(key: str, value: object, limits: NumberRange) -> float:
     """Return a value that is a number within its limits.
 
     Raises:
@@ -51,7 +51,7 @@ def check_number(key: str, value: object, limits: Limits) -> float:
     return float(value)
 
 
-def read_number(table: Mapping[str, Any], key: str, limits: Limits, default: float | None = None) -> float:
+def read_number(table: Mapping[str, Any], key: str, limits: NumberRange, default: float | None = None) -> float:
     """Return the number under a key, or the default.
 
     Raises:
@@ -65,7 +65,7 @@ def read_number(table: Mapping[str, Any], key: str, limits: Limits, default: flo
     return default
 
 
-def read_optional(table: Mapping[str, Any], key: str, limits: Limits) -> float | None:
+def read_optional(table: Mapping[str, Any], key: str, limits: NumberRange) -> float | None:
     """Return the number under a key, None where there is none.
 
     Raises:
@@ -122,7 +122,7 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 3]}..."
 
 
-def number_option(limits: Limits) -> Callable[[str], float]:
+def number_option(limits: NumberRange) -> Callable[[str], float]:
     """Return the argparse type of an option that takes a number within limits."""
 
     def parse(text: str) -> float:

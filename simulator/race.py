@@ -15,7 +15,7 @@ from simulator.loads import ElectricalView, LoadState, Phase, PowerLimits
 
 GRAVITY_M_PER_S2 = 9.81
 AIR_KG_PER_M3 = 1.2
-SAMPLE_S = 0.05  # of the trace
+SAMPLE_S = 0.05  # period of the trace
 _TRACK_STEP_M = 1.0
 _TRACK_M = 1000
 
@@ -32,7 +32,7 @@ class Car:
     grip: float = 1.45
     power_w: float = 62e3  # electrical, what the driver's pedal reaches
     regeneration_w: float = 15e3
-    regeneration_part: float = 0.16  # of the braking force, rear axle and blending allowing
+    regeneration_part: float = 0.16  # share of the braking force, by rear axle and blending
     drive_efficiency: float = 0.82
     standing_w: float = 300.0
     limits: PowerLimits = field(default_factory=PowerLimits)
@@ -44,7 +44,7 @@ class Driver:
 
     grip_part: float = 0.775
     power_part: float = 0.85
-    lap_spread: float = 0.012  # of grip and power, from lap to lap
+    lap_spread: float = 0.012  # relative spread of grip and power from lap to lap
     lift_m: float = 7.0  # coasting before each braking point
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from simulator.cell_data import FloatArray
 from simulator.errors import InputError, ParameterError
-from simulator.inputs import AMBIENT_DEGC, CURRENT_A, SHARE, Limits, check_number
+from simulator.inputs import AMBIENT_DEGC, CURRENT_A, SHARE, NumberRange, check_number
 from simulator.loads import Recorded
 
 _CURRENT_COLUMNS = (
@@ -28,8 +28,8 @@ _CURRENT_COLUMNS = (
 )  # ours first, then those of an exported session
 _AMBIENT_COLUMNS = ("ambient_degc", "t_min (degC)", "t_min")
 _SOC_COLUMNS = ("soc",)
-_TIME_S = Limits(-1e11, 1e11, "s")  # since any beginning, 1970 among them
-_SENSOR_DEGC = Limits(-128, 255, "degC")  # a broken one shows anything; as air it counts within AMBIENT_DEGC
+_TIME_S = NumberRange(-1e11, 1e11, "s")  # since any beginning, 1970 among them
+_SENSOR_DEGC = NumberRange(-128, 255, "degC")  # a broken one shows anything; as air it counts within AMBIENT_DEGC
 _LIMITS = {
     "time_s": _TIME_S,
     **dict.fromkeys(_CURRENT_COLUMNS, CURRENT_A),
@@ -39,7 +39,7 @@ _LIMITS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class RecordedDrive:
     """A drive and the state it began with; None where the file does not say."""
 
     time_s: FloatArray
@@ -48,7 +48,7 @@ class Recording:
     start_soc: float | None  # 0..1
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path) -> RecordedDrive:
     """Read a CSV file (plain or .gz); rows without a current are skipped, repeated times keep the last one.
 
     Raises:
@@ -75,7 +75,7 @@ def read_recording(path: Path) -> Recording:
     if len(table) < 2:
         raise ParameterError("file", str(path), "needs two rows with a current, or more")
     by_name = dict(zip(columns, table.T, strict=True))
-    return Recording(
+    return RecordedDrive(
         by_name["time_s"],
         by_name[current],
         None if ambient is None else _air(by_name[ambient], is_measured=ambient == _AMBIENT_COLUMNS[0]),

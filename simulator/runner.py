@@ -13,13 +13,13 @@ from simulator.errors import InputError, SimulatorError
 from simulator.ports import BytePort
 from simulator.vehicle import Vehicle
 
-MAX_LAG_S = 0.05  # of wall time that may be caught up
-_BURST_S = 0.1  # of virtual time between two looks at the ports, when as fast as possible
+MAX_LAG_S = 0.05  # wall time that may be caught up
+_BURST_S = 0.1  # virtual time between two polls of the ports, when as fast as possible
 _MAX_WAIT_S = 0.25
 
 
 class Runner:
-    """Drives one simulation with its ports until told to stop."""
+    """Drives one simulation with its ports until stopped."""
 
     def __init__(
         self,

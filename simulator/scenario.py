@@ -44,9 +44,9 @@ class Start:
     resistance_ageing: float = 1.0
     aged_days: float = 0.0  # on the shelf, by the law of `simulator.ageing`; factors come on top of the two above
     aged_degc: float = 25.0  # there
-    aged_v: float = 3.7  # of the cells there
+    aged_v: float = 3.7  # cell voltage in storage
     aged_ah: float = 0.0  # passed through what is measured as one cell, out and in together
-    aged_depth: float = 0.75  # of the discharges, of the capacity
+    aged_depth: float = 0.75  # depth of the discharges, share of the capacity
     ageing: float = 0.0  # while it is played: so many times faster than the law, 0 not at all
     cells: Mapping[str, float] = field(default_factory=dict)  # index to start SOC
     paces: Mapping[str, float] = field(default_factory=dict)  # index to how many times faster it ages
@@ -86,7 +86,7 @@ class FaultPlan:
     target: int
     value: float | None
     for_s: float | None
-    shape: Shape = TEAM  # of the battery that it was read for
+    shape: Shape = TEAM  # shape of the battery that it was read for
 
     def __str__(self) -> str:
         return _fault_text(self)

@@ -26,7 +26,7 @@ from simulator.inputs import (
     FOR_S,
     SEED,
     SHARE,
-    Limits,
+    NumberRange,
     check_number,
     read_choice,
     read_number,
@@ -45,28 +45,28 @@ Item = TypeVar("Item")
 
 START_LIMITS = {
     "soc": SHARE,
-    "soc_spread": Limits(0, 0.25),
+    "soc_spread": NumberRange(0, 0.25),
     "ambient_degc": AMBIENT_DEGC,
-    "sun_w": Limits(0, 5000, "W"),
-    "capacity_spread": Limits(0, 0.3),  # cells lie within three spreads: a tenth of the capacity is left
-    "resistance_spread": Limits(0, 0.3),
-    "capacity_ageing": Limits(0.05, 1.2, "of new"),
-    "resistance_ageing": Limits(0.5, 20, "times new"),
-    "aged_days": Limits(0, 7300, "days"),
+    "sun_w": NumberRange(0, 5000, "W"),
+    "capacity_spread": NumberRange(0, 0.3),  # cells lie within three spreads: a tenth of the capacity is left
+    "resistance_spread": NumberRange(0, 0.3),
+    "capacity_ageing": NumberRange(0.05, 1.2, "of new"),
+    "resistance_ageing": NumberRange(0.5, 20, "times new"),
+    "aged_days": NumberRange(0, 7300, "days"),
     "aged_degc": AMBIENT_DEGC,
-    "aged_v": Limits(3.2, 4.3, "V"),  # the law has no loss below
-    "aged_ah": Limits(0, 100_000, "Ah"),
+    "aged_v": NumberRange(3.2, 4.3, "V"),  # the law has no loss below
+    "aged_ah": NumberRange(0, 100_000, "Ah"),
     "aged_depth": SHARE,
-    "ageing": Limits(0, 1e6, "times"),
+    "ageing": NumberRange(0, 1e6, "times"),
 }
-_PACE = Limits(0.1, 20, "times")
-_POWER_SCALE = Limits(0.01, 4)
-_SLICE_C = Limits(-10, 10, "C")
-MOST_CHARACTERS = 262_144  # of a file
+_PACE = NumberRange(0.1, 20, "times")
+_POWER_SCALE = NumberRange(0.01, 4)
+_SLICE_C = NumberRange(-10, 10, "C")
+MOST_CHARACTERS = 262_144  # characters of a file
 MOST_KEY_PARTS = 8  # `a.b.c` has three
-MOST_SLICES = 200  # of a pattern
-_LAPS = Limits(1, 100, is_whole=True)
-_EVENT_VALUE = Limits(-(2**31), 2**32 - 1, is_whole=True)
+MOST_SLICES = 200  # slices of a pattern
+_LAPS = NumberRange(1, 100, is_whole=True)
+_EVENT_VALUE = NumberRange(-(2**31), 2**32 - 1, is_whole=True)
 _RELAYS_S = 5.0  # until the relays are closed and a recorded current can flow
 _CELL_PLACE = re.compile(r"([1-9]\d{0,2})/([1-9]\d{0,2})", re.ASCII)
 
@@ -202,7 +202,7 @@ def _start(table: dict[str, Any], folder: Path, shape: Shape) -> Start:
     return Start(**numbers, cells=cells, paces=paces)
 
 
-def _of_cells(table: dict[str, Any], key: str, limits: Limits, shape: Shape) -> dict[str, float]:
+def _of_cells(table: dict[str, Any], key: str, limits: NumberRange, shape: Shape) -> dict[str, float]:
     """Numbers by "pack/cell", as people count, to numbers by index."""
     found = {}
     for place, value in _table(table, key).items():

@@ -60,7 +60,7 @@ class UartLine:
         return bytes(out)
 
 
-SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
+SLOW_PERIOD_S = 0.2  # period of temperatures and of the driver's wishes
 _ROUNDING_S = 1e-6  # times are sums of steps
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
 

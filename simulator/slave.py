@@ -151,7 +151,7 @@ class SlaveChain:
         except DecodeError:
             return b""
         nothing = _IDLE_LINE if command in _READS else b""
-        if not self._hears(now_s):
+        if not self._is_listening(now_s):
             return nothing
         if self.bit_error_rate:
             packet = damaged(packet, self.bit_error_rate, self._rng)
@@ -177,24 +177,24 @@ class SlaveChain:
 
     def read_cells(self, now_s: float) -> WordArray:
         """Return the answers of all slaves to the four cell reads."""
-        hears = self._hears(now_s)
-        return self._answers(self.converters.cvr, hears=hears)
+        receives = self._is_listening(now_s)
+        return self._answers(self.converters.cvr, receives=receives)
 
     def read_auxiliary(self, now_s: float) -> WordArray:
         """Return the answers of all slaves to both auxiliary and both status reads."""
-        hears = self._hears(now_s)
+        receives = self._is_listening(now_s)
         self.converters.flag(self.cfgr)
-        answers = self._answers(np.concatenate((self.converters.avr, self.converters.str), axis=1), hears=hears)
+        answers = self._answers(np.concatenate((self.converters.avr, self.converters.str), axis=1), receives=receives)
         self.converters.status_was_read(_ALL)
         return answers
 
     def read_configuration(self, now_s: float) -> WordArray:
         """Return the answers of all slaves to the configuration read."""
-        hears = self._hears(now_s)
+        receives = self._is_listening(now_s)
         groups = b"".join(self._configuration_read(slave, now_s) for slave in range(self.n_slaves))
-        return self._answers(np.frombuffer(groups, dtype="<u2").reshape(self.n_slaves, -1), hears=hears)
+        return self._answers(np.frombuffer(groups, dtype="<u2").reshape(self.n_slaves, -1), receives=receives)
 
-    def _hears(self, now_s: float) -> bool:
+    def _is_listening(self, now_s: float) -> bool:
         """Note traffic and timeouts; an idle port wakes up by a packet and loses it."""
         if now_s - self._active_s > PORT_IDLE_S:
             self.wake(now_s)
@@ -204,15 +204,15 @@ class SlaveChain:
         return now_s >= self._ready_s - _TIME_TOLERANCE_S
 
     def _chips(self, slaves: slice) -> BoolArray:
-        """Return (n_slaves,) which of these hear a command."""
+        """Return (n_slaves,) which of these receive a command."""
         if slaves == _ALL:
             return self._listens
         chips = np.zeros(self.n_slaves, dtype=bool)
         chips[slaves] = self._listens[slaves]
         return chips
 
-    def _answers(self, registers: WordArray, *, hears: bool) -> WordArray:
-        silent = None if hears and self._all_listen else ~(self._listens & hears)
+    def _answers(self, registers: WordArray, *, receives: bool) -> WordArray:
+        silent = None if receives and self._all_listen else ~(self._listens & receives)
         return carry(registers, silent, self.bit_error_rate, self._rng)
 
     def _answer(self, command: int, slave: int | None, now_s: float) -> bytes:

@@ -1,4 +1,4 @@
-"""A Lawicel (slcan) USB adapter on the simulated bus: the ASCII protocol that python-can's `slcan` interface speaks.
+"""A Lawicel (slcan) USB adapter on the simulated bus: the ASCII protocol of python-can's `slcan` interface.
 
 Commands end with CR and are answered with CR or BELL. Frames: `t`iii`l`data, `T`iiiiiiii`l`data; CAN FD, towards the
 computer only: `b`, `B` with the length's code as one hexadecimal digit.

@@ -17,7 +17,7 @@ from simulator.errors import ParameterError
 
 FAN_LEVELS = 32
 _KEPT_STEPS = 64
-_KEPT_NUMBERS = 4_000_000  # of their matrices, 32 MB
+_KEPT_NUMBERS = 4_000_000  # numbers in kept matrices, 32 MB
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ def slcan(can_id: int, data: bytes) -> bytes:
     return f"{kind}{number}{length}{data.hex().upper()}\r".encode()
 
 
-class SpeakingBus:
+class SendingBus:
     """Speaks to whoever connects, in real time, again and again; what it is told is thrown away."""
 
     def __init__(self, frames: Iterable[Frame]) -> None:

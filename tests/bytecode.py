@@ -12,7 +12,7 @@ import sys
 import pytest
 
 REWRITTEN = "__pycache__/test_*-pytest-*.pyc"
-ENOUGH = 0.5  # of the test files: from run to run few change
+ENOUGH = 0.5  # share of the test files: few change from run to run
 
 
 def write_bytecode(config: pytest.Config) -> None:

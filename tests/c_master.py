@@ -140,7 +140,7 @@ class RelayInputs(ctypes.Structure):
 def library(path: Path | None = None) -> ctypes.PyDLL:
     """Return the library, by default the one that the simulator loads."""
     loaded = firmware.load() if path is None else ctypes.PyDLL(str(path))
-    for name in ("vw_protection_judge", "vw_fans_duty"):
+    for name in ("vw_protection_check", "vw_fans_duty"):
         if hasattr(loaded, name):
             getattr(loaded, name).restype = ctypes.c_uint8
     loaded.vw_protection_clear.restype = ctypes.c_bool
@@ -163,7 +163,7 @@ class CProtection:
         """Take a reading and return an event for each limit that has just tripped."""
         self._state.is_open = self._latch.is_open
         trips, read = (Event * N_TRIPS)(), CReading.of(reading)
-        n = self._library.vw_protection_judge(
+        n = self._library.vw_protection_check(
             ctypes.byref(self._state), image_of(config), ctypes.byref(read), ms(now_s), trips
         )
         self._latch.is_open = self._state.is_open

@@ -37,7 +37,7 @@ class CMeasuring:
         self._image = (ctypes.c_char * MASTER_SIZE).from_buffer(self.memory.image)
         for name in ("inputs", "measuring"):
             getattr(library, f"size_of_{name}").restype = c_size_t
-        library.vw_measuring_samples.restype, library.vw_measuring_bleed.restype = c_uint16, c_bool
+        library.vw_measuring_add_samples.restype, library.vw_measuring_write_bleeding.restype = c_uint16, c_bool
         assert library.size_of_inputs() == ctypes.sizeof(Inputs)
         self._state = ctypes.create_string_buffer(library.size_of_measuring())
         self.inputs = Inputs()
@@ -47,7 +47,7 @@ class CMeasuring:
     def samples(self, counts: np.ndarray) -> int:
         """Give samples of the current; return how many were taken."""
         given = (c_uint16 * len(counts))(*map(int, counts))
-        return self._library.vw_measuring_samples(self._state, given, c_uint16(len(counts)))
+        return self._library.vw_measuring_add_samples(self._state, given, c_uint16(len(counts)))
 
     def run(self, now_s: float, pass_ms: int) -> tuple[CReading, list[int], bool]:
         """Run a pass; return what it found: the reading, the new means, whether it has settled."""
@@ -64,7 +64,7 @@ class CMeasuring:
         """Have the cells' switches written, now or when it is time; return whether they were."""
         masks = [sum(1 << at for at in np.flatnonzero(row)) for row in cells.reshape(N_PACKS, 12)]
         of_packs = (c_uint16 * N_PACKS)(*masks)
-        return self._library.vw_measuring_bleed(self._state, of_packs, c_bool(is_now), self._ms(now_s))
+        return self._library.vw_measuring_write_bleeding(self._state, of_packs, c_bool(is_now), self._ms(now_s))
 
     def _ms(self, now_s: float) -> c_uint32:
         return c_uint32(ms(now_s) + self._start_ms & 0xFFFFFFFF)

@@ -62,8 +62,8 @@ def load(path: Path) -> ctypes.CDLL:
     library = ctypes.CDLL(str(path))
     for name in ("pec15", "self_test_code", "adcv", "adow", "adax", "adstat", "cvst", "axst", "statst"):
         getattr(library, f"vw_ltc_{name}").restype = c_uint16
-    library.vw_slaves_known.restype = c_uint16
-    library.vw_slaves_degc.restype = library.vw_slaves_degc_of.restype = ctypes.c_int8
+    library.vw_slaves_valid_cells.restype = c_uint16
+    library.vw_slaves_cell_degc.restype = library.vw_slaves_sensor_degc.restype = ctypes.c_int8
     library.vw_slaves_start.restype = library.vw_slaves_read_voltages.restype = c_uint8
     library.vw_slaves_self_check.restype = library.vw_balance_choose.restype = c_bool
     library.size_of_slaves.restype = library.size_of_balance.restype = c_size_t
@@ -139,11 +139,11 @@ class CReader:
         return self.library.vw_slaves_self_check(byref(self.slaves))
 
     def temperatures_degc(self) -> list[int]:
-        degc = self.library.vw_slaves_degc
+        degc = self.library.vw_slaves_cell_degc
         return [degc(byref(self.slaves), c_uint8(pack), c_uint8(cell)) for pack in range(8) for cell in range(12)]
 
     def known(self) -> list[bool]:
-        masks = [self.library.vw_slaves_known(byref(self.slaves), c_uint8(pack)) for pack in range(N_PACKS)]
+        masks = [self.library.vw_slaves_valid_cells(byref(self.slaves), c_uint8(pack)) for pack in range(N_PACKS)]
         return cells_of(masks)
 
 

@@ -33,7 +33,7 @@ def campaign(sample_s: float, short_s: float, full_s: float) -> pytest.MarkDecor
     return pytest.mark.timeout(of_size(sample_s, short_s, full_s))
 
 
-def tell_figure(figure: str) -> None:
+def report_figure(figure: str) -> None:
     """Keep what a test found for the end of the campaign, with the test's name."""
     if path := os.environ.get("VOLTWALL_FIGURES"):
         test = os.environ.get("PYTEST_CURRENT_TEST", "").partition(" ")[0]

@@ -19,7 +19,7 @@ from firmware_protocol.config_image import default_image
 from firmware_protocol.eeprom import EEPROM_SIZE, encode_slot
 from hatch_build import build_libraries
 from tests.bytecode import write_bytecode
-from tests.campaign import IS_FULL, examples, tell_figure
+from tests.campaign import IS_FULL, examples, report_figure
 from tests.service_process import Service
 
 # On a loaded machine the time of one example says nothing.
@@ -39,8 +39,10 @@ LONGEST = (  # half a minute and more
     "e2e/test_debrief.py",
     "e2e/test_parameters_page.py",
 )
-LONGEST_BEGIN_BY = 0.5  # of the run: not at its end, and not together, where one would compute and the others wait
-WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share
+LONGEST_BEGIN_BY = (
+    0.5  # share of the run: not at its end, and not together, where one would compute and the others wait
+)
+WAITING_ENDS_AT = 0.8  # share of the run: the end is many short files, which all processes share
 MEMORY = Path("/dev/shm")
 MEMORY_BYTES = 3_000_000_000  # free, for the files of a whole run
 
@@ -72,7 +74,7 @@ def keep_files_in_memory() -> None:
 @pytest.fixture
 def tell() -> Callable[[str], None]:
     """Say the figure of a campaign, in one line."""
-    return tell_figure
+    return report_figure
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -24,8 +24,8 @@ import numpy as np
 
 import app  # noqa: F401  before numpy: it keeps each process to one thread
 from app.clock import Clock
+from app.configuration.configuration_store import ConfigurationStore
 from app.configuration.history import ConfigHistory
-from app.configuration.profile_store import Profiles
 from app.errors import AppError
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.prediction import LearnedCells
@@ -39,7 +39,7 @@ from app.sessions.retention import Retention, RetentionRule
 from app.sessions.swaps import SwapFile
 from app.sources.connections import Connections, load_connections, save_connections
 from app.sources.loaded_battery import team_battery
-from app.sources.recordings.profile import ImportProfile, ProfileStore
+from app.sources.recordings.import_mapping import ImportMapping, ImportMappingStore
 from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.config_image import default_image, with_value
@@ -184,7 +184,7 @@ def eeprom(folder: Path, said: list[str]) -> Iterator[Step]:
 
 def profiles(folder: Path, said: list[str]) -> Iterator[Step]:
     """Configuration profiles with their versions."""
-    made, saved = Profiles(folder, Clock()), []
+    made, saved = ConfigurationStore(folder, Clock()), []
     for image in (OLD, NEW):
         yield lambda: saved.append(made.save("wet", image, comment="c", who="ada"))
         yield lambda: must(made.load("wet").image == image, "the newest is another one")
@@ -196,7 +196,7 @@ def profiles(folder: Path, said: list[str]) -> Iterator[Step]:
 
 def settings(folder: Path, said: list[str]) -> Iterator[Step]:
     """Connections, the plan of the recordings, an import's profile: the old one or the new one, whole."""
-    plan, imports = folder / "plan.json", ProfileStore(folder / "imports")
+    plan, imports = folder / "plan.json", ImportMappingStore(folder / "imports")
     before: Connections | None = None
     named = RecordingPlan()
 
@@ -210,7 +210,7 @@ def settings(folder: Path, said: list[str]) -> Iterator[Step]:
 
     for number in range(2):
         chosen, event = Connections(serial=f"/dev/ttyUSB{number}"), RecordingPlan(event=f"race {number}")
-        rig = ImportProfile(current="I", voltages=f"v{number}")
+        rig = ImportMapping(current="I", voltages=f"v{number}")
         yield lambda: either(before, chosen, lambda: save_connections(folder, chosen), lambda: load_connections(folder))
         yield lambda: either(named, event, lambda: save_plan(plan, event), lambda: load_plan(plan))
         yield lambda: imports.save("rig", rig)
@@ -276,10 +276,10 @@ def lake(folder: Path, said: list[str]) -> Iterator[Step]:
     from pyarrow import parquet
 
     from app.season.lake.build import build_lake, states
-    from app.season.lake.place import Place
+    from app.season.lake.place import LakeFolder
 
     path = max((Path(__file__).parent / "unit/app/sessions/frozen").glob("session_*.sqlite"))
-    place = Place(folder / "lake")
+    place = LakeFolder(folder / "lake")
 
     def build() -> None:
         built = build_lake(place, [path])

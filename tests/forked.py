@@ -27,7 +27,7 @@ from app.sessions.worker import command_of
 
 CONTEXT = get_context("forkserver")
 CONTEXT.set_forkserver_preload(["tests.forked", "tests.warmed"])
-PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
+PARENTS_THREADS = 2  # threads of a service that starts its car before it has others
 POLL_S = 0.01
 PLUGGED = "TESTS_PLUGGED"  # paths that a program finds plugged in as adapters on USB, joined by os.pathsep
 MODULE_AT = command_of("MODULE").index("MODULE")  # in a command line of a process of ours

@@ -15,7 +15,7 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
-VALUES = (  # of a car's own
+VALUES = (  # topics of a car's own values
     *("soc", "soc_min", "soc_min_cell", "voltage_v", "current_a", "voltage_min_v", "voltage_min_cell"),
     *("temperature_max_degc", "temperature_max_cell"),
 )
@@ -58,7 +58,7 @@ class Mosquitto:
             self.process = None
 
 
-class ToldCar:
+class CarUpdates:
     """A car that tells its state several times a second, by a clock of its own."""
 
     def __init__(self, port: int, name: str, *, url: str | None = None, alarms: Sequence[object] = ()) -> None:

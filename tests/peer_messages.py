@@ -9,8 +9,8 @@ from functools import cache
 from math import sin
 
 HEAD = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: BMS VCU MC\n\n'
-OHM = 0.002  # of a cell
-Value = Callable[[float], float]  # of time [s]
+OHM = 0.002  # resistance of a cell
+Value = Callable[[float], float]  # function of time [s]
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Peer:
     n_cells: int
     n_sensors: int
     profile: str = ""  # TOML of [source], to decode it
-    positive: str = "discharge"  # of the current on the wire
+    positive: str = "discharge"  # sign of the current on the wire
     segments: tuple[int, ...] | None = None  # where names tell them
     sent: list[Sent] = field(default_factory=list)
     resolution_v: float = 0.0001

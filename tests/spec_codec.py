@@ -270,7 +270,7 @@ def newest_slot(memory: bytes) -> tuple[int, int, bytes] | None:
             image = default_image()[:2] + image[2:226] + image[:2] + image[228:]
         if right and counter:
             found.append((slot, counter, image))
-    return max(found, key=lambda each: each[1], default=None)  # of equal counters the first
+    return max(found, key=lambda each: each[1], default=None)  # the first of equal counters
 
 
 def journal_entry(counter: int, dod: int, soc: int) -> tuple[int, bytes]:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
-from app.season.store import Limits, SeasonStore
+from app.season.lake.place import LakeFolder
+from app.season.store import QueryLimits, SeasonStore
 from app.season.store.questions import ask, questions
 from app.words import render
 from voltwall.tables import Closing, Table
@@ -52,7 +52,7 @@ class Season(Closing):
         Raises:
             VoltwallError: it is wrong, or no SELECT.
         """
-        return Table(self._store.query(query, parameters, Limits(seconds=3600.0, memory_mb=4096)).table)
+        return Table(self._store.query(query, parameters, QueryLimits(seconds=3600.0, memory_mb=4096)).table)
 
     def ask(self, question: str, /, **parameters: object) -> Table:
         """Answer one of `questions` by its name; most take `car=`, else they tell of each car by itself.
@@ -61,7 +61,7 @@ class Season(Closing):
             VoltwallError: there is none of this name, or a parameter is wrong.
         """
         given = {name: str(value) for name, value in parameters.items()}
-        return Table(ask(self._store, question, Limits(seconds=3600.0, memory_mb=4096), **given).table)
+        return Table(ask(self._store, question, QueryLimits(seconds=3600.0, memory_mb=4096), **given).table)
 
     @property
     def cars(self) -> list[str]:
@@ -84,7 +84,7 @@ class Season(Closing):
             OSError: the lake cannot be written.
         """
         paths = session_files([Path(place).expanduser() for place in places])
-        built = build_lake(Place(self.lake), paths)
+        built = build_lake(LakeFolder(self.lake), paths)
         failed = {session: render(why) for session, why in built.failed}
         said = {"made": built.made, "current": built.current, "not closed": built.not_closed}
         return {session: text for text, sessions in said.items() for session in sessions} | failed

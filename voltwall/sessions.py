@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.analysis.cell_findings import cell_findings
 from app.analysis.laps.from_session import lap_table
 from app.analysis.session_cell import cell_of
+from app.analysis.session_judge import cell_findings
 from app.errors import ConfigError, ExtraMissing
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import load_cell

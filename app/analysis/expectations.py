@@ -36,7 +36,7 @@ class Raised:
 
 
 @dataclass(frozen=True)
-class Values:
+class SnapshotValues:
     """What one snapshot of the replay says, and the charge recorded then."""
 
     t_s: float
@@ -46,7 +46,7 @@ class Values:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ExpectationResult:
     """One expectation, and whether it held."""
 
     held: bool
@@ -74,11 +74,13 @@ class _Alarm:
         ):
             self.raised.append(raised)
 
-    def verdict(self, battery: Battery) -> Verdict:
+    def verdict(self, battery: Battery) -> ExpectationResult:
         n = len(self.raised)
         held = n > 0 if self.count is None else n == self.count
         seen = ", ".join(f"{each.code}{_where(each.cell, battery)} at {each.t_s:.2f} s" for each in self.raised[:5])
-        return Verdict(held, self.text, seen + (f" and {n - 5} more" if n > 5 else "") if n else "never raised")
+        return ExpectationResult(
+            held, self.text, seen + (f" and {n - 5} more" if n > 5 else "") if n else "never raised"
+        )
 
 
 @dataclass
@@ -95,7 +97,7 @@ class _Value:
     high: float = -inf
     samples: int = 0
 
-    def take(self, values: Values) -> None:
+    def take(self, values: SnapshotValues) -> None:
         if not self.from_s <= values.t_s <= self.to_s:
             return
         value = getattr(values.totals, self.name) if self.cell is None else getattr(values.cells, self.name)[self.cell]
@@ -106,12 +108,12 @@ class _Value:
         self.samples += 1
         self.low, self.high = min(self.low, float(value)), max(self.high, float(value))
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> ExpectationResult:
         if not self.samples:
-            return Verdict(False, self.text, "never known")
+            return ExpectationResult(False, self.text, "never known")
         held = self.minimum <= self.low and self.high <= self.maximum
         found = f"{self.low:.6g}" if self.low == self.high else f"{self.low:.6g} to {self.high:.6g}"
-        return Verdict(held, self.text, found)
+        return ExpectationResult(held, self.text, found)
 
 
 @dataclass
@@ -125,7 +127,7 @@ class _Agreement:
     largest: float = 0.0
     samples: int = 0
 
-    def take(self, values: Values) -> None:
+    def take(self, values: SnapshotValues) -> None:
         now, was = values.totals.soc, values.recorded_soc
         if now is None or was is None or not self.from_s <= values.t_s <= self.to_s:
             return
@@ -133,12 +135,12 @@ class _Agreement:
         self.square += (now - was) ** 2
         self.largest = max(self.largest, abs(now - was))
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> ExpectationResult:
         if not self.samples:
-            return Verdict(False, self.text, "nothing to compare: the session holds no estimates there")
+            return ExpectationResult(False, self.text, "nothing to compare: the session holds no estimates there")
         rms = sqrt(self.square / self.samples)
         held = rms <= self.rms_max and self.largest <= self.largest_max
-        return Verdict(held, self.text, f"RMS {rms:.5f}, largest {self.largest:.5f}")
+        return ExpectationResult(held, self.text, f"RMS {rms:.5f}, largest {self.largest:.5f}")
 
 
 class Expectations:
@@ -177,14 +179,14 @@ class Expectations:
         for each in self._alarms:
             each.take(raised)
 
-    def values(self, values: Values) -> None:
+    def values(self, values: SnapshotValues) -> None:
         """Take a snapshot."""
         for value in self._values:
             value.take(values)
         for agreement in self._agreements:
             agreement.take(values)
 
-    def verdicts(self) -> list[Verdict]:
+    def verdicts(self) -> list[ExpectationResult]:
         """Return what held and what did not, in the file's order within each kind."""
         found = [alarm.verdict(self._battery) for alarm in self._alarms] + [value.verdict() for value in self._values]
         return found + [agreement.verdict() for agreement in self._agreements]

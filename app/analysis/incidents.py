@@ -27,7 +27,7 @@ class Trigger:
     """An event that is worth a black box."""
 
     at_s: float  # unix time, as logged
-    mono_s: float  # of the recording machine's monotonic clock
+    mono_s: float  # time on the recording machine's monotonic clock
     code: str
     severity: Severity
     message: Text

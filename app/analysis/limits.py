@@ -44,7 +44,7 @@ def names_of_signals(battery: Battery) -> dict[str, tuple[str, float]]:
 
 
 def known_limits(limits: ProtectionLimits | None) -> dict[str, float]:
-    """Return the limits that a snapshot was judged by, by name; those that are not told are left out."""
+    """Return the limits that a snapshot was judged by, by name, without missing ones."""
     if limits is None:
         return {}
     values = (
@@ -78,7 +78,7 @@ class MovingLimit:
     value: FloatArray  # (n,)
 
     def at(self, time_s: FloatArray) -> FloatArray:
-        """Return the value at each time, NaN where none was told yet."""
+        """Return the value at each time, NaN before the first one."""
         place = np.searchsorted(self.time_s, time_s, side="right") - 1
         if not len(self.value):
             return np.full(len(place), np.nan)

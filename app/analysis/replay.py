@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.analysis.cell_findings import WatchAlong
-from app.analysis.expectations import Expectations, Raised, Values, Verdict
+from app.analysis.expectations import ExpectationResult, Expectations, Raised, SnapshotValues
 from app.analysis.root_cause.from_session import cause_at
 from app.analysis.root_cause.judge import trip_cause
 from app.analysis.session_cell import cell_of
+from app.analysis.session_judge import WatchAlong
 from app.estimation.cell_model.circuit import CellModel
 from app.live.cells import mean
 from app.live.pipeline import Output, Pipeline
@@ -59,7 +59,7 @@ def prove(
     expectations: Expectations,
     pipeline: Pipeline,
     on_progress: Callable[[int, int], None] = lambda done, of: None,
-) -> list[Verdict]:
+) -> list[ExpectationResult]:
     """Replay a session from its start to its end and return what held; the same each time.
 
     `on_progress` gets the milliseconds replayed and their total.
@@ -85,4 +85,6 @@ def _tell(expectations: Expectations, output: Output, t_s: float, recorded: Reco
     if snapshot is None:
         return
     was = recorded.at(snapshot.t_mono_ns)
-    expectations.values(Values(t_s, snapshot.accumulator, snapshot.cells, None if was is None else mean(was[0])))
+    expectations.values(
+        SnapshotValues(t_s, snapshot.accumulator, snapshot.cells, None if was is None else mean(was[0]))
+    )

@@ -21,7 +21,7 @@ def cell_of(session: SessionFile) -> tuple[CellModel, bool]:
         except NotNow:
             raise
         except (EstimatorError, AppError, RecursionError):
-            pass  # of a format that this version does not read
+            pass  # a format that this version does not read
     return load_cell(), False
 
 

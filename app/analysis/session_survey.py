@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.survey import Piece, Survey, Surveyor
+from app.analysis.survey import Survey, Surveyor, SurveyPiece
 from app.analysis.totals import Totals
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import FloatArray, latest_at, row_mean
@@ -85,7 +85,7 @@ def _none(time_s: FloatArray) -> FloatArray:
     return np.full(len(time_s), np.nan)
 
 
-_REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # of the team's boards
+_REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # configuration registers of the team's boards
 PIECE_S: Final = 60.0
 HELD_S: Final = 60.0  # a value counts until the next one, no longer than this
 _FIELDS = ("i_fs", "v", "t", "estimate.soc")
@@ -96,33 +96,33 @@ def read_pieces(
     totals: TotalsCollector | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
-) -> Iterator[Piece]:
+) -> Iterator[SurveyPiece]:
     """Yield the session a minute at a time on the time axis of the cell voltages; `totals` is collected meanwhile.
 
     Minutes count from the first sample, however the session is stored: what is made of a piece, as a mean, is the same
     for a file that was committed, cut off or fetched in other parts. `from_s` and `to_s` are a range in unix time [s],
     ends included.
     """
-    parts: list[Piece] = []
+    parts: list[SurveyPiece] = []
     first_s = minute = np.nan
     for stored in _stored_pieces(session, totals, from_s, to_s):
         first_s = float(stored.time_s[0]) if np.isnan(first_s) else first_s
         minutes = np.floor((stored.time_s - first_s) / PIECE_S)
         for begin, end in pairwise([0, *(np.flatnonzero(np.diff(minutes)) + 1).tolist(), len(minutes)]):
             if parts and minutes[begin] != minute:
-                yield Piece.joined(parts)
+                yield SurveyPiece.joined(parts)
                 parts = []
             minute = float(minutes[begin])
             parts.append(stored.rows(slice(begin, end)))
     if parts:
-        yield Piece.joined(parts)
+        yield SurveyPiece.joined(parts)
 
 
 def _stored_pieces(
     session: SessionFile, totals: TotalsCollector | None, from_s: float | None, to_s: float | None
-) -> Iterator[Piece]:
+) -> Iterator[SurveyPiece]:
     """The blocks of the file as pieces."""
-    held: dict[str, tuple[float, FloatArray]] = {}  # time and last row of each field: some are told seldom
+    held: dict[str, tuple[float, FloatArray]] = {}  # time and last row of each field: some are rare
     fields = (*_FIELDS, *_fields_of_kind(session))
     names = fields if totals is None else tuple(dict.fromkeys((*fields, *TOTALS_FIELDS)))
     for found in session.fields(names, from_s, to_s):
@@ -134,7 +134,7 @@ def _stored_pieces(
 
 
 def survey_session(
-    session: SessionFile, also: Callable[[Piece], None] | None = None, totals: TotalsCollector | None = None
+    session: SessionFile, also: Callable[[SurveyPiece], None] | None = None, totals: TotalsCollector | None = None
 ) -> Survey:
     """Return the survey of a session; `also` is given every piece, and `totals` is collected in the same pass."""
     surveyor = Surveyor(session.battery.n_cells, in_turns=session.loaded_battery.mapping is not None)
@@ -154,7 +154,7 @@ def _fields_of_kind(session: SessionFile) -> tuple[str, ...]:
 
 def _piece(
     time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, tuple[float, FloatArray]], n_cells: int
-) -> Piece:
+) -> SurveyPiece:
     def table(name: str, width: int, held_s: float = np.inf) -> FloatArray:
         samples = found.get(name)
         before_s, before = held.get(name, (-np.inf, np.full(width, np.nan)))
@@ -175,7 +175,7 @@ def _piece(
     balancing = fresh("balancing", n_cells)
     if any(name in found or name in held for name in _REGISTERS):
         balancing = np.concatenate([_balancing_of(table(name, 6)) for name in _REGISTERS], axis=1)
-    return Piece(
+    return SurveyPiece(
         time_s=time_s,
         current_a=fresh("i_fs", 1)[:, 0],
         voltage_v=fresh("v", n_cells),

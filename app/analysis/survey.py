@@ -27,7 +27,7 @@ SAG_A: Final = 50.0  # a cell's sag is judged above this current
 
 
 @dataclass(frozen=True)
-class Piece:
+class SurveyPiece:
     """About a minute: (n,) and (n, n_cells) arrays on one time axis, NaN where not measured."""
 
     time_s: FloatArray
@@ -36,16 +36,16 @@ class Piece:
     temperature_degc: FloatArray
     soc: FloatArray
     balancing: FloatArray  # 1 where the cell is bled
-    is_new: BoolArray | None = None  # where a voltage was told in this row; elsewhere it is held. None: all are
+    is_new: BoolArray | None = None  # where a voltage is new in this row, not held; None: all are new
 
     @property
     def fresh_voltage_v(self) -> FloatArray:
         """(n, n_cells) voltages that belong to their row's current; NaN where one is held from before."""
         return self.voltage_v if self.is_new is None else np.where(self.is_new, self.voltage_v, np.nan)
 
-    def rows(self, rows: slice) -> Piece:
+    def rows(self, rows: slice) -> SurveyPiece:
         """Return a part of it; its arrays are views."""
-        return Piece(
+        return SurveyPiece(
             self.time_s[rows],
             self.current_a[rows],
             self.voltage_v[rows],
@@ -56,12 +56,12 @@ class Piece:
         )
 
     @staticmethod
-    def joined(parts: Sequence[Piece]) -> Piece:
+    def joined(parts: Sequence[SurveyPiece]) -> SurveyPiece:
         """Return parts behind each other as one."""
         if len(parts) == 1:
             return parts[0]
         is_new = [np.isfinite(part.voltage_v) if part.is_new is None else part.is_new for part in parts]
-        return Piece(
+        return SurveyPiece(
             np.concatenate([part.time_s for part in parts]),
             np.concatenate([part.current_a for part in parts]),
             np.concatenate([part.voltage_v for part in parts]),
@@ -101,7 +101,7 @@ class Survey:
     samples: int = 0
     driving_s: float = 0.0
     gap_s: float = 0.0  # no sample for longer than MAX_STEP_S
-    energy_out_wh: float = 0.0  # of the cells that were measured
+    energy_out_wh: float = 0.0  # energy of the measured cells [Wh]
     energy_in_wh: float = 0.0
     energy_gap_s: float = 0.0  # under current with a cell missing: both energies are at least what they say
     charge_out_ah: float = 0.0
@@ -137,9 +137,9 @@ class Surveyor:
     """Takes a recording piece by piece, in order; `result` at the end."""
 
     def __init__(self, n_cells: int, *, in_turns: bool = False) -> None:
-        """`in_turns`: cells are told one after the other, so none is missing before it was told once."""
+        """`in_turns`: cells are sent one after the other, so none is missing before it was sent once."""
         self._n = n_cells
-        self._waited = np.zeros(n_cells) if in_turns else None  # rows until a cell was told
+        self._waited = np.zeros(n_cells) if in_turns else None  # rows until the first value of a cell
         nan = np.full(n_cells, np.nan)
         self._survey = Survey(
             n_cells,
@@ -167,7 +167,7 @@ class Surveyor:
             "soc": np.zeros(len(SOC_EDGES) + 1),
         }
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: SurveyPiece) -> None:
         """Take the next minute."""
         if not len(piece.time_s):
             return
@@ -190,7 +190,7 @@ class Surveyor:
     def result(self) -> Survey:
         """Return what was found."""
         survey = self._survey
-        if self._waited is not None:  # a cell that was never told is missing all the time
+        if self._waited is not None:  # a cell without any value is missing all the time
             survey.missing -= np.where(np.isnan(survey.voltage_max_v), 0.0, self._waited)
             self._waited[:] = 0.0
         survey.histograms = {
@@ -205,7 +205,7 @@ class Surveyor:
         self._end_rest()
         return survey
 
-    def _energies(self, piece: Piece, dt_s: FloatArray) -> None:
+    def _energies(self, piece: SurveyPiece, dt_s: FloatArray) -> None:
         survey = self._survey
         current = np.nan_to_num(piece.current_a)
         missing = np.isnan(piece.voltage_v).any(axis=1)
@@ -230,7 +230,7 @@ class Surveyor:
             apart = row_mean(rows)[:, None] - rows
             self._sag += np.array([np.nansum(apart, axis=0), np.isfinite(apart).sum(axis=0)])
 
-    def _extremes(self, piece: Piece, dt_s: FloatArray) -> None:
+    def _extremes(self, piece: SurveyPiece, dt_s: FloatArray) -> None:
         survey = self._survey
         survey.missing += np.isnan(piece.voltage_v).sum(axis=0)
         if self._waited is not None:
@@ -268,7 +268,7 @@ class Surveyor:
             unit, edges[low : high + 1].round(6).tolist(), seconds[low:high].round(3).tolist(), below_s, above_s
         )
 
-    def _track(self, piece: Piece) -> None:
+    def _track(self, piece: SurveyPiece) -> None:
         time_s = piece.time_s
         before_s = time_s[0] if self._tracked_s is None else self._tracked_s
         chosen = _spaced(time_s, before_s - TRACKER_STEP_S if self._tracked_s is None else before_s)
@@ -277,7 +277,7 @@ class Surveyor:
             self._tracked_s = float(time_s[chosen[-1]])
             self._tracker.take(dt_s, piece.current_a[chosen], piece.fresh_voltage_v[chosen])
 
-    def _rests(self, piece: Piece) -> None:
+    def _rests(self, piece: SurveyPiece) -> None:
         quiet = np.abs(piece.current_a) < REST_A
         edges = np.flatnonzero(np.diff(quiet, prepend=not quiet[0]))
         for start, end in zip(edges, [*edges[1:], len(quiet)], strict=True):

@@ -21,7 +21,7 @@ from app.api.configuration import commands, slave_check
 from app.api.configuration import library as config_library
 from app.api.configuration import routes as config
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.live import events, fleet, learn, metrics, race, system
+from app.api.live import events, fleet, metrics, profile_inference, race, system
 from app.api.live import routes as live
 from app.api.live import setup as first_steps
 from app.api.schemas.service import ProblemOut
@@ -51,7 +51,7 @@ from app.telemetry import Source
 STATIC = Path(__file__).parents[1] / "static"
 
 
-class Replay(NamedTuple):
+class ServedReplay(NamedTuple):
     """A recorded session to show instead of a link."""
 
     path: Path
@@ -66,7 +66,7 @@ def create_app(
     *,
     serial_url: str | None,
     can_url: str | None,
-    replay: Replay | None = None,
+    replay: ServedReplay | None = None,
     simulated_car: SimulatorProcess | None = None,
     clock: Clock | None = None,
     setup: Setup | None = None,
@@ -183,7 +183,7 @@ def api_routes() -> APIRouter:
         first_steps,
         fleet,
         imports,
-        learn,
+        profile_inference,
         live,
         race,
         season,

@@ -11,15 +11,15 @@ from app.api.schemas.snapshot import Number
 from app.api.web.dependencies import WorkersPart
 from app.api.web.problems import invalid
 from app.errors import NotNow
-from app.sessions.worker import Limits
+from app.sessions.worker import JobLimits
 from app.words import Message
 from simulator.balancing.choices import CIRCUITS
 from simulator.balancing.choices import LIMITS as STUDY_LIMITS
 from simulator.balancing.study import MOST_CELLS, Study, figures_of_circuits, study_of
 from simulator.errors import ParameterError
 
-LIMITS = Limits(120)
-MOST_POINTS = 300  # of a curve
+LIMITS = JobLimits(120)
+MOST_POINTS = 300  # points of a curve
 Value = Annotated[float | None, Field(allow_inf_nan=False)]
 Circuit = Literal["passive", "switched-capacitor", "transformer", "none"]
 router = APIRouter(prefix="/simulator", tags=["simulator"])

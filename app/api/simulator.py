@@ -51,7 +51,7 @@ class SimulatorStatusOut(BaseModel):
     master_is_running: bool
     relays: Literal["open", "precharge", "precharge failed", "vehicle", "charger"]
     relays_since_s: float | None  # in the car's time; None while the master is off
-    link_v: float  # of the vehicle's capacitor, behind the relays
+    link_v: float  # voltage of the DC-link capacitor, behind the contactors
     notices: list[NoticeOut]
     active: list[FaultInForceOut]
 
@@ -188,7 +188,7 @@ def inject(body: FaultIn, simulator: SimulatorPart, events: EventsPart, user: Us
 def clear_all(simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Mend everything."""
     _ask(simulator, "clear-all")
-    events.note("info", "simulator-fault", Message("faults-mended"), user.name)
+    events.note("info", "simulator-fault", Message("all-faults-cleared"), user.name)
     return {"active": []}
 
 

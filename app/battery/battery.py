@@ -50,9 +50,9 @@ class Battery:
     segments: tuple[int, ...]  # cells of each, >= 1
     parallel: int = 1  # cells in parallel that are measured as one
     cell: str = DEFAULT_CELL  # cell file, or name of a bundled one
-    bleed_ohm: float | None = None  # resistor that a cell is bled through; None: nobody said
+    bleed_ohm: float | None = None  # balancing resistor of a cell [ohm]; None: unknown
     drawing: Drawing = Drawing()
-    sensors: tuple[tuple[int, ...], ...] = ()  # of each temperature sensor the cells that it stands for
+    sensors: tuple[tuple[int, ...], ...] = ()  # cells of each temperature sensor
     limits: dict[str, Limit] = field(default_factory=dict, hash=False)  # by a name of LIMITS
     rules: dict[str, float] = field(default_factory=dict, hash=False)  # what the competition's rules say, likewise
 

@@ -1,4 +1,4 @@
-"""Where profiles are: bundled ones by name, files by path, what they include beside them."""
+"""Where profiles are: bundled ones by name, files by path, what they include next to them."""
 
 import re
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.battery.by_shape import files_of_shape
-from app.battery.profile import WITHDRAWN, Document, Profile, read_document, refuse_withdrawn, understand
+from app.battery.profile import WITHDRAWN, BatteryProfile, Document, read_document, refuse_withdrawn, understand
 from app.battery.table_reader import ProfileError
 from app.words import Message
 
@@ -28,7 +28,7 @@ def _folder() -> Path:
 class LoadedProfile:
     """A profile with its text and the files that it names."""
 
-    profile: Profile
+    profile: BatteryProfile
     text: str
     dbc_files: tuple[Path, ...]
 
@@ -97,7 +97,7 @@ def profile_files(name: str, *, own_folder: bool = False) -> dict[str, bytes]:
     return found
 
 
-def profile_of(files: Mapping[str, bytes]) -> Profile:
+def profile_of(files: Mapping[str, bytes]) -> BatteryProfile:
     """Return the profile of such files; it names its DBCs as they are named there.
 
     Raises:
@@ -113,7 +113,9 @@ def profile_of(files: Mapping[str, bytes]) -> Profile:
 
     own = next(iter(files))
     found = document(own, 0)
-    values = {name: value for name, value in found.values.items() if name != WITHDRAWN}  # of an old session
+    values = {
+        name: value for name, value in found.values.items() if name != WITHDRAWN
+    }  # an old session's profile may have it
     return understand(replace(found, values=values))
 
 
@@ -152,9 +154,9 @@ def _inner(name: str, folder: Path, file: str) -> tuple[str, str, Path]:
 
 
 def _found(folder: Path, name: str) -> Path:
-    """A file beside the profile, else a bundled one of this name."""
-    beside = folder / name
-    return _folder() / name if not beside.is_file() and (_folder() / name).is_file() else beside
+    """A file next to the profile, else a bundled one of this name."""
+    own = folder / name
+    return _folder() / name if not own.is_file() and (_folder() / name).is_file() else own
 
 
 def _read(name: str, folder: Path, included_by: str | None) -> tuple[str, Path, str]:

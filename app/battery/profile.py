@@ -1,4 +1,4 @@
-"""A battery's profile: TOML text to the battery and how it speaks. What is wrong is told by line and field."""
+"""A battery's profile: TOML text to the battery and its source. Errors name line and field."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from app.battery.source import (
     READINGS,
     STATES,
     CellSignals,
-    Reading,
+    DbcMapping,
+    MemoryMap,
+    ScalarSignal,
     Source,
-    SpeaksDbc,
-    SpeaksMaster,
-    SpeaksTable,
     StateSignal,
+    TableMapping,
 )
 from app.battery.table_reader import ProfileError, TableReader
 from app.battery.toml_lines import line_of, lines_of_keys
@@ -36,12 +36,12 @@ class Document:
 
     file: str
     values: Mapping[str, Any]
-    lines: Mapping[str, int]  # of the profile itself
+    lines: Mapping[str, int]  # line numbers in the profile itself
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
-    """A battery and how it speaks."""
+class BatteryProfile:
+    """A battery and its source."""
 
     file: str
     battery: Battery
@@ -82,7 +82,7 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def understand(document: Document) -> Profile:
+def understand(document: Document) -> BatteryProfile:
     """Return the battery and source of a profile's tables.
 
     Raises:
@@ -92,7 +92,7 @@ def understand(document: Document) -> Profile:
     _table(document, "").check_names(("battery", "source", "serial"))
     _table(document, "battery").check_names(("drawing", "temperatures", "limits", "rules"))
     battery = _battery(document)
-    return Profile(document.file, battery, _serial(document, battery) or _source(document))
+    return BatteryProfile(document.file, battery, _serial(document, battery) or _source(document))
 
 
 def refuse_withdrawn(document: Document) -> None:
@@ -196,16 +196,16 @@ def _serial(document: Document, battery: Battery) -> SerialMapping | None:
 def _source(document: Document) -> Source:
     table = _table(document, "source")
     if table.text("kind", "dbc") == "master":
-        return SpeaksMaster()
+        return MemoryMap()
     if table.text("kind", "dbc") == "table":
-        return SpeaksTable()
+        return TableMapping()
     table.check_names((*KINDS, *READINGS, "state"))
     values = table.values
     readings = {name: _reading(document, f"source.{name}") for name in READINGS if name in values}
     states = values.get("state", {})
     if not isinstance(states, Mapping) or not set(states) <= set(STATES):
         raise table.error("state", str(states)[:60], Message("no-such-key", names=STATES))
-    return SpeaksDbc(
+    return DbcMapping(
         dbc=table.texts("dbc"),
         cells={kind: _cell_signals(document, f"source.{kind}") for kind in KINDS if kind in values},
         states={name: _state(document, f"source.state.{name}") for name in states},
@@ -248,11 +248,11 @@ def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
     return tuple(found)
 
 
-def _reading(document: Document, path: str) -> Reading:
+def _reading(document: Document, path: str) -> ScalarSignal:
     table = _table(document, path)
     table.check_names()
     has_sign = any(field.name == "positive" for field in table.fields)
-    return Reading(
+    return ScalarSignal(
         signal=table.signal("signal"),
         unit=table.text("unit"),
         positive="charge" if has_sign and table.text("positive", "discharge") == "charge" else "discharge",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.battery.fields import TABLES, KindOfField
-from app.battery.profile import Document, Profile, understand
+from app.battery.profile import BatteryProfile, Document, understand
 from app.battery.table_reader import ProfileError
 
 _MOST = 200
@@ -18,7 +18,7 @@ _SHAPED_BY_SEGMENTS = (
 )  # not to be judged while the segments are wrong
 
 
-def errors_of(document: Document) -> tuple[list[ProfileError], Profile | None]:
+def errors_of(document: Document) -> tuple[list[ProfileError], BatteryProfile | None]:
     """Return all errors, by line, and what is left of the profile without them; None where nothing can be made of it.
 
     Args:

@@ -21,7 +21,7 @@ from app.estimation.prediction.power import PowerLimit, PowerModel
 from app.estimation.prediction.power_along import limits_of
 
 PULSE_S: Final = 10.0
-OCV_POINTS: Final = 1000  # of the mean over SOC
+OCV_POINTS: Final = 1000  # points of the mean over SOC
 BISECTIONS: Final = 40
 MEGA: Final = 1e6
 
@@ -30,7 +30,7 @@ Direction = Literal["discharge", "charge"]
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class CellLayout:
     """Segments in series, cells in series in each, and how many of what the cell file describes are in parallel."""
 
     n_segments: int
@@ -62,7 +62,7 @@ class Figure:
 
 
 def figures_of(
-    cell: CellModel, layout: Layout, soc: float = 0.5, temperature_degc: float = 25.0
+    cell: CellModel, layout: CellLayout, soc: float = 0.5, temperature_degc: float = 25.0
 ) -> Mapping[str, Figure]:
     """Return the figures of a battery by name, in the order in which a person reads them.
 
@@ -107,7 +107,7 @@ def figures_of(
 class _Maker:
     """Multiplies figures of a cell to those of a segment and of the battery."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: CellLayout) -> None:
         self.figures: dict[str, Figure] = {}
         self._segment = _factors(layout.n_in_series, layout.n_parallel)
         self._battery = _factors(layout.n_segments * layout.n_in_series, layout.n_parallel)

@@ -1,4 +1,4 @@
-"""How a battery speaks: which signals of a DBC carry cells, current, pack voltage and state. No protocol code here."""
+"""Sources of a battery: which signals of a DBC carry cells, current, pack voltage and state. No protocol code here."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 from app.battery.battery import SignalName
 from app.battery.serial import SerialMapping, longest_age
 
-MOST_PLACEHOLDERS = 6  # of a pattern of names, stars among them: three parts and what is between them
+MOST_PLACEHOLDERS = 6  # placeholders of a name pattern, stars among them: three parts and the text between them
 LONGEST_PATTERN = 128  # characters, as many as a name of a DBC may have
 PARTS = ("segment", "group", "cell")  # what numbers a cell: of names `{cell}`, or of signals in the frame
 VOLTAGE_UNITS = {"V": 1.0, "mV": 1e-3, "0.1mV": 1e-4, "0.01V": 1e-2, "0.1V": 0.1}
@@ -26,7 +26,7 @@ class CellSignals:
     """One way in which values of many cells are spoken.
 
     Index of a cell = first + start of its segment + (group - base) * group_cells + (cell - base); a part that is not
-    told counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or
+    seen counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or
     from `numbers`, signals of the same frame.
     """
 
@@ -37,7 +37,7 @@ class CellSignals:
     group_cells: int = 1
     first: int = 0  # cell, from 0, of which the lowest numbers tell
     order: tuple[int, ...] = ()  # the k-th value is that of this cell, from 0; empty: in order
-    unit: str = ""  # of the decoded value; empty: as the DBC says
+    unit: str = ""  # unit of the decoded value; empty: the DBC's
     scale: float = 1.0
     offset: float = 0.0  # in V or degC, added after unit and scale
     invalid: tuple[int, ...] = ()  # raw numbers that mean: not measured
@@ -45,17 +45,17 @@ class CellSignals:
     valid_signal: str = ""  # pattern of a signal that is 0 where the value is invalid
     valid_range: tuple[float, float] | None = None  # V or degC; beyond it a value is missing
     checksum: str = ""
-    max_age_s: float | None = None  # older is missing; None: measured from what is heard
-    line: int | None = None  # of the profile
+    max_age_s: float | None = None  # older is missing; None: measured from what is received
+    line: int | None = None  # line number in the profile
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ScalarSignal:
     """One quantity of the whole battery: value = sign * (decoded * unit - zero)."""
 
     signal: SignalName
     unit: str = ""
-    positive: Literal["discharge", "charge"] = "discharge"  # of a current only
+    positive: Literal["discharge", "charge"] = "discharge"  # sign of a current
     zero: float = 0.0
     max_age_s: float | None = None
     line: int | None = None
@@ -72,19 +72,19 @@ class StateSignal:
 
 
 @dataclass(frozen=True, slots=True)
-class SpeaksDbc:
-    """A battery that is heard by a DBC."""
+class DbcMapping:
+    """A battery that is received by a DBC."""
 
     dbc: tuple[str, ...]  # files, as the profile names them
     cells: dict[Kind, tuple[CellSignals, ...]] = field(default_factory=dict, hash=False)
-    current: Reading | None = None
-    pack_voltage: Reading | None = None
-    soc: Reading | None = None
-    charger_voltage: Reading | None = None
-    charger_current: Reading | None = None
+    current: ScalarSignal | None = None
+    pack_voltage: ScalarSignal | None = None
+    soc: ScalarSignal | None = None
+    charger_voltage: ScalarSignal | None = None
+    charger_current: ScalarSignal | None = None
     states: dict[str, StateSignal] = field(default_factory=dict, hash=False)  # by a name of STATES
-    period_s: float = 0.1  # between two measurements that are made of what was heard
-    bit_rate: int | None = None  # of the bus [bit/s]
+    period_s: float = 0.1  # between two measurements that are made of what was received
+    bit_rate: int | None = None  # bit rate of the bus [bit/s]
 
     @property
     def kinds(self) -> frozenset[str]:
@@ -101,13 +101,13 @@ class SpeaksDbc:
 
 
 @dataclass(frozen=True, slots=True)
-class SpeaksMaster:
+class MemoryMap:
     """The team's own master, by its memory map."""
 
 
 @dataclass(frozen=True, slots=True)
-class SpeaksTable:
+class TableMapping:
     """Rows of a table that was imported: each tells every cell at one instant."""
 
 
-Source = SpeaksDbc | SpeaksMaster | SpeaksTable | SerialMapping
+Source = DbcMapping | MemoryMap | TableMapping | SerialMapping

@@ -29,7 +29,7 @@ class TableReader:
     """One table of a profile, read by its fields."""
 
     file: str
-    path: str  # of the table, as `source.voltage[0]`
+    path: str  # path of the table, such as `source.voltage[0]`
     values: Mapping[str, Any]
     fields: Sequence[Field]
     lines: Mapping[str, int]

@@ -26,7 +26,7 @@ EPILOG = """\
 examples:
   voltwall balance                                  the car's 8 packs of 12, charged at 0.5C from 20 %
   voltwall balance --rest --soc 90 --hours 12       at rest
-  voltwall balance --thesis --rate 1 --resistor 40  six cells of the balancing thesis, its own figures beside
+  voltwall balance --thesis --rate 1 --resistor 40  six cells of the balancing thesis, with its own figures
   voltwall balance --segments 1x14 --circuit transformer --spread 5 --picture balance.svg
 """
 
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description, parser.epilog = DESCRIPTION, EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
-        "--circuit", action="append", choices=CIRCUITS, help="may be repeated (default: all, and none beside them)"
+        "--circuit", action="append", choices=CIRCUITS, help="may be repeated (default: all, and none for comparison)"
     )
     parser.add_argument("--thesis", action="store_true", help="the six cells of the balancing thesis, not the car's")
     parser.add_argument(

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from app.battery.battery import Battery
     from app.battery.serial import SerialMapping
     from app.battery.sizing import Figure
-    from app.battery.source import CellSignals, SpeaksDbc
+    from app.battery.source import CellSignals, DbcMapping
     from app.battery.table_reader import ProfileError
     from app.estimation.cell_model.circuit import CellModel
-    from app.sources.dbc.check import Doubt
+    from app.sources.dbc.check import ProfileIssue
 
 _MOST_PARALLEL = 1000
 _NAMES = {"signal", "message", "numbers"}  # fields of an entry that name what is in the DBC
@@ -133,7 +133,7 @@ def _show(args: argparse.Namespace) -> int:
     """Print what one means."""
     from app.battery.library import load_profile
     from app.battery.serial import SerialMapping
-    from app.battery.source import SpeaksDbc, SpeaksMaster
+    from app.battery.source import DbcMapping, MemoryMap
 
     loaded = load_profile(args.profile)
     if args.toml:
@@ -141,9 +141,9 @@ def _show(args: argparse.Namespace) -> int:
         return 0
     battery, source = loaded.profile.battery, loaded.profile.source
     _show_battery(battery)
-    if isinstance(source, SpeaksMaster):
+    if isinstance(source, MemoryMap):
         print("source: the team's own master, over RS232 and CAN")
-    elif isinstance(source, SpeaksDbc):
+    elif isinstance(source, DbcMapping):
         _show_source(source)
     elif isinstance(source, SerialMapping):
         _show_serial(source)
@@ -163,7 +163,7 @@ def _show_battery(battery: Battery) -> None:
             print(f"{title}: " + ", ".join(f"{name} = {value}" for name, value in values.items()))
 
 
-def _show_source(source: SpeaksDbc) -> None:
+def _show_source(source: DbcMapping) -> None:
     print(f"source: CAN by {', '.join(source.dbc)}")
     for kind, entries in source.cells.items():
         for entry in entries:
@@ -209,7 +209,7 @@ def _check(args: argparse.Namespace) -> int:
     from app.battery.library import load_part
     from app.battery.profile_errors import errors_of
     from app.battery.serial import SerialMapping
-    from app.battery.source import SpeaksDbc
+    from app.battery.source import DbcMapping
 
     document = load_part(args.profile)
     errors, profile = errors_of(document)
@@ -217,7 +217,7 @@ def _check(args: argparse.Namespace) -> int:
     n_errors, n_doubts = len(errors), 0
     if profile is not None:
         doubts = _of_cell(profile.battery.cell, profile.file)
-        if isinstance(profile.source, SpeaksDbc):
+        if isinstance(profile.source, DbcMapping):
             doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
         elif isinstance(profile.source, SerialMapping):
             doubts += _of_serial(profile.battery, profile.source, profile.file, args)
@@ -253,7 +253,7 @@ def _of_field(error: ProfileError) -> str:
 
 
 def _is_known(field: str, errors: list[ProfileError]) -> bool:
-    """What can be said of a field comes from an error that was told: its own, or of a name in the same table."""
+    """Whether a field has an error that was printed: its own, or of a name in the same table."""
     table = f"{field.rpartition('.')[0]}."
     return any(
         error.path == field or (error.path.startswith(table) and set(error.path[len(table) :].split(".")) & _NAMES)
@@ -261,18 +261,18 @@ def _is_known(field: str, errors: list[ProfileError]) -> bool:
     )
 
 
-def _of_dbc(battery: Battery, source: SpeaksDbc, file: str, log: Path | None) -> list[Doubt]:
+def _of_dbc(battery: Battery, source: DbcMapping, file: str, log: Path | None) -> list[ProfileIssue]:
     """Doubts of the files that the profile names, and of what it says of them."""
-    from app.sources.dbc.check import Doubt, doubts_of
+    from app.sources.dbc.check import ProfileIssue, issues_of
 
     missing = [Path(name) for name in source.dbc if not Path(name).is_file()]
     if missing:
-        return [Doubt(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
+        return [ProfileIssue(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
     definitions = battery_learn.definitions_of(map(Path, source.dbc))
-    return doubts_of(battery, source, definitions, file, None if log is None else battery_learn.log_frames(log))
+    return issues_of(battery, source, definitions, file, None if log is None else battery_learn.log_frames(log))
 
 
-def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argparse.Namespace) -> list[Doubt]:
+def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argparse.Namespace) -> list[ProfileIssue]:
     """Doubts of serial tables; with captured bytes also prints what they hold."""
     from app.sources.serial.check import captured_bytes, serial_doubts, shown_values
 
@@ -286,26 +286,26 @@ def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argpar
     return doubts
 
 
-def _of_cell(cell: str, file: str) -> list[Doubt]:
+def _of_cell(cell: str, file: str) -> list[ProfileIssue]:
     from app.estimation.cell_model.cell_file import load_cell
     from app.estimation.errors import CellFileError
-    from app.sources.dbc.check import Doubt
+    from app.sources.dbc.check import ProfileIssue
 
     try:
         load_cell(cell)
     except CellFileError as error:
-        return [Doubt(file, None, "battery.cell", str(error), is_error=True)]
+        return [ProfileIssue(file, None, "battery.cell", str(error), is_error=True)]
     return []
 
 
 def _size(args: argparse.Namespace) -> int:
     """Print what a battery of these cells can do."""
-    from app.battery.sizing import Layout, figures_of
+    from app.battery.sizing import CellLayout, figures_of
 
     cell = chosen_cell(args.cell)
     _check_temperature(cell, args.temperature)
     n_segments, n_in_series = args.segments
-    layout = Layout(n_segments, n_in_series, args.parallel)
+    layout = CellLayout(n_segments, n_in_series, args.parallel)
     figures = figures_of(cell, layout, args.soc / 100.0, args.temperature)
     if args.json:
         document = {

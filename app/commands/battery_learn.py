@@ -18,9 +18,9 @@ from app.words.render import number
 
 if TYPE_CHECKING:
     from app.sources.dbc.frames import Frames
-    from app.sources.dbc.learn.learning import Learned
-    from app.sources.dbc.learn.lesson import Running
-    from app.sources.dbc.learn.survey import Survey
+    from app.sources.dbc.infer.bus_survey import BusSurvey
+    from app.sources.dbc.infer.inference import InferredProfile
+    from app.sources.dbc.infer.profile_draft import CurrentValue
 
 _MOST_ODDITIES = 10
 
@@ -29,7 +29,7 @@ def add_arguments(actions: Actions) -> None:
     """Declare the action."""
     learning = actions.add_parser(
         "learn",
-        help="what speaks on a bus or in a log, and a profile with the reasons for it; exit code 1 where none fits",
+        help="create a profile from a DBC and from a bus or a log, with reasons; exit code 1 where none fits",
     )
     learning.add_argument(
         "--dbc", type=Path, action="append", default=[], metavar="FILE",
@@ -53,10 +53,10 @@ def run(args: argparse.Namespace) -> int:
     """Print what is received and write the profile; 1 where none fits."""
     from app.battery.source import STATES
     from app.sources.dbc.frames import frames_of
-    from app.sources.dbc.learn.learning import learn
-    from app.sources.dbc.learn.lesson import Lesson
-    from app.sources.dbc.learn.lines import Choice
-    from app.sources.dbc.learn.profile_text import profile_text
+    from app.sources.dbc.infer.inference import infer_profile
+    from app.sources.dbc.infer.lines import Choice
+    from app.sources.dbc.infer.profile_draft import ProfileDraft
+    from app.sources.dbc.infer.profile_text import profile_text
     from app.sources.dbc.listening import bus_frames
 
     frames = frames_of([])
@@ -69,19 +69,19 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("dbc", "", "say --dbc, --log or --can")
     definitions, files = (definitions_of(args.dbc), args.dbc) if args.dbc else _bundled(frames)
     _print_oddities(definitions)
-    lesson = Lesson(definitions, (), frames, "")
-    found = lesson.survey
+    draft = ProfileDraft(definitions, (), frames, "")
+    found = draft.survey
     _print_messages(found, with_signals=args.signals)
     folder = Path() if args.out is None else args.out.parent
     names = tuple(_relative(file, folder) for file in files)
     confirmed = {f"state.{name}": Choice(is_taken=True) for name in STATES} if args.with_states else {}
-    learned = learn(found, frames, args.name or files[0].stem, names, confirmed)
-    if learned is None:
-        print(render(Message("learn-nothing")))
+    inferred = infer_profile(found, frames, args.name or files[0].stem, names, confirmed)
+    if inferred is None:
+        print(render(Message("infer-nothing")))
         return 1
-    _print_summary(learned, lesson.running(learned))
+    _print_summary(inferred, draft.running(inferred))
     print()
-    write_out(profile_text(learned), args.out)
+    write_out(profile_text(inferred), args.out)
     if args.out is not None:
         print(f"{args.out} written; read it, correct it, then: voltwall battery check {args.out}")
     return 0
@@ -123,21 +123,22 @@ def _print_oddities(definitions: Definitions) -> None:
         print(f"... and {len(definitions.oddities) - _MOST_ODDITIES} more: voltwall battery check tells all")
 
 
-def _print_messages(found: Survey, with_signals: bool) -> None:
+def _print_messages(found: BusSurvey, with_signals: bool) -> None:
     messages = found.definitions.by_id()
     if not found.n_frames:
         print(f"{len(messages)} messages in the DBC; without --log or --can nothing is known of their values")
         return
-    print(f"{found.n_frames} frames in {found.duration_s:.1f} s; {len(found.heard)} of {len(messages)} messages heard")
+    summary = f"{len(found.received)} of {len(messages)} messages received"
+    print(f"{found.n_frames} frames in {found.duration_s:.1f} s; {summary}")
     print(f"{'id':>10}  {'message':32} {'signals':>7} {'frames':>8} {'Hz':>8}")
-    for can_id, heard in sorted(found.heard.items()):
-        message = heard.message
+    for can_id, received in sorted(found.received.items()):
+        message = received.message
         print(
-            f"{_id(can_id):>10}  {message.name:32} {len(message.signals):>7} {len(heard.group.frames):>8}"
-            f" {number(heard.rate_hz, 2):>8}"
+            f"{_id(can_id):>10}  {message.name:32} {len(message.signals):>7} {len(received.group.frames):>8}"
+            f" {number(received.rate_hz, 2):>8}"
         )
         for signal in message.signals if with_signals else ():
-            values = heard.signal(signal.name)
+            values = received.signal(signal.name)
             if values is not None:
                 print(f"{'':12}{signal.name}: {values.low:.6g} to {values.high:.6g} {signal.unit}")
     if found.unknown:
@@ -152,9 +153,9 @@ def _id(can_id: int) -> str:
     return f"{can_id & 0x1FFFFFFF:08X}x" if can_id >> 31 else f"{can_id:03X}"
 
 
-def _reading_of(key: str, running: Running | None) -> str:
+def _reading_of(key: str, running: CurrentValue | None) -> str:
     """What a line read last, for the line's end."""
-    from app.sources.dbc.learn.lines import LINE_UNITS
+    from app.sources.dbc.infer.lines import LINE_UNITS
 
     if running is None:
         return ""
@@ -171,15 +172,15 @@ def _reading_of(key: str, running: Running | None) -> str:
     return f", now {known[0]:.5g} {unit}"
 
 
-def _print_summary(learned: Learned, running: dict[str, Running]) -> None:
-    from app.sources.dbc.learn.lines import title
+def _print_summary(inferred: InferredProfile, running: dict[str, CurrentValue]) -> None:
+    from app.sources.dbc.infer.lines import title
 
-    battery = learned.battery
+    battery = inferred.battery
     print(
         f"\nsuggested: {battery.n_cells} cells in {battery.n_segments} segments,"
         f" {battery.n_sensors} temperature sensors"
     )
-    for key, line in learned.lines.items():
+    for key, line in inferred.lines.items():
         reads = _reading_of(key, running.get(key))
         print(f"  {key}: {title(line.chosen)}{reads}{'' if line.is_taken else '  (to confirm)'}")
         for reason in line.chosen.reasons:
@@ -187,8 +188,8 @@ def _print_summary(learned: Learned, running: dict[str, Running]) -> None:
         others = [title(each) for each in line.candidates if title(each) != title(line.chosen)]
         if others:
             print(f"    or: {', '.join(others)}")
-    for doubt in learned.doubts:
-        print(f"  to decide: {render(doubt)}")
+    for question in inferred.questions:
+        print(f"  to decide: {render(question)}")
 
 
 def definitions_of(files: Iterable[Path]) -> Definitions:

@@ -14,7 +14,7 @@ from app.estimation.filters.filter_names import FILTERS
 if TYPE_CHECKING:
     from app.commands.bench_measurements import Row
 
-_FIRST_SNAPSHOT_S = 5.0  # of a service, until it is measured
+_FIRST_SNAPSHOT_S = 5.0  # time of a new service until it is measured
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -42,7 +42,7 @@ PASSES = 3000
 START_S = 30.0
 Passed = Callable[[float], None]  # gets how many seconds of the measurement are over
 Row = tuple[str, str, str]  # what, figure, method
-FIRST_S = 3.0  # of a session: every table and series has begun
+FIRST_S = 3.0  # start of a session after which every table and series has begun
 _CLOCK_HZ = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 
 

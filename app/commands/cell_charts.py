@@ -20,7 +20,7 @@ MODEL = "#1f6feb"
 REFERENCE = "#202630"
 SHADES = ("#1f6feb", "#d9730d", "#2a9d6f", "#a23b8f")
 DROP_S = (0.0, 10.0, 300.0)  # after which a drop is drawn
-POINTS_LIMIT = 20_000  # more are thinned: they cannot be told apart on paper
+POINTS_LIMIT = 20_000  # points of a curve; more are thinned: paper cannot show them
 
 
 def check_picture_name(path: Path) -> None:

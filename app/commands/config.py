@@ -13,7 +13,7 @@ from urllib.parse import quote
 from app.commands.arguments import add_json_argument, add_trust_argument, write_out
 from app.commands.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
 from app.commands.console import print_table
-from app.configuration.profile import is_profile
+from app.configuration.saved_configuration import is_profile
 from app.errors import ConfigError
 from app.words import Message, render
 
@@ -267,8 +267,8 @@ def _print_answer(answer: Any) -> None:
     for warning in answer["warnings"]:
         if not warning["standing"]:
             print(f"{warning['level']}: {warning['message']['text']}", file=sys.stderr)
-    if answer["hindrance"]:
-        print(f"not now: {answer['hindrance']['text']}", file=sys.stderr)
+    if answer["block_reason"]:
+        print(f"not now: {answer['block_reason']['text']}", file=sys.stderr)
 
 
 def _print_changes(changes: list[dict[str, Any]]) -> None:

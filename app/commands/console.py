@@ -76,7 +76,7 @@ def _short(text: str, width: int) -> str:
 
 SHOWN_AFTER_S = 2.0
 EVERY_S = 0.2
-_PARTS = 1000  # of each of several jobs, as the progress of all counts
+_PARTS = 1000  # steps of one job in the progress of several
 
 
 class Progress:

@@ -96,7 +96,7 @@ def summary(
     score: SocScore | None,
     white: InnovationScore | None,
 ) -> dict[str, Any]:
-    """Return the result as plain JSON values; what cannot be said is None."""
+    """Return the result as plain JSON values; what is missing is None."""
     import numpy as np
 
     from app.commands.filter_run import gap_notes, outside_notes

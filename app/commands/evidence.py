@@ -126,12 +126,12 @@ def _print_line(text: str) -> None:
 
 
 def _person(args: argparse.Namespace) -> Path:
-    from app.commands.evidence_benches import PersonAtThePlug
+    from app.commands.evidence_benches import ManualBench
     from app.commands.evidence_station import walk
 
     names = _steps(args)
     station = _station(args, args.serial, is_simulated=args.simulated)
-    return _walked(station, lambda: walk(station, PersonAtThePlug(), names, _print_line))
+    return _walked(station, lambda: walk(station, ManualBench(), names, _print_line))
 
 
 def _simulated(args: argparse.Namespace) -> Path:

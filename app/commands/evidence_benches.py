@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any, Final, Protocol
 
 from app.analysis.evidence.steps import Sign, Step
-from app.analysis.evidence.timing import Limits
+from app.analysis.evidence.timing import ConfiguredLimits
 from firmware_protocol.memory_map import CONFIG
 
 SCENARIO: Final = """\
@@ -22,7 +22,7 @@ for_s = 100000
 PACK, CELL = 3, 7
 _BEYOND_A, _BEYOND_K = 400.0, 20
 _OVER_V, _UNDER_V = 5.0, 1.0  # so far that the filter needs a pass or two
-_FAULTS: Final[dict[Sign, tuple[str, str, str]]] = {  # of the simulator; what a person does, and undoes
+_FAULTS: Final[dict[Sign, tuple[str, str, str]]] = {  # fault of the simulator; what a person does, and undoes
     "voltage-high": (
         "cell-voltage-stuck",
         "Raise the measured voltage of one cell above {v_cell_max} V (a supply at one cell input)",
@@ -67,7 +67,7 @@ class Skipped(Exception):
 class Bench(Protocol):
     """Makes faults and takes them away."""
 
-    def fail(self, step: Step, limits: Limits) -> None:
+    def fail(self, step: Step, limits: ConfiguredLimits) -> None:
         """Make the fault; Skipped where it is not done."""
 
     def mend(self, step: Step) -> None:
@@ -80,7 +80,7 @@ class SimulatedBench:
     def __init__(self, ask: Callable[[str, dict[str, Any]], object]) -> None:
         self._ask = ask
 
-    def fail(self, step: Step, limits: Limits) -> None:
+    def fail(self, step: Step, limits: ConfiguredLimits) -> None:
         """Inject the fault."""
         value = {
             "voltage-high": _OVER_V,
@@ -102,10 +102,10 @@ class SimulatedBench:
         return {"pack": PACK} if step.name == "slave-lost" else {"pack": PACK, "cell": CELL}
 
 
-class PersonAtThePlug:
+class ManualBench:
     """Asks a person on the console."""
 
-    def fail(self, step: Step, limits: Limits) -> None:
+    def fail(self, step: Step, limits: ConfiguredLimits) -> None:
         """Prompt; an answer other than nothing is why the step is skipped."""
         numbers = {name: f"{value * CONFIG[name].scale:g}" for name, value in asdict(limits).items()}
         what = _FAULTS[step.name][1].format(**numbers, pack=PACK)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from app.analysis.evidence.evidence import MARKER
-from app.analysis.evidence.looks import Look, Values, looks
+from app.analysis.evidence.master_samples import MasterSample, SampledValues, master_samples
 from app.analysis.evidence.steps import STEPS
-from app.analysis.evidence.timing import TRIPS, Limits
+from app.analysis.evidence.timing import TRIPS, ConfiguredLimits
 from app.clock import Clock
 from app.commands.evidence_benches import Bench, Skipped
 from app.errors import AppError, LinkLost, MasterRefused, MasterSilent
@@ -44,7 +44,7 @@ class Station:
         self.client = MasterClient(self._link.write, clock)
         self._link.on_frame, self._link.on_lost = self.client.on_frame, self.client.on_lost
         self._news = threading.Condition()
-        self._newest: Look | None = None
+        self._newest: MasterSample | None = None
         self._lost: LinkChange | None = None
         self._trips: list[EventMessage] = []
 
@@ -75,7 +75,7 @@ class Station:
         with self._news:
             self._trips.clear()
 
-    def wait(self, condition: Callable[[Values, list[EventMessage]], bool], seconds: float) -> bool:
+    def wait(self, condition: Callable[[SampledValues, list[EventMessage]], bool], seconds: float) -> bool:
         """Wait until the newest values and the trips since `forget_trips` fulfil a condition; False after the time."""
         with self._news:
             return self._news.wait_for(lambda: self._holds(condition), seconds)
@@ -96,7 +96,7 @@ class Station:
         """Let so much be recorded."""
         self.wait(lambda *_: False, seconds)
 
-    def _holds(self, condition: Callable[[Values, list[EventMessage]], bool]) -> bool:
+    def _holds(self, condition: Callable[[SampledValues, list[EventMessage]], bool]) -> bool:
         values = None if self._newest is None else self._newest.values
         return values is not None and condition(values, self._trips)
 
@@ -111,7 +111,7 @@ class Station:
         self.recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, frame.raw, isinstance(frame, Frame))
         if not isinstance(frame, Frame):
             return
-        for look in looks([(item.t_mono_ns, frame.raw)], BAUD_RATE):
+        for look in master_samples([(item.t_mono_ns, frame.raw)], BAUD_RATE):
             with self._news:
                 if look.values is not None:
                     self._newest = look
@@ -131,7 +131,7 @@ def walk(station: Station, bench: Bench, names: set[str], say: Callable[[str], N
         raise NotReady(Message("evidence-no-telemetry"))
     station.client.identify()
     image = station.read_config()
-    limits = Limits.of(image)
+    limits = ConfiguredLimits.of(image)
     with _quick_telemetry(station, image, say):
         station.rest(LEAD_S)
         for number, step in enumerate(STEPS, 1):

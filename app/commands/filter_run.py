@@ -29,15 +29,15 @@ from app.estimation.identification.branches import GAP_S
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 from app.estimation.recording.gaps import SHORT_GAP_S, Around, Gap, bridge_gap
 
-DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
+DEFAULT_TEMPERATURE_DEGC = 25.0  # assumed temperature of a recording without one
 UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
-DOUBT_NOTED = 0.1  # by which resistances may be off for want of measurements before a note says so
+TEMPERATURE_ERROR_NOTED = 0.1  # by which resistances may be off for want of measurements before a note says so
 BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has no evidence
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a filter said along a recording, every array (n,); `innovation_v` is measured minus predicted [V].
+    """Estimates along a recording, every array (n,); `innovation_v` is measured minus predicted [V].
 
     Capacity [Ah] and resistance over that of the cell file are those learned at the end.
     """
@@ -96,20 +96,22 @@ def run_filter(
     offset = None if estimator.voltage_soc() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
     gaps = gaps_of(recording, capacity_ah)
-    heard = steps.copy()  # of a gap the last usual step: the rest is bridged
-    heard[list(gaps)] = recording.usual_step_s
-    time_s, drawn_as = (np.concatenate(([0.0], np.cumsum(each))) for each in (heard, heard * np.nan_to_num(current)))
+    received = steps.copy()  # a gap counts as one usual step: the rest is bridged
+    received[list(gaps)] = recording.usual_step_s
+    time_s, drawn_as = (
+        np.concatenate(([0.0], np.cumsum(each))) for each in (received, received * np.nan_to_num(current))
+    )
     unheard, learning, table = np.full(1, np.nan), LearningRun(estimator), np.empty((N_OUT, len(steps)))
-    samples = heard, steps, current, voltages, learnt_from, temperatures
+    samples = received, steps, current, voltages, learnt_from, temperatures
     for rows in _pieces(steps, gaps):
         if (gap := gaps.get(rows.start)) is not None:
-            estimator.step(steps[rows.start] - heard[rows.start], gap.current_a, unheard, temperatures[rows.start])
+            estimator.step(steps[rows.start] - received[rows.start], gap.current_a, unheard, temperatures[rows.start])
             estimator.widen(min(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
             first_minutes.drop()
             if offset is not None:
                 offset.interrupt()
         for k in range(rows.start, rows.stop) if first_minutes.is_keeping else ():
-            first_minutes.keep(float(heard[k]), float(current[k]), voltages[k], temperatures[k])
+            first_minutes.keep(float(received[k]), float(current[k]), voltages[k], temperatures[k])
         table[:, rows] = learning.step([each[rows] for each in samples]).numbers[:, :, 0]
         if first_minutes.is_keeping:
             first_minutes.again(learning.factor, learning.judge()[1] <= RESISTANCE_SIGMA_MAX, restart)
@@ -170,11 +172,11 @@ def outside_notes(recording: Recording, cell: CellModel) -> list[str]:
     known = temperature[np.isfinite(temperature)]
     if known.size == 0:
         notes.append(f"no temperature: {DEFAULT_TEMPERATURE_DEGC:g} degC taken")
-    elif float(doubt := cell.drop_error(known[[known.argmin(), known.argmax()]]).max()) > DOUBT_NOTED:
+    elif float(error := cell.drop_error(known[[known.argmin(), known.argmax()]]).max()) > TEMPERATURE_ERROR_NOTED:
         seen = cell.measured_degc
         notes.append(
             f"warning: {known.min():.0f} to {known.max():.0f} degC, the cell was measured from {seen[0]:.0f} to "
-            f"{seen[-1]:.0f} degC: resistances may be off by {100.0 * doubt:.0f} %"
+            f"{seen[-1]:.0f} degC: resistances may be off by {100.0 * error:.0f} %"
         )
     largest_a = float(np.abs(recording.current_a).max())
     if cell.fit_current_max_a and largest_a > BEYOND_FIT * cell.fit_current_max_a:

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimates",
         choices=("recomputed", "recorded"),
         default="recomputed",
-        help="which estimates the pages show; both are told (default: recomputed)",
+        help="which estimates the pages show; the other is compared (default: recomputed)",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on; 0 takes a free one (default: 8000)")
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _serve(path: Path, filter_name: Any, args: argparse.Namespace) -> int:
-    from app.api.application import Replay
+    from app.api.application import ServedReplay
     from app.commands.server import serve
     from app.service import log
     from app.service.settings import Settings
@@ -88,7 +88,7 @@ def _serve(path: Path, filter_name: Any, args: argparse.Namespace) -> int:
             host=args.host, port=args.port, filter=filter_name, cell=args.cell or DEFAULT_CELL, data=Path(data)
         )
         settings.check()
-        return serve(settings, replay=Replay(path, args.speed, args.estimates, args.cell))
+        return serve(settings, replay=ServedReplay(path, args.speed, args.estimates, args.cell))
 
 
 def _pipeline(session: SessionFile, filter_name: str, chosen: str | None) -> Pipeline:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from app.battery.battery import Battery
     from app.season.history import SeasonSource
     from app.season.lake.build import Built
-    from app.season.lake.place import Place
+    from app.season.lake.place import LakeFolder
     from app.season.overview import SeasonOverview
     from app.season.store import Answer
     from app.season.trends import SeasonTrend
@@ -49,7 +49,7 @@ QUANTITIES = {
     "soc_spread": "at rest",
     "self_discharge": "a day",
 }
-MOST_DIGITS = 9  # of a pack or a cell
+MOST_DIGITS = 9  # digits of a pack's or a cell's number
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -151,13 +151,13 @@ def build(args: argparse.Namespace) -> int:
     Raises:
         ConfigError: the lake cannot be written.
     """
-    from app.season.lake.place import Place
+    from app.season.lake.place import LakeFolder
 
     places = args.places or [data_folder(args) / "sessions"]
     for place in places:
         if not place.exists():
             raise ConfigError("DIR", place, "a folder of sessions, or a session")
-    lake = Place(lake_of(args))
+    lake = LakeFolder(lake_of(args))
     built = built_lake(lake, places, again=args.again, judge_anew=args.judge)
     print(f"{lake.url}: {len(built.made)} made, {len(built.current)} up to date")
     if built.not_closed:
@@ -172,7 +172,7 @@ def lake_of(args: argparse.Namespace) -> str:
     return str(args.lake or Settings().lake or data_folder(args) / "lake")
 
 
-def built_lake(lake: Place, places: Sequence[Path], *, again: bool = False, judge_anew: bool = False) -> Built:
+def built_lake(lake: LakeFolder, places: Sequence[Path], *, again: bool = False, judge_anew: bool = False) -> Built:
     """Bring a lake up to date with the sessions of folders; name those left out, and on a terminal show how far it is.
 
     Raises:
@@ -200,13 +200,13 @@ def kept_season(args: argparse.Namespace) -> SeasonSource:
         AppError: the data folder, the lake, the battery or its cell file cannot be used.
     """
     from app.season.history import SeasonSource
-    from app.season.lake.place import Place
+    from app.season.lake.place import LakeFolder
     from app.sessions.swaps import SwapFile
 
     battery, cell = chosen_battery(args)
     folder, lake = data_folder(args), lake_of(args)
     if (folder / "sessions").is_dir():
-        built_lake(Place(lake), [folder / "sessions"])
+        built_lake(LakeFolder(lake), [folder / "sessions"])
     swaps = SwapFile(folder, battery, simulated=args.simulated).read()
     return SeasonSource(lake, battery, args.simulated, cell, tuple(swaps))
 
@@ -217,8 +217,8 @@ def answer_question(args: argparse.Namespace) -> int:
     Raises:
         AppError: the question is wrong, not allowed, or takes too long.
     """
-    from app.season.lake.place import Place
-    from app.season.store import Limits, SeasonStore
+    from app.season.lake.place import LakeFolder
+    from app.season.store import QueryLimits, SeasonStore
 
     if args.question is None:
         if getattr(args, "json", False):
@@ -232,10 +232,10 @@ def answer_question(args: argparse.Namespace) -> int:
     for option, least in (("limit_rows", 0), ("limit_s", 0.001), ("limit_mb", 16)):
         if not getattr(args, option) >= least:
             raise ConfigError(option.replace("_", "-"), getattr(args, option), f"at least {least}")
-    limits = Limits(args.limit_s, args.limit_mb, args.limit_rows)
+    limits = QueryLimits(args.limit_s, args.limit_mb, args.limit_rows)
     lake = lake_of(args)
     if args.lake:
-        Place(lake).check_there()
+        LakeFolder(lake).check_there()
     answer = ask(SeasonStore(lake), args.question, limits, **dict(_pair(text) for text in args.set))
     _print_answer(args, answer)
     if answer.is_cut and not getattr(args, "json", False):
@@ -308,7 +308,7 @@ def _print_trend(name: str, trend: SeasonTrend | None, unit: str, digits: int = 
     if trend is None:
         print(f"  {name:15} too few sessions")
         return
-    if trend.tells_month:
+    if trend.is_reportable:
         sure = "" if trend.is_sure else " (not more than chance)"
         band = f"95 % {100 * trend.low:+.3f}..{100 * trend.high:+.3f}"
         month = f"{100 * trend.per_month:+.3f} % a month, {band}{sure}"

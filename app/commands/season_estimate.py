@@ -19,14 +19,14 @@ from app.estimation.filters.filter_names import FILTERS
 if TYPE_CHECKING:
     from app.season.estimates.changes import EstimateChange
     from app.season.estimates.results import EstimateSet
-    from app.season.estimates.run import Outcome, Progress
+    from app.season.estimates.run import EstimateProgress, Outcome
     from app.sessions.errors import SessionError
     from app.sessions.info import SessionInfo
 
 
 def add_arguments(actions: Actions) -> None:
     """Declare the action."""
-    text = "all sessions through the filter again, in parallel; the new results beside the old, and what changed"
+    text = "all sessions through the filter again, in parallel; and what changed"
     parser = actions.add_parser(
         "estimate",
         help=text,
@@ -117,7 +117,7 @@ def _chosen(name: str, field: str, filter_name: str) -> tuple[EstimateSet, str |
     return set_of(model.name, text, filter_name), text
 
 
-def _show_progress(progress: Progress) -> None:
+def _show_progress(progress: EstimateProgress) -> None:
     left = "" if progress.left_s is None else f", {progress.left_s:.0f} s left"
     suffix = f": {progress.error}" if progress.error else ""
     print(f"{progress.done}/{progress.total} {progress.session}{suffix}{left}", file=sys.stderr, flush=True)

@@ -19,11 +19,11 @@ from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.framing import Frame
 
-END_S: Final = 20.0  # of real time, for the simulator to end by itself
+END_S: Final = 20.0  # real time for the simulator to end
 _JUDGE_NS: Final = 1_000_000_000
 
 
-class CarClock(Clock):
+class PlaybackClock(Clock):
     """The car's time by its frames, from a given time of day: at any speed."""
 
     def __init__(self, start_wall_ns: int) -> None:
@@ -69,7 +69,7 @@ def play(
 
 class _Player:
     def __init__(self, folder: Path, factory: PipelineFactory, start_wall_ns: int) -> None:
-        self._clock = CarClock(start_wall_ns)
+        self._clock = PlaybackClock(start_wall_ns)
         self._pipeline: Pipeline = factory.pipeline("simulator", "simulated", "simulated")
         self._recorder = AutoRecorder(
             folder, automatic=True, on_event=self._on_event, clock=self._clock, source="simulator"

@@ -14,7 +14,7 @@ from typing import Any
 import uvicorn
 
 from app.api.access.certificate import Certificate
-from app.api.application import Replay, create_app, create_fleet_app
+from app.api.application import ServedReplay, create_app, create_fleet_app
 from app.api.web.connection import server_config
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, ClientConnections, most_connections
 from app.commands.tls import Renewal, certificate_of, certificate_text, context_of
@@ -23,9 +23,9 @@ from app.service import log
 from app.service.health.watchdog import keep_alive, notify
 from app.service.host import (
     HighListener,
-    give_freed_memory_back,
     locked_folder,
     raise_descriptor_limit,
+    release_freed_memory,
     return_freed_memory,
 )
 from app.service.settings import Settings
@@ -38,10 +38,10 @@ from app.words import Message
 
 AGAIN = -1  # instead of an exit code
 _CLOSING_S = 2.0  # from the end of most connections of a crowd to that of the rest
-_WAIT_AT_THE_DOOR = 1024  # connections that the system holds until the service takes them
+_ACCEPT_PAUSE_S = 1024  # connections that the system holds until the service takes them
 
 
-def serve(settings: Settings, replay: Replay | None = None) -> int:
+def serve(settings: Settings, replay: ServedReplay | None = None) -> int:
     """Serve until a signal ends it; what is read cannot be chosen on the page.
 
     Raises:
@@ -50,13 +50,13 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
     return serve_once(settings, replay)[0]
 
 
-def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bool = True) -> tuple[int, int]:
+def serve_once(settings: Settings, replay: ServedReplay | None = None, *, is_fixed: bool = True) -> tuple[int, int]:
     """Bind, lock the data folder, run; return the exit code, AGAIN for other connections, and the port.
 
     Raises:
         ConfigError: the port is taken, the folder cannot be used or is used by another service.
     """
-    give_freed_memory_back()
+    release_freed_memory()
     sys.setswitchinterval(0.001)  # a frame on its way to the pages does not wait 5 ms for the recorder's thread
     with contextlib.ExitStack() as stack:
         stack.enter_context(locked_folder(settings.data))
@@ -132,7 +132,7 @@ def _run(
 
 
 def _source(
-    settings: Settings, stack: contextlib.ExitStack, replay: Replay | None, *, by_operator: bool
+    settings: Settings, stack: contextlib.ExitStack, replay: ServedReplay | None, *, by_operator: bool
 ) -> tuple[Source, str | None, str | None, SimulatorProcess | None]:
     """Return (source, RS232 URL, CAN bus, simulator); the simulator is started where no hardware is named.
 
@@ -180,7 +180,7 @@ class _Server(uvicorn.Server):
         """Start, print the address, notify systemd."""
         await super().startup(sockets)
         for listener in sockets or ():
-            listener.listen(_WAIT_AT_THE_DOOR)  # in the kernel: the event loop takes but few at once
+            listener.listen(_ACCEPT_PAUSE_S)  # in the kernel: the event loop takes but few at once
         if self.started:
             log.say(self._ready_line)
             notify("READY=1")

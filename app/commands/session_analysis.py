@@ -87,7 +87,7 @@ def show_report(args: argparse.Namespace) -> int:
     else:
         found = report.findings
         print(found.headline.text)
-        parts = (("Why", found.why), ("What limited", found.limited), ("What to look at", found.look_at))
+        parts = (("Why", found.why), ("What limited", found.limited), ("What to look at", found.recommended_checks))
         for title, sentences in parts:
             if not sentences:
                 continue
@@ -167,13 +167,13 @@ def _source(text: str | None, session: SessionFile, dbc: Path | None) -> tuple[s
     if text.startswith("signal:"):
         return "signal", text.removeprefix("signal:")
     if text.startswith("dbc:"):
-        from app.analysis.laps.from_session import Counts
+        from app.analysis.laps.from_session import CounterSamples
         from app.sources.recordings.can_log import one_signal
 
         if dbc is None:
             raise ConfigError("--dbc", "(none)", "the DBC file that names the signal")
         frames = ((session.unix_s(f.t_mono_ns), f.can_id, f.data) for f in session.can_frames())
-        return "can", Counts(*one_signal(frames, session.info.id, dbc, text.removeprefix("dbc:")))
+        return "can", CounterSamples(*one_signal(frames, session.info.id, dbc, text.removeprefix("dbc:")))
     from app.analysis.laps.from_session import CanCounter
 
     match = _COUNTER.fullmatch(text)

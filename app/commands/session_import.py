@@ -18,7 +18,7 @@ from app.words import render
 
 if TYPE_CHECKING:
     from app.estimation.arrays import FloatArray
-    from app.sources.recordings.profile import ImportProfile, ProfileStore
+    from app.sources.recordings.import_mapping import ImportMapping, ImportMappingStore
     from app.sources.recordings.table import Table
 
 _NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
@@ -61,25 +61,25 @@ def import_recording(args: argparse.Namespace) -> int:
     from app.live.pipeline_factory import PipelineFactory
     from app.sessions.transfer.import_session import READING_TABLE, between, import_file
     from app.sources.loaded_battery import load_battery
+    from app.sources.recordings.import_mapping import ImportMapping, ImportMappingStore
     from app.sources.recordings.kind import is_can_log
-    from app.sources.recordings.profile import ImportProfile, ProfileStore
     from app.sources.recordings.table import read_table
 
     path = existing("file", args.file)
     data = data_folder(args)
     battery = None if args.battery is None else load_battery(args.battery)
-    store = ProfileStore(data / "profiles")
+    store = ImportMappingStore(data / "profiles")
     is_log = args.dbc is None and is_can_log(path)
     has_table = args.dbc is None and not is_log
     with Progress(path.name) as progress:
         table = read_table(path, between(progress, 0.0, READING_TABLE)) if has_table else None
-        profile = ImportProfile() if is_log else _profile(args, table, store)
+        profile = ImportMapping() if is_log else _profile(args, table, store)
         done = import_file(
             path,
             profile,
             data / "sessions",
             lambda of: PipelineFactory(args.filter, args.cell, of).pipeline(
-                "replay", "imported", "imported", looks_ahead=False
+                "replay", "imported", "imported", predicts=False
             ),
             battery=battery,
             dbc=args.dbc,
@@ -102,7 +102,7 @@ def show_columns(args: argparse.Namespace) -> int:
     """Print what is in a recording."""
     from app.sources.recordings.can_log import read_signals
     from app.sources.recordings.guess import guess
-    from app.sources.recordings.profile import profile_text
+    from app.sources.recordings.import_mapping import profile_text
     from app.sources.recordings.table import read_table
 
     path = existing("file", args.file)
@@ -131,12 +131,12 @@ def _span(name: str, values: FloatArray) -> dict[str, Any]:
     return {"name": name, "lowest": lowest, "highest": highest}
 
 
-def _profile(args: argparse.Namespace, table: Table | None, store: ProfileStore) -> ImportProfile:
+def _profile(args: argparse.Namespace, table: Table | None, store: ImportMappingStore) -> ImportMapping:
     from app.sources.recordings.guess import guess
-    from app.sources.recordings.profile import ImportProfile, parse_profile, profile_of
+    from app.sources.recordings.import_mapping import ImportMapping, parse_profile, profile_of
 
     if args.profile is None:
-        profile = ImportProfile() if table is None else guess(table)
+        profile = ImportMapping() if table is None else guess(table)
     elif Path(args.profile).is_file():
         profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
     else:

@@ -15,7 +15,7 @@ from simulator.cli import run as run_simulator
 
 if TYPE_CHECKING:
     from app.battery.serial import SerialMapping
-    from app.battery.source import SpeaksDbc
+    from app.battery.source import DbcMapping
     from app.sources.loaded_battery import LoadedBattery
     from simulator.dbc_battery.battery import DbcBattery
 
@@ -27,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--battery",
         metavar="NAME|FILE",
-        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC, on a serial line by its profile (default: the team's own)",
+        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC,\n"
+        "on a serial line by its profile (default: the team's own)",
     )
 
 
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from app.sources.loaded_battery import load_battery
 
     loaded = load_battery(args.battery)
-    source, serial = loaded.speaks_dbc, loaded.serial
+    source, serial = loaded.dbc_mapping, loaded.serial
     if serial is not None:
         return run_simulator(args, simulated_serial(loaded, serial))
     return run_simulator(args, None if source is None else simulated(loaded, source))
@@ -61,24 +62,24 @@ def simulated_serial(loaded: LoadedBattery, mapping: SerialMapping) -> DbcBatter
     return DbcBattery(Shape(battery.segments), battery.sensors, cell.capacity_ah, limits, SilentBus(), encoder)
 
 
-def simulated(loaded: LoadedBattery, source: SpeaksDbc) -> DbcBattery:
-    """Return what the simulator makes of a battery; what its DBC has no place for is told on standard error.
+def simulated(loaded: LoadedBattery, source: DbcMapping) -> DbcBattery:
+    """Return what the simulator makes of a battery; what its DBC has no place for goes to standard error.
 
     Raises:
         ConfigError: its cell file is wrong, or no signal of its DBC fits the profile.
     """
-    from app.sources.dbc.encoder import Speech
+    from app.sources.dbc.encoder import FrameEncoder
     from simulator.dbc_battery.battery import DbcBattery
     from simulator.shape import Shape
 
     battery = loaded.battery
     profile = next(iter(loaded.files))
     cell = chosen_cell(battery.cell, "battery.cell")
-    speech = Speech(battery, source, loaded.definitions)
+    speech = FrameEncoder(battery, source, loaded.definitions)
     for trouble in speech.lanes.troubles:
         place = profile if trouble.line is None else f"{profile}:{trouble.line}"
         print(f"voltwall simulate: {place}: {trouble.field}: {render(trouble.what)}", file=sys.stderr)
-    for kind, channels in speech.unsaid().items():
+    for kind, channels in speech.not_encoded().items():
         print(f"voltwall simulate: {len(channels)} values of {kind} have no place in the DBC", file=sys.stderr)
     if math.isinf(speech.due_s):
         raise ConfigError("source", profile, "no signal of the DBC fits the profile: nothing would be sent")

@@ -66,7 +66,9 @@ class Renewal:
         settings, own = self._settings, self._certificate
         try:
             if own.is_own:
-                found = own_certificate(settings.data, (), now_s)  # of other networks at the next start
+                found = own_certificate(
+                    settings.data, (), now_s
+                )  # other networks' addresses are in it from the next start
             else:
                 found = given_certificate(own.certificate, own.key)
             if found.fingerprint == own.fingerprint:

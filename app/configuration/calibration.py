@@ -19,7 +19,7 @@ from firmware_protocol.memory_map import CONFIG, FIELDS, STATUS_FLAGS
 SAMPLES = 20
 PERIOD_S = 0.05
 MIN_REFERENCE_A = 5.0  # below it the sensor's noise is more than a percent
-MAX_CORRECTION = 0.2  # of the gain: beyond it something else is wrong
+MAX_CORRECTION = 0.2  # relative change of the gain; more means another fault
 MAX_OFFSET_COUNTS = 1000.0  # tenths of an ADC count, 24 A with the default gain
 STEADY_A = 2.0
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from app.configuration.finding import Finding, finding
+from app.configuration.issue import ConfigIssue, finding
 from app.words import Message, Quantity
 from firmware_protocol import elcon
 from firmware_protocol.can_tables import RxMessage, TxMessage, bit_rate, bus_load, rx_messages, tx_messages
@@ -26,7 +26,7 @@ CHARGER_PATIENCE_MS = 5000
 CanMessage = TxMessage | RxMessage
 
 
-def can_findings(image: bytes, measured_period_s: Mapping[int, float]) -> list[Finding]:
+def can_findings(image: bytes, measured_period_s: Mapping[int, float]) -> list[ConfigIssue]:
     """Return what is wrong in the tables of an image; `measured_period_s` is what the bus monitor measured, by id."""
     tx, rx = tx_messages(image), rx_messages(image)
     answers = {message.response for message in rx if message.enabled}
@@ -57,7 +57,7 @@ def _about(message: CanMessage, part: str) -> str:
     return f"can_{_table(message)}_msg_{part}"
 
 
-def _ids(image: bytes, messages: Sequence[CanMessage]) -> Iterator[Finding]:
+def _ids(image: bytes, messages: Sequence[CanMessage]) -> Iterator[ConfigIssue]:
     first: dict[int, CanMessage] = {}
     for message in messages:
         if not message.length:
@@ -68,7 +68,7 @@ def _ids(image: bytes, messages: Sequence[CanMessage]) -> Iterator[Finding]:
             yield finding("error", "id-taken", image, _about(message, "id"), message.index, Message("own-id"), why)
 
 
-def _lengths(image: bytes, messages: Sequence[CanMessage], answers: set[int | None]) -> Iterator[Finding]:
+def _lengths(image: bytes, messages: Sequence[CanMessage], answers: set[int | None]) -> Iterator[ConfigIssue]:
     for message in messages:
         is_answer = isinstance(message, TxMessage) and message.index in answers
         if not message.length and (message.enabled or is_answer):
@@ -83,7 +83,7 @@ def _lengths(image: bytes, messages: Sequence[CanMessage], answers: set[int | No
             yield finding("error", "length", image, _about(message, "len"), message.index, limit, why)
 
 
-def _charger(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> Iterator[Finding]:
+def _charger(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> Iterator[ConfigIssue]:
     known = {
         elcon.COMMAND_ID | CAN_ID_EXTENDED: Message("charger-command-length"),
         elcon.STATUS_ID | CAN_ID_EXTENDED: Message("charger-status-length"),
@@ -95,7 +95,7 @@ def _charger(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> 
             why = known[wire_id(message)]
             yield finding("error", "length", image, _about(message, "len"), message.index, "8 byte", why)
     if used and (rate := bit_rate(CONFIG["can_brp"].unpack(image)[0])) not in CHARGER_BIT_RATES:
-        why = Message("charger-speaks", rate=Quantity(rate / 1000, "kbit/s"))
+        why = Message("charger-bit-rates", rate=Quantity(rate / 1000, "kbit/s"))
         yield finding("warning", "charger-rate", image, "can_brp", 0, Message("charger-rates"), why)
 
 
@@ -105,7 +105,7 @@ def _timing(
     rx: Sequence[RxMessage],
     answers: set[int | None],
     measured_period_s: Mapping[int, float],
-) -> Iterator[Finding]:
+) -> Iterator[ConfigIssue]:
     for message in tx:
         if message.enabled and message.length and not message.period_ms:
             why = Message("on-demand-only")
@@ -126,8 +126,8 @@ def _timing(
             yield finding("error", "timeout", image, "can_rx_msg_timeout", received.index, limit, why)
 
 
-def _timeout(image: bytes, received: RxMessage, measured_period_s: Mapping[int, float]) -> Iterator[Finding]:
-    period_ms, known = measured_period_s.get(wire_id(received), 0.0) * 1000, Message("heard-on-bus")
+def _timeout(image: bytes, received: RxMessage, measured_period_s: Mapping[int, float]) -> Iterator[ConfigIssue]:
+    period_ms, known = measured_period_s.get(wire_id(received), 0.0) * 1000, Message("received-on-bus")
     if wire_id(received) == elcon.STATUS_ID | CAN_ID_EXTENDED:
         period_ms, known = CHARGER_STATUS_MS, Message("of-charger")
     if period_ms and received.timeout_ms <= period_ms:
@@ -136,7 +136,7 @@ def _timeout(image: bytes, received: RxMessage, measured_period_s: Mapping[int, 
         yield finding("error", "timeout", image, "can_rx_msg_timeout", received.index, limit, why)
 
 
-def _content(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> Iterator[Finding]:
+def _content(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> Iterator[ConfigIssue]:
     for message in tx:
         for signal in signals(message):
             if signal.is_cut:
@@ -152,11 +152,11 @@ def _content(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> 
             if place is not None:
                 at = received.index * CAN_DATA_BYTES + position
                 why = Message("master-protects-by", field=place[0].name)
-                limit = Message("what-charger-says", low=charger.start, high=charger.stop - 1)
+                limit = Message("charger-reported-range", low=charger.start, high=charger.stop - 1)
                 yield finding("warning", "overwrites", image, "can_rx_msg_data", at, limit, why)
 
 
-def _load(image: bytes) -> Iterator[Finding]:
+def _load(image: bytes) -> Iterator[ConfigIssue]:
     load, rate = bus_load(image), bit_rate(CONFIG["can_brp"].unpack(image)[0])
     if load > WATCH_LOAD:
         taken, most = Quantity(load * 100, "%", 0), MAX_LOAD if load >= MAX_LOAD else WATCH_LOAD

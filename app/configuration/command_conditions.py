@@ -7,7 +7,7 @@ from app.words import Message
 BALANCING = ("balance-start", "balance-cells")
 STARTS = ("charge-start", *BALANCING)  # need a state that is known
 REST_A = 2.0  # beyond, the master takes no voltage for that at rest
-_ENDED = ("off", "done", "fault")  # of the charging
+_ENDED = ("off", "done", "fault")  # charging states without charging
 
 
 def block_reasons(snapshot: Snapshot | None) -> dict[str, Message]:

@@ -6,8 +6,8 @@
 
 from collections.abc import Callable
 
+from app.configuration.configuration_store import ConfigurationStore
 from app.configuration.history import ConfigHistory
-from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
 from app.errors import AppError, ConfigError
 from app.sessions.catalogue import Catalogue
@@ -30,7 +30,7 @@ class ConfigSources:
         self,
         configuration: ConfigurationWriter,
         in_force: Callable[[], bytes | None],
-        profiles: Profiles,
+        profiles: ConfigurationStore,
         history: ConfigHistory,
         catalogue: Catalogue,
     ) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from app.configuration.can_rules import can_findings
-from app.configuration.finding import Finding, Level, finding
+from app.configuration.issue import ConfigIssue, Level, finding
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity, Text
 from firmware_protocol.config_image import ORDERED, RESPONSE_BOUNDS, FieldError, check, to_unit, with_raw
@@ -29,7 +29,7 @@ from firmware_protocol.schedule import FAST_WINDOWS, data_frame_time_s
 RULES_T_MAX_DEGC = 60.0  # Formula Student rules, EV 5.8: 60 degC, or the data sheet's limit where that is lower
 ADC_MAX = 40950  # tenths of a count
 ADC_MIDDLE = 20475
-OFFSET_TOLERANCE = 0.05  # of the middle: a sensor further off is unplugged or broken
+OFFSET_TOLERANCE = 0.05  # relative offset from the middle of the range; a sensor further off is unplugged or broken
 CHARGE_MARGIN_V = 0.01  # what a measurement may be off, between the end of charge and the trip
 CAPACITY_TOLERANCE = 0.2
 PROTECTION = {  # the limits at which the master trips, and whether a higher one is looser
@@ -71,7 +71,7 @@ class Context:
     """What the configuration is judged against besides itself."""
 
     cell: CellModel
-    measured_period_s: Mapping[int, float] | None = None  # of CAN ids, bit 31 for 29 bits
+    measured_period_s: Mapping[int, float] | None = None  # measured period by CAN id, bit 31 for 29-bit ids [s]
 
 
 class _Values:
@@ -85,7 +85,7 @@ class _Values:
         return to_unit(field, field.unpack(self._image)[0])
 
 
-def review(image: bytes, context: Context) -> list[Finding]:
+def review(image: bytes, context: Context) -> list[ConfigIssue]:
     """Return what is wrong in an image, errors first, each in order of offset.
 
     Raises:
@@ -98,7 +98,7 @@ def review(image: bytes, context: Context) -> list[Finding]:
     return sorted(found, key=lambda f: (f.level != "error", f.error.offset))
 
 
-def review_change(before: bytes, after: bytes, context: Context, stored: bytes | None = None) -> list[Finding]:
+def review_change(before: bytes, after: bytes, context: Context, stored: bytes | None = None) -> list[ConfigIssue]:
     """Return the findings of an image that would replace another; warnings that stand already are marked.
 
     Args:
@@ -119,7 +119,7 @@ def review_change(before: bytes, after: bytes, context: Context, stored: bytes |
     return [*found, *(f for f in _loosened(before, after, stored) if f.error.field not in asked)]
 
 
-def _loosened(before: bytes, after: bytes, stored: bytes | None) -> Iterator[Finding]:
+def _loosened(before: bytes, after: bytes, stored: bytes | None) -> Iterator[ConfigIssue]:
     """Limits of the protection by which the master would trip later than now, and than what it would start with."""
     for name, is_upper in PROTECTION.items():
         known = [_Values(image)[name] for image in (before, stored) if image is not None]
@@ -129,12 +129,12 @@ def _loosened(before: bytes, after: bytes, stored: bytes | None) -> Iterator[Fin
             yield finding("notice", "looser", after, name, 0, limit, Message("protects-later"))
 
 
-def _identity(found: Finding) -> tuple[object, ...]:
+def _identity(found: ConfigIssue) -> tuple[object, ...]:
     error = found.error
     return found.code, error.field, error.element, error.value
 
 
-def _cell(image: bytes, cell: CellModel) -> Iterator[Finding]:
+def _cell(image: bytes, cell: CellModel) -> Iterator[ConfigIssue]:
     """Cell limits against the data sheet and the rules."""
     value, sheet = _Values(image), cell.limits
     says = Message("data-sheet-ends", cell=cell.name)
@@ -172,7 +172,7 @@ def measured_range_a(image: bytes) -> tuple[float, float]:
     return -offset * gain / 5000 / 100, (ADC_MAX - offset) * gain / 5000 / 100
 
 
-def _current(image: bytes, cell: CellModel) -> Iterator[Finding]:
+def _current(image: bytes, cell: CellModel) -> Iterator[ConfigIssue]:
     """The window of currents against the sensor, the cell and sense."""
     value, sheet = _Values(image), cell.limits
     low_a, high_a = measured_range_a(image)
@@ -208,7 +208,7 @@ def _current(image: bytes, cell: CellModel) -> Iterator[Finding]:
         yield finding("warning", "offset", image, "i_offset", 0, Message("counts", low=low, high=high), why)
 
 
-def _fans_and_line(image: bytes) -> Iterator[Finding]:
+def _fans_and_line(image: bytes) -> Iterator[ConfigIssue]:
     value = _Values(image)
     if value["fan_ramp_stop"] > value["t_cell_max"]:
         limit = Message("at-most-field", field="t_cell_max", value=Quantity(value["t_cell_max"], "degC"))
@@ -220,7 +220,7 @@ def _fans_and_line(image: bytes) -> Iterator[Finding]:
         yield finding("warning", "line", image, "telemetry_period", 0, _at_least(math.ceil(frame_s * 1000), "ms"), why)
 
 
-def _refused(image: bytes, error: FieldError) -> Finding:
+def _refused(image: bytes, error: FieldError) -> ConfigIssue:
     limit: Text = _LIMITS_OF_MASTER.get(error.field, error.limit)
     for name, other, is_strict, why in ORDERED:
         if (error.field, error.why) == (name, why):
@@ -230,7 +230,7 @@ def _refused(image: bytes, error: FieldError) -> Finding:
                 if is_strict
                 else Message("at-most-field", field=other, value=value)
             )
-    return Finding("error", "range", error, limit, _WHY_OF_MASTER.get(error.why, error.why))
+    return ConfigIssue("error", "range", error, limit, _WHY_OF_MASTER.get(error.why, error.why))
 
 
 def _at_most(value: float, unit: str) -> Message:
@@ -271,7 +271,7 @@ def _ranges(image: bytes, context: Context) -> tuple[tuple[str, Range], ...]:
     for field in CONFIG_FIELDS:
         if field.count != 1 or field.unit == BIT_MASK or field.minimum is None or field.maximum is None:
             continue
-        # of an error that stands already only the field's own counts
+        # an error that existed before blocks only by the field's own part
         others = frozenset(error for error in standing if error[1] != field.name)
 
         def is_allowed(raw: int, field: Field = field, others: frozenset[Error] = others) -> bool:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from app.clock import Clock
-from app.configuration.finding import Finding
 from app.configuration.history import Action
+from app.configuration.issue import ConfigIssue
 from app.configuration.rules import Context, review_change
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
@@ -47,7 +47,7 @@ class HashMismatch(AppError):
 class Rejected(AppError):
     """The draft breaks limits."""
 
-    def __init__(self, findings: list[Finding]) -> None:
+    def __init__(self, findings: list[ConfigIssue]) -> None:
         self.findings = findings
         super().__init__(Message("list", shown=tuple(found.message for found in findings)))
 
@@ -55,7 +55,7 @@ class Rejected(AppError):
 class ReasonRequired(AppError):
     """The draft has warnings, and no reason is given."""
 
-    def __init__(self, findings: list[Finding]) -> None:
+    def __init__(self, findings: list[ConfigIssue]) -> None:
         self.findings = findings
         super().__init__(Message("reason-needed", findings=tuple(found.message for found in findings)))
 
@@ -86,7 +86,7 @@ class Written:
     before: bytes
     image: bytes
     changes: list[Change]
-    findings: list[Finding]
+    findings: list[ConfigIssue]
     block_reason: Message | None  # why it would be refused now
     written: bool
 
@@ -138,7 +138,7 @@ class ConfigurationWriter:
         self.last_read: tuple[int, bytes] | None = None  # monotonic ns, what was in force
         self.stored: StoredConfig | None = None
         self._one_reader = threading.Lock()
-        self._reads_begun = 0  # of the EEPROM
+        self._reads_begun = 0  # number of EEPROM reads begun
         self._read_failed: AppError | None = None  # the last of them
         self._shown: dict[str, bytes] = {}
 

@@ -49,7 +49,7 @@ QUANTITIES: dict[QuantityName, CheckedQuantity] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class CellReading:
     """One cell by its slave, averaged; None where it has no measurement. `sigma` of one sample."""
 
     cell: int  # 0..95
@@ -70,7 +70,7 @@ class CheckedCell:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class SlaveVerdict:
     """What the errors of a slave say together; `share` is the common error where the cause is the reference."""
 
     cells: tuple[CheckedCell, ...]
@@ -82,7 +82,7 @@ class Verdict:
 
 def read_slave(
     master: MasterClient, pack: int, quantity: QuantityName, *, sleep: Callable[[float], None] = time.sleep
-) -> list[Reading]:
+) -> list[CellReading]:
     """Average what a slave measures over a second; voltages as its converter gives them, not filtered.
 
     Raises:
@@ -100,8 +100,8 @@ def read_slave(
 
 
 def judge(
-    readings: Sequence[Reading], reference: Sequence[float | None], quantity: QuantityName, meter_error: float
-) -> Verdict:
+    readings: Sequence[CellReading], reference: Sequence[float | None], quantity: QuantityName, meter_error: float
+) -> SlaveVerdict:
     """Return the error of each cell, which are out of tolerance, and what they have in common.
 
     Args:
@@ -127,10 +127,10 @@ def judge(
         raise ConfigError("reference", Message("given"), Message("measured-cell"))
     out = tuple(cell.cell for cell in cells if cell.is_good is False)
     cause, share = _cause(cells, limit, quantity)
-    return Verdict(cells, cause, out, share, limit)
+    return SlaveVerdict(cells, cause, out, share, limit)
 
 
-def _checked(reading: Reading, reference: float | None, limits: CheckedQuantity, limit: float) -> CheckedCell:
+def _checked(reading: CellReading, reference: float | None, limits: CheckedQuantity, limit: float) -> CheckedCell:
     if reference is None or reading.value is None:
         return CheckedCell(reading.cell, reading.value, reading.sigma, reference, None, None)
     if not limits.lowest <= reference <= limits.highest:
@@ -166,11 +166,11 @@ def _is_wire(cells: Sequence[CheckedCell]) -> bool:
     return first * second < 0 and 0.5 <= abs(first / second) <= 2.0
 
 
-def _averaged(cell: int, values: list[float]) -> Reading:
+def _averaged(cell: int, values: list[float]) -> CellReading:
     if len(values) < SAMPLES:  # what is missing now and then is no measurement
-        return Reading(cell, None, None)
+        return CellReading(cell, None, None)
     mean = sum(values) / len(values)
-    return Reading(cell, mean, math.sqrt(sum((value - mean) ** 2 for value in values) / (len(values) - 1)))
+    return CellReading(cell, mean, math.sqrt(sum((value - mean) ** 2 for value in values) / (len(values) - 1)))
 
 
 def _sample(master: MasterClient, pack: int, quantity: QuantityName) -> list[float | None]:
@@ -208,7 +208,7 @@ class SlaveCheck:
     meter: str  # which one, in the words of whoever held it
     meter_error: float
     note: str
-    verdict: Verdict
+    verdict: SlaveVerdict
 
 
 class SlaveCheckLog:
@@ -227,7 +227,7 @@ class SlaveCheckLog:
         meter: str,
         meter_error: float,
         note: str,
-        verdict: Verdict,
+        verdict: SlaveVerdict,
     ) -> SlaveCheck:
         """Keep a check; it is on the disk when this returns.
 
@@ -253,6 +253,6 @@ def _parse(line: bytes) -> SlaveCheck | None:
         verdict = entry.pop("verdict")
         cells = tuple(CheckedCell(**cell) for cell in verdict.pop("cells"))
         verdict["out"] = tuple(verdict["out"])
-        return checked(SlaveCheck(**entry, verdict=Verdict(cells, **verdict)))
+        return checked(SlaveCheck(**entry, verdict=SlaveVerdict(cells, **verdict)))
     except (ValueError, KeyError, TypeError, AttributeError):
         return None

@@ -43,7 +43,7 @@ class Attempt:
     reason: str = ""
     before: bytes = NO_IMAGE
     after: bytes = NO_IMAGE
-    number: int | None = None  # of its record, once it has begun
+    number: int | None = None  # number of its record, once it has begun
     intent: "Entry | None" = None
 
 

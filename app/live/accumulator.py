@@ -13,7 +13,7 @@ from app.telemetry.measurement import Measurement, Reported
 
 LOAD_A = 1.0  # below it, next to nothing flows
 DRAWN_A = 5.0  # the car drives: neither its own supply nor the sensor's offset
-REPORT_SLACK = 0.997  # of a total: rounding
+REPORT_SLACK = 0.997  # relative slack of a total for rounding
 DRIVE_ENDS_NS = 600_000_000_000  # without such a current for longer, the next drive begins; a driver change is shorter
 
 

@@ -16,7 +16,7 @@ from app.words import Cell, Message, Pack, Quantity, condition
 NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
 T_WATCH_DEGC = 5.0
-SUM_SLACK = 0.002  # of the limit of a voltage of many cells
+SUM_SLACK = 0.002  # relative slack of a limit of many cells' voltage
 SLAVES_AWAY = (0, 255)  # absent, at fault
 WIRE_CELLS = 2  # that an open sense wire leaves without a voltage; a pack without any has more
 CHARGER_REPORTS = {
@@ -29,7 +29,7 @@ CHARGER_REPORTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class AlarmCondition:
     """One thing that is wrong now."""
 
     severity: AlarmSeverity
@@ -47,7 +47,7 @@ class Condition:
         return self.of or self.message.code
 
 
-def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]:
+def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[AlarmCondition]:
     """Yield what is wrong in a snapshot.
 
     Args:
@@ -74,20 +74,20 @@ def is_recent(snapshot: Snapshot) -> bool:
     return age_s is not None and age_s <= BLANK_S
 
 
-def _links(snapshot: Snapshot) -> Iterator[Condition]:
+def _links(snapshot: Snapshot) -> Iterator[AlarmCondition]:
     for name, status in snapshot.links.items():
         if not has_trouble(status):
             continue
         if status.state == "lost":
-            yield Condition("warning", link_lost(name, status.error))
+            yield AlarmCondition("warning", link_lost(name, status.error))
         elif status.state == "silent":
-            yield Condition("warning", SILENT[name], value=status.age_s, limit=1.0, unit="s")
+            yield AlarmCondition("warning", SILENT[name], value=status.age_s, limit=1.0, unit="s")
         else:
-            yield Condition("warning", LATE[name], value=status.age_s, limit=1.0, unit="s")
+            yield AlarmCondition("warning", LATE[name], value=status.age_s, limit=1.0, unit="s")
 
     can = snapshot.links.can
     if can.bus_state in ("passive", "off"):
-        yield Condition(
+        yield AlarmCondition(
             "warning",
             Message("can-bus-off") if can.bus_state == "off" else Message("can-bus-passive"),
             value=None if can.errors is None else float(can.errors),
@@ -97,7 +97,7 @@ def _links(snapshot: Snapshot) -> Iterator[Condition]:
         first = snapshot.disagreements[0]
         by_rs232 = Quantity(first.rs232, first.unit)
         disagree = Message("links-disagree", name=first.name, n=len(snapshot.disagreements), by_rs232=by_rs232)
-        yield Condition("warning", disagree, value=first.can, unit=first.unit)
+        yield AlarmCondition("warning", disagree, value=first.can, unit=first.unit)
 
 
 def has_trouble(link: LinkStatus) -> bool:
@@ -105,85 +105,85 @@ def has_trouble(link: LinkStatus) -> bool:
     return link.state in ("lost", "late") or (link.state == "silent" and link.frames > 0)
 
 
-def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
+def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[AlarmCondition]:
     total = snapshot.accumulator
     volts, degrees = 0.01 * slack, 1.0 * slack
     low, high = limits.cell_voltage_min_v, limits.cell_voltage_max_v
     value, cell = total.voltage_min_v, total.voltage_min_cell
     if value is not None:
         if value < low + volts:
-            yield Condition("trip", Message("cell-undervoltage"), cell, value, low, "V")
+            yield AlarmCondition("trip", Message("cell-undervoltage"), cell, value, low, "V")
         elif value < low + NEAR_LOW_V + volts:
-            yield Condition("watch", Message("cell-undervoltage-near"), cell, value, low, "V")
+            yield AlarmCondition("watch", Message("cell-undervoltage-near"), cell, value, low, "V")
     value, cell = total.voltage_max_v, total.voltage_max_cell
     if value is not None:
         if value > high - volts:
-            yield Condition("trip", Message("cell-overvoltage"), cell, value, high, "V")
+            yield AlarmCondition("trip", Message("cell-overvoltage"), cell, value, high, "V")
         elif value > high - NEAR_HIGH_V - volts:
-            yield Condition("watch", Message("cell-overvoltage-near"), cell, value, high, "V")
+            yield AlarmCondition("watch", Message("cell-overvoltage-near"), cell, value, high, "V")
     yield from _sums(snapshot, limits, slack)
     cold, hot = limits.temperature_min_degc, limits.temperature_max_degc
     value, cell = total.temperature_max_degc, total.temperature_max_cell
     if value is not None:
         if value > hot - degrees:
-            yield Condition("trip", Message("cell-overtemperature"), cell, value, hot, "degC")
+            yield AlarmCondition("trip", Message("cell-overtemperature"), cell, value, hot, "degC")
         elif value > hot - T_WATCH_DEGC - degrees:
-            yield Condition("watch", Message("cell-overtemperature-near"), cell, value, hot, "degC")
+            yield AlarmCondition("watch", Message("cell-overtemperature-near"), cell, value, hot, "degC")
     value, cell = total.temperature_min_degc, total.temperature_min_cell
     if value is not None and value < cold + degrees:
-        yield Condition("trip", Message("cell-undertemperature"), cell, value, cold, "degC")
+        yield AlarmCondition("trip", Message("cell-undertemperature"), cell, value, cold, "degC")
     current_a = total.current_a
     charging = snapshot.master.state == "charge"
     top_a = -limits.charger_min_a if charging else limits.discharge_max_a
     bottom_a = -limits.charger_max_a * 1.05 if charging else limits.discharge_min_a
     if current_a is not None and not charging and current_a > top_a:
-        yield Condition("trip", Message("discharge-overcurrent"), None, current_a, top_a, "A")
+        yield AlarmCondition("trip", Message("discharge-overcurrent"), None, current_a, top_a, "A")
     if current_a is not None and current_a < bottom_a - 1.0:
-        yield Condition("trip", Message("charge-overcurrent"), None, current_a, bottom_a, "A")
+        yield AlarmCondition("trip", Message("charge-overcurrent"), None, current_a, bottom_a, "A")
 
 
-def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
+def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[AlarmCondition]:
     """Voltages of all cells and of each pack."""
     kept = 1.0 - SUM_SLACK * slack
     total, high = snapshot.accumulator, limits.accumulator_voltage_max_v
     value = total.voltage_at_least_v if total.voltage_v is None else total.voltage_v
     if value is not None and value > high * kept:
-        yield Condition("trip", Message("accumulator-voltage-high"), None, value, high, "V")
+        yield AlarmCondition("trip", Message("accumulator-voltage-high"), None, value, high, "V")
     high = limits.pack_voltage_max_v
     sums = [(pack.voltage_v, index) for index, pack in enumerate(snapshot.packs) if pack.voltage_v is not None]
     value, index = max(sums, default=(0.0, 0))
     if value > high * kept:
-        yield Condition("trip", Message("pack-voltage-high", pack=Pack(index)), None, value, high, "V")
+        yield AlarmCondition("trip", Message("pack-voltage-high", pack=Pack(index)), None, value, high, "V")
 
 
-def _master(snapshot: Snapshot) -> Iterator[Condition]:
+def _master(snapshot: Snapshot) -> Iterator[AlarmCondition]:
     master = snapshot.master
-    if master.state == "fault" and master.why.code == "bms-tells-state":
-        yield Condition("trip", Message("bms-fault"))
+    if master.state == "fault" and master.why.code == "bms-state":
+        yield AlarmCondition("trip", Message("bms-fault"))
     elif master.state == "fault":
         yield _fault(master.why, snapshot.segments)
     if master.restarted is not None:
-        yield Condition("warning", Message("master-restarted", cause=master.restarted))
+        yield AlarmCondition("warning", Message("master-restarted", cause=master.restarted))
     if master.map_matches is False:
-        yield Condition("warning", Message("map-mismatch"))
+        yield AlarmCondition("warning", Message("map-mismatch"))
     if master.implausible:
-        yield Condition("warning", Message("value-implausible", fields=master.implausible))
+        yield AlarmCondition("warning", Message("value-implausible", fields=master.implausible))
     missing = tuple(Pack(index) for index in lost_packs(snapshot))
     if missing:
         message = Message("slave-lost-in-packs", n=len(missing), packs=missing)
-        yield Condition("warning", message, of="slave-lost")
+        yield AlarmCondition("warning", message, of="slave-lost")
     elif master.n_slaves is not None and master.n_slaves < len(snapshot.packs):
-        yield Condition("warning", Message("slaves-too-few", n=master.n_slaves, expected=len(snapshot.packs)))
+        yield AlarmCondition("warning", Message("slaves-too-few", n=master.n_slaves, expected=len(snapshot.packs)))
     if snapshot.charger.state == "fault":
-        yield Condition("warning", Message("charging-fault"))
+        yield AlarmCondition("warning", Message("charging-fault"))
     for flag in snapshot.charger.flags:
-        yield Condition("warning", CHARGER_REPORTS[flag])
+        yield AlarmCondition("warning", CHARGER_REPORTS[flag])
 
 
-def _fault(why: Message, segments: tuple[int, ...]) -> Condition:
+def _fault(why: Message, segments: tuple[int, ...]) -> AlarmCondition:
     """The master's trip, with the cell, the value and the limit that its reason names."""
     what, cell, value, limit, packs = (why.args.get(name) for name in ("what", "cell", "value", "limit", "packs"))
-    return Condition(
+    return AlarmCondition(
         "trip",
         Message("master-fault", why=what if isinstance(what, Message) else why),
         cell.index if isinstance(cell, Cell) else None,
@@ -196,7 +196,7 @@ def _fault(why: Message, segments: tuple[int, ...]) -> Condition:
     )
 
 
-def is_reason_lost(condition: Condition) -> bool:
+def is_reason_lost(condition: AlarmCondition) -> bool:
     """The circuit is open, and the master's reason came before the service listened: what is known of it stays."""
     why = condition.message.args.get("why")
     return condition.code == "master-fault" and isinstance(why, Message) and why.code == "shutdown-circuit-open"
@@ -222,7 +222,7 @@ def lost_packs(snapshot: Snapshot) -> list[int]:
     return lost
 
 
-def _cells(snapshot: Snapshot) -> Iterator[Condition]:
+def _cells(snapshot: Snapshot) -> Iterator[AlarmCondition]:
     voltage_v = snapshot.cells.voltage_v
     is_missing = np.isnan(voltage_v)
     for pack in lost_packs(snapshot):
@@ -230,19 +230,19 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
             is_missing[list(_cells_of(pack, snapshot.segments))] = False
     missing = _indices(is_missing if snapshot.awaited is None else is_missing & ~snapshot.awaited)
     if missing and (len(missing) < len(voltage_v) or is_recent(snapshot)):
-        yield Condition("warning", Message("cell-voltage-missing", n=len(missing)), missing[0], cells=missing)
+        yield AlarmCondition("warning", Message("cell-voltage-missing", n=len(missing)), missing[0], cells=missing)
     yield from _findings(snapshot)
     if snapshot.cells.model_valid is not None:
         invalid = _indices(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
         if invalid:
-            yield Condition("watch", Message("model-not-valid", n=len(invalid)), invalid[0], cells=invalid)
+            yield AlarmCondition("watch", Message("model-not-valid", n=len(invalid)), invalid[0], cells=invalid)
 
 
 def _indices(is_so: BoolArray) -> tuple[int, ...]:
     return tuple(np.flatnonzero(is_so).tolist())
 
 
-def _findings(snapshot: Snapshot) -> Iterator[Condition]:
+def _findings(snapshot: Snapshot) -> Iterator[AlarmCondition]:
     """Every kind of finding once, with all its cells; a missing voltage has an alarm of its own."""
     for code in _FINDINGS:
         found = [each for each in snapshot.findings if each.code == code]
@@ -252,7 +252,7 @@ def _findings(snapshot: Snapshot) -> Iterator[Condition]:
             value, unit = worst.size, worst.unit
             if value is not None and unit == "ohm":
                 value, unit = 1000 * value, "mohm"
-            yield Condition("warning", condition(code, len(found)), worst.cell, value, None, unit, cells)
+            yield AlarmCondition("warning", condition(code, len(found)), worst.cell, value, None, unit, cells)
 
 
 _FINDINGS: tuple[FindingCode, ...] = (

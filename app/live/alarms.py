@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from app.estimation.health.cell_finding import FindingCode
-from app.live.alarm_rules import Condition, conditions, is_reason_lost
+from app.live.alarm_rules import AlarmCondition, conditions, is_reason_lost
 from app.live.alarm_visibility import is_judged
 from app.telemetry import Alarm, Event, Severity, Snapshot, TripCause
 from app.telemetry.cell_findings import Finding
@@ -130,7 +130,7 @@ class AlarmTracker:
         cells = {cause.cell for cause in named}
         return [*named, *(cause for cell, cause in self._past.items() if cell not in cells)]
 
-    def _raise(self, condition: Condition, since_ns: int) -> Alarm:
+    def _raise(self, condition: AlarmCondition, since_ns: int) -> Alarm:
         self._next_id += 1
         return Alarm(
             self._next_id - 1,
@@ -157,12 +157,14 @@ class AlarmTracker:
                 self._raised_ns.pop(key, None)
 
 
-def _condition(alike: Sequence[TripCause]) -> Condition:
+def _condition(alike: Sequence[TripCause]) -> AlarmCondition:
     """What is wrong by what was recorded, as an alarm is about it: one for all cells of a kind."""
     first = alike[0]
     cells = tuple(cause.cell for cause in alike if cause.cell is not None)
     message = first.message if len(cells) < 2 else condition_message(first.code, len(cells))
-    return Condition("warning", message, first.cell, first.size, None, first.unit, cells[1:] and cells, of=first.code)
+    return AlarmCondition(
+        "warning", message, first.cell, first.size, None, first.unit, cells[1:] and cells, of=first.code
+    )
 
 
 def _is_named(alarm: Alarm) -> bool:
@@ -170,7 +172,7 @@ def _is_named(alarm: Alarm) -> bool:
     return alarm.severity == "warning" and alarm.cause is not None
 
 
-def _event(source: Condition | Alarm, wall_ns: int, message: Message, severity: Severity | None = None) -> Event:
+def _event(source: AlarmCondition | Alarm, wall_ns: int, message: Message, severity: Severity | None = None) -> Event:
     return Event(
         wall_ns, severity or source.severity, source.code, message, source.cell, source.value, source.limit, source.unit
     )

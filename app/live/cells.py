@@ -1,4 +1,4 @@
-"""What is told of each cell and of each pack, out of what the master sent and what the estimator made of it."""
+"""Values of each cell and of each pack in a snapshot: measured and estimated."""
 
 import math
 from collections.abc import Iterable

@@ -22,12 +22,12 @@ TOTALS = {
 
 
 @dataclass(frozen=True)
-class Counts:
+class Quantisation:
     """How a value of a cell is kept in 16 bits: counts of `step` from `zero`; half the memory of a float."""
 
     step: float
     zero: float = 0.0
-    part: Part = "voltage"  # of the measurement, which dates it
+    part: Part = "voltage"  # part of the measurement whose age dates it
 
     def of(self, values: FloatArray) -> NDArray[np.int16]:
         """Values as counts, held at the ends; NaN as MISSING."""
@@ -43,7 +43,9 @@ class Counts:
 MISSING = -32768
 STEPS = {"V": 1e-4, "degC": 0.01, "1": 4e-5}  # by unit; of voltages as fine as they are measured
 MIDDLE = {"voltage_v": 3.0}  # 16 bits reach 3.28 V up and down from it
-PER_CELL = {name: Counts(STEPS[unit.unit], MIDDLE.get(name, 0.0), part) for name, unit, part in history_fields(Cells)}
+PER_CELL = {
+    name: Quantisation(STEPS[unit.unit], MIDDLE.get(name, 0.0), part) for name, unit, part in history_fields(Cells)
+}
 _PARTS = {*TOTALS.values(), *(scale.part for scale in PER_CELL.values())}
 
 

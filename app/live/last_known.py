@@ -94,7 +94,7 @@ class _Numbers:
             if value is not None:
                 t_ns = at_ns["soc" if by_master and name in _SOC else _PART[name]]
                 if by_master and name in _SOC and kept is not None and t_ns - kept[1] < STALE_S * 1e9:
-                    continue  # of the same moment: the filter's is kept
+                    continue  # same moment: the filter's value stays
                 self._kept[name] = value, t_ns, getattr(source, _CELL.get(name, ""), None)
             elif kept is not None:
                 value, t_ns, cell = kept

@@ -121,8 +121,8 @@ def _watch_arrays(watch: CellWatchMemory | None) -> dict[str, FloatArray]:
     """What `CellWatch` remembers, as arrays; findings as JSON in one array of a text."""
     if watch is None:
         return {}
-    said = json.dumps([asdict(each) for each in watch.findings])
-    arrays: dict[str, FloatArray] = {"findings": np.array(said)}
+    text = json.dumps([asdict(each) for each in watch.findings])
+    arrays: dict[str, FloatArray] = {"findings": np.array(text)}
     if watch.loose is not None:
         arrays["loose_ohm"] = np.array((watch.loose.excess_ohm, watch.loose.sigma_ohm))
     if watch.charge is not None:

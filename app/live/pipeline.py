@@ -47,7 +47,7 @@ class Output:
     events: tuple[Event, ...] = ()
     estimates: Estimates | None = None  # where this item made the estimator step
     uptime_ms: int = 0
-    t_mono_ns: int = 0  # of them
+    t_mono_ns: int = 0  # time of the estimates
 
     @property
     def is_nothing(self) -> bool:
@@ -92,7 +92,7 @@ class Pipeline:
         self._drive = LowestOfDrive()
         self._stopwatch_ns = stopwatch_ns
         self._predictor = predictor
-        self._remembered = remembered  # of before a restart or a silence
+        self._remembered = remembered  # charge from before a restart or a silence
         self._limits: ProtectionLimits | None = None
         self._measured: tuple[float, FloatArray, int] | None = None  # current, temperatures, time: not yet judged
         self._judged_ns: int | None = None  # time of what the prediction was judged by
@@ -187,18 +187,18 @@ class Pipeline:
             self._estimator, self._estimates = found
 
     def _power_limits(self) -> Limits:
-        """The configuration's or the profile's, the cell's own where one is not told."""
+        """Limits of the configuration or of the profile; the cell's own where one is missing."""
         known = self._limits
         if known is None:
             return Limits()
-        told = {
+        limits = {
             "v_min_v": known.cell_voltage_min_v,
             "v_max_v": known.cell_voltage_max_v,
             "discharge_max_a": max(known.discharge_max_a, MIN_CURRENT_LIMIT_A),
             "charge_max_a": max(-known.discharge_min_a, MIN_CURRENT_LIMIT_A),
             "temperature_max_degc": known.temperature_max_degc,
         }
-        return Limits(**{name: limit for name, limit in told.items() if not np.isnan(limit)})
+        return Limits(**{name: limit for name, limit in limits.items() if not np.isnan(limit)})
 
     def acknowledge(self, alarm_id: int, who: str) -> bool:
         """Mark an alarm as seen."""
@@ -255,7 +255,7 @@ class Pipeline:
     def _estimate(
         self, measured: Measurement, dt_s: float | None, current_a: float
     ) -> tuple[Estimates | None, tuple[Event, ...]]:
-        """Step the estimator; one that fails is begun anew at the next measurement, which is told once."""
+        """Step the estimator; one that fails is restarted at the next measurement, with one event."""
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
         voltages_v, degc = measured.new_voltage_v, measured.temperature_degc
         try:

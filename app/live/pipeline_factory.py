@@ -99,7 +99,7 @@ class PipelineFactory:
         Raises:
             ConfigError: the battery names a cell that is none of `cells`.
         """
-        return self.chosen(battery=battery).pipeline("replay", "imported", "imported", looks_ahead=False)
+        return self.chosen(battery=battery).pipeline("replay", "imported", "imported", predicts=False)
 
     def pipeline(
         self,
@@ -111,11 +111,11 @@ class PipelineFactory:
         watch: CellWatch | None = None,
         remembered: RememberedCharge | None = None,
         alarms: tuple[Alarm, ...] = (),
-        looks_ahead: bool = True,
+        predicts: bool = True,
     ) -> Pipeline:
         """Return a fresh pipeline; without `predictor` nothing was learned before but what `watch` has seen.
 
-        With `looks_ahead` False it tells no power, energy and times to the limits: for who keeps estimates and events.
+        With `predicts` False it tells no power, energy and times to the limits: for who keeps estimates and events.
         """
         return Pipeline(
             self._source(source, rs232_url, can_url),
@@ -123,30 +123,28 @@ class PipelineFactory:
             filter_name=self._filter_name,
             cell_name=self._cell_name,
             stopwatch_ns=self._stopwatch_ns,
-            predictor=predictor or self.predictor(watch=watch, looks_ahead=looks_ahead),
+            predictor=predictor or self.predictor(watch=watch, predicts=predicts),
             remembered=remembered,
             alarms=alarms,
         )
 
     def predictor(
-        self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None, *, looks_ahead: bool = True
+        self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None, *, predicts: bool = True
     ) -> Predictor:
         """Return a fresh predictor that goes on with what earlier sessions learned."""
         battery = self.battery.battery
         sensors = sensors_of(battery.sensors, battery.n_cells)
-        return Predictor(
-            self.cell, battery.segments, learned_before, watch=watch, sensors=sensors, looks_ahead=looks_ahead
-        )
+        return Predictor(self.cell, battery.segments, learned_before, watch=watch, sensors=sensors, predicts=predicts)
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
-        speaks, serial = self.battery.speaks_dbc, self.battery.serial
+        mapping, serial = self.battery.dbc_mapping, self.battery.serial
         if self.battery.has_memory_map:
             return MasterSource(name, rs232_url, can_url)
         if serial is not None:
             return SerialSource(self.battery.battery, serial, rs232_url, name=name)
-        if speaks is None:
+        if mapping is None:
             return TableSource(self.battery.battery, name)
-        return DbcSource(self.battery.battery, speaks, self.battery.definitions, can_url, name=name)
+        return DbcSource(self.battery.battery, mapping, self.battery.definitions, can_url, name=name)
 
     def _new_estimator(self) -> SocEstimator:
         return make_estimator(self._filter_name, self.cell, self.battery.battery.n_cells)

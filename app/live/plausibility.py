@@ -15,15 +15,15 @@ from app.telemetry import Cells, Check, FloatArray, Plausibility
 
 AT_ONCE_S = 0.5  # between the oldest and the newest voltage of a sum: later, the current is another
 SUM_LIMIT_V = 0.5  # rounding of 96 cells and of the total
-CHIP_LIMIT_V = 0.025  # of a cell's deviation from its pack
+CHIP_LIMIT_V = 0.025  # deviation of a cell from its pack, chip against master
 CHIPS_EVERY_S = 1.0  # the slow windows come no sooner
 CHIP_AGE_S = 5  # the chips' readings are older than the master's by up to this
 CHIP_READINGS = 10  # one after the other have to contradict
 STEP_S = 0.5  # between the two samples of a difference: longer than the master's voltage filter takes
 MEMORY_S = 60.0
 LEAST_CURRENT_A = 30.0  # root of the summed squares of the steps, before their ratio says anything
-LEAST_VOLTAGE_V = 0.08  # of a cell on average, likewise
-RESISTANCE_OHM = (2e-3, 0.2)  # of one 18650 with its joints, new to worn out; cells in parallel share it
+LEAST_VOLTAGE_V = 0.08  # mean voltage change of a cell, likewise
+RESISTANCE_OHM = (2e-3, 0.2)  # resistance of one 18650 with its joints, new to worn out; cells in parallel share it
 
 
 class PlausibilityChecks:
@@ -89,8 +89,8 @@ class _ChipComparison:
     def __init__(self, segments: Segments) -> None:
         self._segments = segments
         self._since_s = 0.0
-        self._low_v = self._high_v = np.full(segments.n_cells, np.nan)  # of the second that runs
-        self._ranges: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=CHIP_AGE_S)  # of the seconds before
+        self._low_v = self._high_v = np.full(segments.n_cells, np.nan)  # extremes of the current second
+        self._ranges: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=CHIP_AGE_S)  # extremes of the seconds before
         self._outside_v: deque[FloatArray] = deque(maxlen=CHIP_READINGS)
 
     def step(self, dt_s: float, cells_v: FloatArray, chips_v: FloatArray) -> None:

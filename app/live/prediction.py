@@ -33,9 +33,9 @@ from app.telemetry.cell_findings import Finding, Sensors, findings_in_words
 ASSESS_S = 1.0
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
 DRIVING_A = 2.0
-DRIVING_MEMORY_S = 300.0  # of the current: four or five laps
-LOAD_S = 10.0  # time constant of the load that the next limit is told for: throttle and brake take turns
-RESTING_A = 1.0  # of that load: no direction, so no limit comes nearer
+DRIVING_MEMORY_S = 300.0  # memory of the driving current: four or five laps
+LOAD_S = 10.0  # time constant of the load that the next limit is predicted for: throttle and brake alternate
+RESTING_A = 1.0  # load without direction: no limit comes nearer
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class LearnedCells:
     capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
     joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
     resistance: FloatArray | None = None  # (2, n_cells), factor and sigma of ResistanceScale
-    watch: CellWatchMemory | None = None  # of CellWatch; the baseline above is its own
+    watch: CellWatchMemory | None = None  # memory of CellWatch; the baseline above is its own
 
 
 class Predictor:
@@ -77,7 +77,7 @@ class Predictor:
         *,
         watch: CellWatch | None = None,
         sensors: Sensors | None = None,
-        looks_ahead: bool = True,
+        predicts: bool = True,
     ) -> None:
         """Start, or go on with what was learned before.
 
@@ -87,7 +87,7 @@ class Predictor:
             learned_before: by earlier sessions.
             watch: has watched these cells up to now.
             sensors: of each temperature sensor the cells that it stands for; None: one a cell.
-            looks_ahead: whether power, energy and times to the limits are wanted; nothing that is learned, found or
+            predicts: whether power, energy and times to the limits are wanted; nothing that is learned, found or
                 alarmed about depends on them.
         """
         n_cells = sum(segments)
@@ -96,7 +96,7 @@ class Predictor:
         before = learned_before
         self._watch = watch or CellWatch(cell, segments, _watched_before(before))
         self._sensors = sensors
-        self._looks_ahead = looks_ahead
+        self._predicts = predicts
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)
@@ -110,9 +110,9 @@ class Predictor:
         self.sensor = self._offset.estimate()
         self._laps = LapWatch()
         self._unknown_cells = 0  # without an SOC
-        self._marks: deque[float] = deque()  # seconds since crossings of the line, not yet told to the above
+        self._marks: deque[float] = deque()  # seconds since crossings of the line that the lap counter has not yet seen
         self._target = TargetKeeper()
-        self._plans: deque[RacePlan | None] = deque()  # set, and not yet told to the above
+        self._plans: deque[RacePlan | None] = deque()  # new plans that the lap counter has not yet seen
         self._t_s = 0.0
         self._assessed_s = self._judged_s = -1e9
         self._driven = (0.0, 0.0, 0.0)  # fading sums of time, current and its square while driving [s], [A s], [A^2 s]
@@ -151,7 +151,7 @@ class Predictor:
 
     @property
     def factors_in_use(self) -> FloatArray:
-        """(n_cells,) resistances over those of the cell file that the estimator was last told to predict with."""
+        """(n_cells,) resistances over those of the cell file that the estimator predicts with."""
         return self._factors_in_use
 
     def apply_learned(self, estimator: SocEstimator) -> None:
@@ -172,7 +172,7 @@ class Predictor:
         time_s: float | None = None,
         balancing: BoolArray | None = None,
     ) -> None:
-        """Take one measurement, with what the estimator said of it if it did.
+        """Take one measurement, with its estimates, if any.
 
         Args:
             dt_s: since the one before; None = not known [s].
@@ -240,7 +240,7 @@ class Predictor:
             self.sensor = self._offset.estimate()
         if self._t_s - self._judged_s >= JUDGE_S:
             self._judge()
-        if not self._looks_ahead:
+        if not self._predicts:
             self.assessment = self._learned_so_far()
             return True
         branches = estimator.state_mean[1 : 1 + self.cell.n_rc]

@@ -10,9 +10,9 @@ from app.season.history import CellHistory, SeasonSource
 from app.season.overview import SeasonOverview, overview_of
 from app.season.report import SeasonCell, cell_of, season_document, season_report
 from app.sessions.info import SessionInfo
-from app.sessions.worker import Limits
+from app.sessions.worker import JobLimits
 
-LIMITS: Final = Limits(120)
+LIMITS: Final = JobLimits(120)
 
 
 def overviews_at(source: SeasonSource, chosen: set[str], car: str) -> tuple[dict[str, str], list[SeasonOverview]]:

@@ -25,10 +25,10 @@ from app.sessions.swaps import Swap
 from app.words import Message
 
 DAY_S: Final = 86400.0
-RELATIVE_SIGMA: Final = 0.01  # of a resistance against the median cell, where nobody said
+RELATIVE_SIGMA: Final = 0.01  # relative sigma of a resistance against the median cell, where unknown
 REST_GAP_S: Final = 8 * 3600.0  # a shorter pause says nothing of self-discharge
 REST_MOVED_MAX: Final = 0.03  # the median cell moved by more: the pack was used or charged unrecorded
-REST_SOC_SIGMA: Final = 0.002  # of the difference of two rests; how much pauses differ beyond it, the line finds
+REST_SOC_SIGMA: Final = 0.002  # sigma of the difference of two rests; the line finds how much pauses differ beyond it
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class CellHistory:
     Attributes:
         sessions: their ids.
         start_s: unix time.
-        charge_ah: passed so far, out and in, as far as sessions told it.
+        charge_ah: throughput so far, out and in [Ah].
         resistance_ohm: as measured, with the joint.
         resistance: over that of the cell file where `is_absolute`, else over the median cell of the session.
         resistance_sigma: its standard deviation.

@@ -13,13 +13,13 @@ from app.estimation.arrays import FloatArray, row_median
 from app.season.history import DAY_S, CellHistory, newest_median
 from app.season.trends import (
     MONTH_DAYS,
-    Line,
+    RegressionLine,
     SeasonGroup,
     SeasonTrend,
     groups_of,
+    is_reportable,
     line,
     lines,
-    tells_month,
     trend_of,
 )
 from app.words import Message, Quantity, RenderedMessage, sentence
@@ -27,8 +27,8 @@ from app.words import Message, Quantity, RenderedMessage, sentence
 CAPACITY_LOW: Final = -0.05  # against the median cell
 RESISTANCE_HIGH: Final = 0.2
 SELF_DISCHARGE_HIGH: Final = 0.002  # SOC a day beyond the median: 0.2 %
-LINE_POINTS: Final = 20  # of a curve: the ends of its band bend
-TOLD: Final = 0.25  # of a limit: below, a cell gives no reason
+LINE_POINTS: Final = 20  # points of a curve: the ends of its band bend
+REASON_SHARE: Final = 0.25  # share of a limit below which a cell gives no reason
 SOON_DAYS: Final = 182.6  # a pace is a reason where it goes so much of the way within half a year
 NEWEST: Final = 3  # sessions that say how a cell is now
 
@@ -120,25 +120,25 @@ def curve_of(history: CellHistory, cell: int, name: str) -> SeasonCurve:
 def _rank(
     cell: int,
     now: tuple[float, float, float],
-    found: tuple[Line | None, Line | None, Line | None],
+    found: tuple[RegressionLine | None, RegressionLine | None, RegressionLine | None],
 ) -> CellRank:
     resistance, capacity, leak = now
-    r_line, c_line, l_line = (each if each is not None and tells_month(each) else None for each in found)
+    r_line, c_line, l_line = (each if each is not None and is_reportable(each) else None for each in found)
     shares = (resistance / RESISTANCE_HIGH, capacity / CAPACITY_LOW, leak / SELF_DISCHARGE_HIGH)
     messages: list[Message] = []
-    if shares[0] >= TOLD:
+    if shares[0] >= REASON_SHARE:
         messages.append(Message("season-resists", now=_percent(resistance)))
-    if shares[1] >= TOLD:
+    if shares[1] >= REASON_SHARE:
         messages.append(Message("season-holds-less", now=_percent(-capacity)))
-    if shares[2] >= TOLD:
+    if shares[2] >= REASON_SHARE:
         messages.append(Message("season-leaks", rate=_percent(leak, 2)))
-    if r_line is not None and r_line.low > 0.0 and r_line.per_day * SOON_DAYS >= TOLD * RESISTANCE_HIGH:
+    if r_line is not None and r_line.low > 0.0 and r_line.per_day * SOON_DAYS >= REASON_SHARE * RESISTANCE_HIGH:
         low, high, pace = (_percent(value * MONTH_DAYS, 2) for value in (r_line.low, r_line.high, r_line.per_day))
         messages.append(Message("season-resistance-grows", pace=pace, low=low, high=high))
-    if c_line is not None and c_line.high < 0.0 and c_line.per_day * SOON_DAYS <= TOLD * CAPACITY_LOW:
+    if c_line is not None and c_line.high < 0.0 and c_line.per_day * SOON_DAYS <= REASON_SHARE * CAPACITY_LOW:
         low, high, pace = (_percent(-value * MONTH_DAYS, 2) for value in (c_line.high, c_line.low, c_line.per_day))
         messages.append(Message("season-capacity-falls", pace=pace, low=low, high=high))
-    if l_line is not None and l_line.low > 0.0 and l_line.per_day * SOON_DAYS >= TOLD * SELF_DISCHARGE_HIGH:
+    if l_line is not None and l_line.low > 0.0 and l_line.per_day * SOON_DAYS >= REASON_SHARE * SELF_DISCHARGE_HIGH:
         low, high, pace = (_percent(value * MONTH_DAYS, 3) for value in (l_line.low, l_line.high, l_line.per_day))
         messages.append(Message("season-leak-grows", pace=pace, low=low, high=high))
     return CellRank(

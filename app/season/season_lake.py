@@ -16,13 +16,12 @@ from typing import Any, Final, TypeVar
 
 from app.errors import AppError, ExtraMissing, LimitExceeded, NotNow, WorkerEnded
 from app.season.lake.build import build_new
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from app.season.lake.schema import MARK, name_of_table
 from app.season.store.questions import answer_at
-from app.season.store.store import Limits, QueryFailed
+from app.season.store.store import QueryFailed, QueryLimits
 from app.sessions.storage.files import SUFFIX
-from app.sessions.worker import DAY, Workers
-from app.sessions.worker import Limits as JobLimits
+from app.sessions.worker import DAY, JobLimits, Workers
 from app.telemetry import Event
 from app.words import Message, render
 
@@ -30,10 +29,10 @@ log = logging.getLogger(__name__)
 CLOSING: Final = ("recording-stopped", "recording-split")  # events after which there is a session more
 NEEDED: Final = ("duckdb", "fsspec", "pyarrow")
 START_S: Final = 20.0  # a question's process may take so long to start, on a busy Raspberry Pi
-ANSWER_MB: Final = 16  # of an answer as JSON, of which this process holds some copies
+ANSWER_MB: Final = 16  # megabytes of an answer as JSON, of which this process holds some copies
 REMEMBERED: Final = 8  # answers: some words and cars
 T = TypeVar("T")
-BOX: Final = Limits(seconds=20.0, memory_mb=512, rows=5000)
+BOX: Final = QueryLimits(seconds=20.0, memory_mb=512, rows=5000)
 
 
 class SeasonLake:
@@ -47,7 +46,7 @@ class SeasonLake:
         """
         self.place = place or str(data / "lake")
         if place and not self.missing:
-            Place(place).make()
+            LakeFolder(place).make()
         self._data = data
         self.builds = builds and not self.missing
         self._workers = workers
@@ -88,7 +87,7 @@ class SeasonLake:
         if self.builds and event.code in CLOSING:
             self._build_soon()
 
-    def query(self, question: str, given: Mapping[str, str], limits: Limits = BOX) -> dict[str, Any]:
+    def query(self, question: str, given: Mapping[str, str], limits: QueryLimits = BOX) -> dict[str, Any]:
         """Answer one SELECT or a question by its name: `columns`, `rows` and `is_cut`.
 
         Raises:
@@ -120,7 +119,7 @@ class SeasonLake:
         """Return what was answered to a question about the lake as it is; else make it, and remember it.
 
         Args:
-            question: all that the answer hangs on beside the lake; it can be pickled.
+            question: all that the answer depends on but the lake; it can be pickled.
             make: the answer.
         """
         state = self._state()

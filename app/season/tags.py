@@ -37,7 +37,7 @@ def write_tags(path: Path, tags: Mapping[str, str], *, t_wall_ns: int, who: str 
 
 
 def tags_of(info: SessionInfo) -> dict[str, str]:
-    """Return the tags of a session; event, driver, vehicle and venue of its start stand in where nobody said more."""
+    """Return the tags of a session; event, driver, vehicle and venue of its start stand in by default."""
     given = info.metadata.get(KEY)
     tags = {name: str(value) for name, value in given.items() if name in NAMES} if isinstance(given, Mapping) else {}
     for name, source in (("driver", "driver"), ("track", "venue")):

@@ -17,7 +17,7 @@ LEAST: Final = 5  # sessions for a line
 
 
 @dataclass(frozen=True)
-class Line:
+class RegressionLine:
     """Values per day and at the last session, `last_day`, with their covariance and the quantile of their band."""
 
     per_day: float
@@ -49,7 +49,7 @@ class Line:
         return design @ (self.per_day, self.now), self.quantile * np.sqrt(np.maximum(variance, 0.0))
 
 
-def line(days: FloatArray, values: FloatArray, sigmas: FloatArray) -> Line | None:
+def line(days: FloatArray, values: FloatArray, sigmas: FloatArray) -> RegressionLine | None:
     """Return the line through (n,) values, NaN where there is none; None with fewer than LEAST, or all at once.
 
     Raises:
@@ -68,12 +68,12 @@ def line(days: FloatArray, values: FloatArray, sigmas: FloatArray) -> Line | Non
     more = max(float(residual @ residual) / freedom - float(np.mean(sigmas**2)), 0.0)
     weights = 1.0 / np.sqrt(sigmas**2 + more + 1e-18)
     (per_day, now), covariance = np.polyfit(passed, values, 1, w=weights, cov=True)
-    return Line(
+    return RegressionLine(
         float(per_day), float(now), covariance, float(stats.t.ppf(0.975, freedom)), float(days[-1]), len(values)
     )
 
 
-def lines(days: FloatArray, values: FloatArray, sigmas: FloatArray) -> list[Line | None]:
+def lines(days: FloatArray, values: FloatArray, sigmas: FloatArray) -> list[RegressionLine | None]:
     """Return the line of each column of (n, cells) values."""
     return [line(days, values[:, k], sigmas[:, k]) for k in range(values.shape[1])]
 
@@ -88,8 +88,7 @@ class SeasonTrend:
     """A line: per month with the ends of its band of 95 %, and where it is now.
 
     Attributes:
-        tells_month: whether the sessions lie far enough apart to say what a month changes; else only `now` is to be
-            told.
+        is_reportable: whether the sessions lie far enough apart to give the change a month; else only `now` counts.
     """
 
     now: float
@@ -98,7 +97,7 @@ class SeasonTrend:
     high: float
     sessions: int
     is_sure: bool
-    tells_month: bool
+    is_reportable: bool
 
 
 @dataclass(frozen=True)
@@ -158,15 +157,15 @@ def groups_of(history: CellHistory, segments: Sequence[int]) -> list[SeasonGroup
     ]
 
 
-def trend_of(found: Line | None) -> SeasonTrend | None:
+def trend_of(found: RegressionLine | None) -> SeasonTrend | None:
     """Return a line per month."""
     if found is None:
         return None
     months = (found.per_day * MONTH_DAYS, found.low * MONTH_DAYS, found.high * MONTH_DAYS)
-    return SeasonTrend(found.now, *months, found.n, found.is_sure, tells_month(found))
+    return SeasonTrend(found.now, *months, found.n, found.is_sure, is_reportable(found))
 
 
-def tells_month(found: Line) -> bool:
+def is_reportable(found: RegressionLine) -> bool:
     """Return whether a line says what a month changes: sessions of one day do not."""
     return max(found.high - found.low, found.high, -found.low) * MONTH_DAYS <= WIDEST
 

@@ -52,7 +52,7 @@ def raise_descriptor_limit() -> int | None:
     return soft
 
 
-def give_freed_memory_back() -> None:
+def release_freed_memory() -> None:
     """Let glibc return memory that is freed to the system.
 
     Else the threshold grows with each large block, and what an analysis took for a second stays between small

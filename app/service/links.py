@@ -18,7 +18,7 @@ from app.words import Message
 STUCK_S = 120.0  # a thread that a driver has kept for so long does not come back; a name server alone may take 40 s
 
 
-class Links:
+class ServiceLinks:
     """Opens and closes the configured links; sending on one that is not configured is LinkLost."""
 
     def __init__(

@@ -23,7 +23,7 @@ class _Window:
     lines: int = 0
 
 
-class OfOneKind(logging.Filter):
+class RepeatFilter(logging.Filter):
     """Lets MOST lines of one kind through in WINDOW_S; the first one after says how many were left out.
 
     A kind is who logs, how grave, and the text before its values are filled in.
@@ -49,7 +49,7 @@ class OfOneKind(logging.Filter):
         return window.lines <= MOST
 
 
-class LinesInTurn(QueueHandler):
+class QueuedLines(QueueHandler):
     """Hands lines to a thread that writes them: a full disk, or a terminal that is held, stops nobody else."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -102,10 +102,10 @@ def configure(level: str) -> None:
     root = logging.getLogger()
     root.setLevel(level.upper())
     if not root.handlers:
-        handler = LinesInTurn(sys.stderr)
+        handler = QueuedLines(sys.stderr)
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s", "%H:%M:%S"))
         root.addHandler(handler)
         atexit.register(handler.end)
     for each in root.handlers:
-        each.addFilter(OfOneKind())
+        each.addFilter(RepeatFilter())
     logging.getLogger("can").setLevel(logging.WARNING)

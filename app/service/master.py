@@ -12,9 +12,9 @@ from pathlib import Path
 
 from app.clock import Clock
 from app.configuration.config_sources import ConfigSources
-from app.configuration.finding import Finding
+from app.configuration.configuration_store import ConfigurationStore
 from app.configuration.history import ConfigHistory
-from app.configuration.profile_store import Profiles
+from app.configuration.issue import ConfigIssue
 from app.configuration.rules import Context, allowed_ranges, review
 from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check import SlaveCheckLog
@@ -24,7 +24,7 @@ from app.estimation.cell_model.circuit import CellModel
 from app.live.can_trace import CanTrace
 from app.live.pipeline import Output
 from app.service.events import Events
-from app.service.links import Links
+from app.service.links import ServiceLinks
 from app.sessions.catalogue import Catalogue
 from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.loaded_battery import LoadedBattery
@@ -41,7 +41,7 @@ NEEDED = ("charge-stop", "balance-stop", "stream-stop", "clear-faults")  # are s
 class MasterCommands:
     """Carries out what a user asked for. Blocking; thread-safe."""
 
-    def __init__(self, links: Links, events: Events, log: WriteLog) -> None:
+    def __init__(self, links: ServiceLinks, events: Events, log: WriteLog) -> None:
         self._links = links
         self._events = events
         self._log = log
@@ -138,7 +138,7 @@ class Rules:
         periods_s = {can_id: seen.period_s for can_id, seen in self._trace.by_id().items() if seen.period_s is not None}
         return Context(self._cell, periods_s)
 
-    def review(self, image: bytes) -> list[Finding]:
+    def review(self, image: bytes) -> list[ConfigIssue]:
         """Return what the rules say about a configuration."""
         return review(image, self.context())
 
@@ -199,7 +199,7 @@ class MasterConfiguration:
     history: ConfigHistory
     write_log: WriteLog
     sources: ConfigSources
-    profiles: Profiles
+    profiles: ConfigurationStore
     slave_checks: SlaveCheckLog
 
 
@@ -220,6 +220,6 @@ def master_configuration(
     write_log = WriteLog(history, note, clock)
     writer = ConfigurationWriter(master, rules.context, write_log, clock)
     in_force = ConfigurationInForce(writer, clock)
-    profiles = Profiles(data / "profiles", clock)
+    profiles = ConfigurationStore(data / "profiles", clock)
     sources = ConfigSources(writer, in_force.image, profiles, history, catalogue)
     return MasterConfiguration(writer, in_force, rules, history, write_log, sources, profiles, SlaveCheckLog(data))

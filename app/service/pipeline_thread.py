@@ -10,7 +10,7 @@ from app.estimation.errors import EstimatorError
 from app.estimation.prediction.energy_target import RacePlan
 from app.live.history import History
 from app.live.hub import Hub
-from app.live.load import Load, Shed
+from app.live.load_shedding import LoadShedding, ShedLoad
 from app.live.pipeline import Output, Pipeline
 from app.live.trend import Trend
 from app.service.failures import Failures
@@ -48,7 +48,7 @@ class PipelineThread:
         on_item: Sequence[ItemListener],
         on_output: Sequence[OutputListener],
         failures: Failures | None = None,
-        load: Load | None = None,
+        load: LoadShedding | None = None,
         after_publishing: Sequence[OutputListener] = (),
     ) -> None:
         """Prepare the thread.
@@ -205,21 +205,21 @@ class PipelineThread:
             except Exception as error:  # noqa: BLE001  what fails here is estimated all the same
                 self._failures.add(error)
         now_ns = self._clock.monotonic_ns()
-        shed = Shed.NOTHING
+        shed = ShedLoad.NOTHING
         if self._load is not None:
             shed = self._load.now((now_ns - item.t_mono_ns) / 1e9)
-            self._load.give_way(self._took_s)
+            self._load.shed(self._took_s)
         if self._is_ending:
             return  # the recorder has it
-        shown_s = SHED_SHOWN_S if shed >= Shed.PAGES else LATE_SHOWN_S
-        is_late = shed >= Shed.PAGES or now_ns - item.t_mono_ns > LATE_S * 1e9
+        shown_s = SHED_SHOWN_S if shed >= ShedLoad.PAGES else LATE_SHOWN_S
+        is_late = shed >= ShedLoad.PAGES or now_ns - item.t_mono_ns > LATE_S * 1e9
         began_s = self._clock.monotonic_s()
         output = self._pipeline.feed(item, publishes=not is_late or now_ns - self._shown_ns >= shown_s * 1e9)
         self._hand_on(output, item.t_mono_ns)
         self._took_s = self._clock.monotonic_s() - began_s
         if output.snapshot is not None:
             self._published_ns, self._shown_ns = item.t_mono_ns, now_ns
-            if shed < Shed.PREDICTION:
+            if shed < ShedLoad.PREDICTION:
                 self._predict(output, item.t_mono_ns)
 
     def _predict(self, output: Output, t_mono_ns: int) -> None:

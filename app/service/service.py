@@ -12,7 +12,7 @@ from app.season.season_lake import SeasonLake
 from app.service.events import Events
 from app.service.health.checks import Health
 from app.service.learned_state_saver import LearnedStateSaver
-from app.service.links import Links
+from app.service.links import ServiceLinks
 from app.service.master import MasterCommands, MasterConfiguration, MasterIdentification
 from app.service.mqtt.publisher import MqttPublisher
 from app.service.pipeline_thread import PipelineThread
@@ -40,7 +40,7 @@ class Service:
     clock: Clock
     battery: LoadedBattery
     events: Events
-    links: Links
+    links: ServiceLinks
     driver_display: DriverDisplay
     live: PipelineThread
     trace: CanTrace

@@ -16,7 +16,7 @@ from app.sessions.worker import REPORT, Workers
 
 log = logging.getLogger(__name__)
 EVERY_S = 60.0
-SHARE = 0.05  # of a processor, at most
+SHARE = 0.05  # share of a processor, at most
 Place = tuple[str, int | None, int | None]
 
 

@@ -14,7 +14,7 @@ from app.errors import ConfigError
 from app.estimation.filters.filter_names import FilterName
 from app.words import Message
 
-LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # of a password
+LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # length of a password
 LEAST_OF_SHARED = 8  # a service that ran with such a one goes on, with a warning
 LEAST_DIFFERENT = 5  # characters: not 121212121212
 COMMON_PASSWORDS = files(__package__) / "common_passwords.txt"
@@ -57,9 +57,9 @@ class Settings(BaseModel):
     cell: str | None = Field(
         default=None, description="cell file (TOML) or the name of a bundled one; else that of the battery"
     )
-    record: bool = Field(default=True, description="record by itself while the master speaks")
+    record: bool = Field(default=True, description="record automatically while the master sends")
     event: str | None = Field(
-        default=None, description="what sessions are named after, as 'FSG endurance'; else what the page was told"
+        default=None, description="session name prefix, e.g. 'FSG endurance'; else as set on the page"
     )
     split_mb: int | None = Field(
         default=None, ge=1, description="a recording longer than so many megabytes goes on in a new file"
@@ -83,7 +83,7 @@ class Settings(BaseModel):
     url: str | None = Field(
         default=None,
         pattern=r"^https?://[^\s/]+",
-        description="address of this service's pages, told to a fleet's page; else this machine's own",
+        description="public URL of this service, for a fleet's page; else this machine's own",
     )
     fleet: str | None = Field(
         default=None,

@@ -32,7 +32,7 @@ class Ports:
     can_argument: str
     can_url: str
     control_argument: str
-    folder: Path | None = None  # of the links to the pseudo-terminals, removed at the end
+    folder: Path | None = None  # folder of the links to the pseudo-terminals, removed at the end
 
 
 def choose_ports(*, pty: bool) -> Ports:

@@ -5,15 +5,15 @@ from app.service.events import Events
 from app.service.master import ConfigurationInForce
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
-from app.telemetry.service_state import Recording, ServiceState
+from app.telemetry.service_state import RecordingState, ServiceState
 
 
-def recording_state(recorder: AutoRecorder) -> Recording | None:
+def recording_state(recorder: AutoRecorder) -> RecordingState | None:
     """Return the session being recorded; None without one."""
     session = recorder.session
     if session is None:
         return None
-    return Recording(session.id, session.started_wall_ns, session.frames, session.size_bytes)
+    return RecordingState(session.id, session.started_wall_ns, session.frames, session.size_bytes)
 
 
 class ServiceStateReader:

@@ -13,7 +13,7 @@ from app.clock import Clock, ClockRun
 from app.estimation.cell_model.cell_file import format_cell
 from app.live.can_trace import CanTrace
 from app.live.hub import Hub
-from app.live.load import Load
+from app.live.load_shedding import LoadShedding
 from app.live.pipeline_factory import PipelineFactory
 from app.season.season_lake import SeasonLake
 from app.service.events import Events
@@ -22,7 +22,7 @@ from app.service.health.checks import DamagedFiles, Health
 from app.service.host import is_clock_synchronised
 from app.service.inbox import Inbox
 from app.service.learned_state_saver import learning_pipeline
-from app.service.links import Links
+from app.service.links import ServiceLinks
 from app.service.master import MasterCommands, MasterIdentification, Rules, ids_of_others, master_configuration
 from app.service.mqtt.publisher import configured_publisher
 from app.service.pipeline_thread import PipelineThread
@@ -124,7 +124,7 @@ def make_service(
     # The links, and the configuration behind them
     failures = Failures(clock)
     inbox = Inbox(record=failures.caught(recorder.on_item))
-    links = Links(
+    links = ServiceLinks(
         serial_url,
         can_url,
         inbox.put,
@@ -138,7 +138,7 @@ def make_service(
     config = master_configuration(data, links.master, rules, catalogue, events.note, clock)
     identification = MasterIdentification(links.master, config.writer, clock)
 
-    load = Load(lambda: recorder.commit_delay_s, clock, recorder.wait_for_commit)
+    load = LoadShedding(lambda: recorder.commit_delay_s, clock, recorder.wait_for_commit)
     live = PipelineThread(
         pipeline,
         inbox,

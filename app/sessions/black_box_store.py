@@ -18,7 +18,7 @@ from app.sessions.storage.own_database import OnSetAside, OwnDatabase, nobody_as
 from app.telemetry import Severity
 from app.words import Message, RenderedMessage, condition_of, rendered_as_stored
 
-_TIME = len("20260921T141500.250Z")  # of an id
+_TIME = len("20260921T141500.250Z")  # length of an id's time
 _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete, message"
 
 
@@ -32,7 +32,7 @@ class StoredBox:
     code: str
     severity: Severity
     cell: int | None
-    message: RenderedMessage  # of the event
+    message: RenderedMessage  # text of the event
     is_complete: bool
 
 

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 class Catalogue:
     """Finds sessions by their id. What is known of closed ones is kept as long as their file does not change.
 
-    Also over restarts: in an index beside them, which is only a shortcut. What cannot be read is not tried again
+    Also over restarts: in an index next to them, which is only a shortcut. What cannot be read is not tried again
     before its file changes.
     """
 

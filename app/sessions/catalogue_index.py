@@ -1,4 +1,4 @@
-"""What is known of a folder's finished sessions, kept beside them, so that a season is listed without opening it.
+"""An index of a folder's finished sessions, kept next to them, so that a season is listed without opening it.
 
 Only a shortcut: whoever finds it damaged, old or absent opens the sessions. A file that has changed since, by its time
 or its size, is opened again.
@@ -19,8 +19,8 @@ from app.sources.data_file import MOST_DEPTH, checked, parse_object, set_aside
 INDEX = ".index.json"
 _VERSION = 1
 MOST_BYTES = 256 << 20
-State = tuple[int, int]  # of a file: when it was changed [ns since 1970], bytes
-FullState = tuple[int, int, int, int]  # of a file and of its log
+State = tuple[int, int]  # a file's change time [ns since 1970] and bytes
+FullState = tuple[int, int, int, int]  # state of a file and of its log
 Known = dict[str, tuple[State, SessionInfo]]
 
 

@@ -80,7 +80,7 @@ class EventLog:
             last = self._database.run(_last_id)
         except (OSError, sqlite3.Error) as error:
             raise SessionError(Message("event-log", error=f"{path}: {error}")) from error
-        self._lock = threading.Lock()  # of what follows
+        self._lock = threading.Lock()  # guards the attributes below
         self._is_queued = False  # a write of all that waits
         self._ids = count(last + 1)
         self._last_id = last

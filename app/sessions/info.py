@@ -17,7 +17,7 @@ class SessionInfo:
     name: str
     started_wall_ns: int
     started_mono_ns: int
-    ended_wall_ns: int | None = None  # of an unclosed session: of its last frame
+    ended_wall_ns: int | None = None  # end; time of the last frame if unclosed
     ended_mono_ns: int | None = None
     is_closed: bool = False  # False while it is recorded, and for ever where recording was cut off
     frames: int = 0
@@ -51,7 +51,7 @@ class RecorderStatus:
     session: SessionInfo | None
     queued_items: int  # received, not on the disk yet
     queued_bytes: int
-    lost_items: int  # of this session: the disk stayed full until the queue was full as well
+    lost_items: int  # items lost in this session: the disk stayed full until the queue was full as well
     disk_free_bytes: int | None
     warning: Message | None  # the disk will be full soon
     error: Message | None  # why it is stalled

@@ -9,12 +9,12 @@ from typing import Any, Final, TypeVar
 from app.errors import NotNow, WorkerEnded
 from app.sessions.info import SessionInfo
 from app.sessions.reading.session_info import read_info
-from app.sessions.worker import DEFINITIONS, Limits, Workers
+from app.sessions.worker import DEFINITIONS, JobLimits, Workers
 from app.telemetry import Event
 
 A = TypeVar("A")
 T = TypeVar("T")
-LISTING: Final = Limits(5)  # a sound session takes milliseconds
+LISTING: Final = JobLimits(5)  # a sound session takes milliseconds
 KEPT: Final = 16  # results, and failures
 
 

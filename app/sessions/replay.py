@@ -65,7 +65,7 @@ class _Replay:
     pipeline: Pipeline
     options: ReplayOptions
     jumped_to_s: float | None = None  # a position from which on a fresh pipeline is needed
-    cause: "Future[TripCause | None] | None" = None  # of the trip that holds
+    cause: "Future[TripCause | None] | None" = None  # cause of the active trip
     compared: ReplayCompared | None = None
 
 
@@ -169,7 +169,7 @@ class ReplayPlayer:
             thread.join(timeout=self._end_s)  # one that compiles a filter ends later, and says nothing more
 
     def _is_current(self) -> bool:
-        """The thread that asks is the replay that is shown, not one that was told to end."""
+        """Whether the calling thread is that of the current replay, not of one that was stopped."""
         return threading.current_thread() is self._thread
 
     def _publish_state(self, replay: _Replay, now_s: float) -> None:
@@ -309,13 +309,13 @@ class ReplayPlayer:
         elif replay.cause is None:
             replay.cause = Future()
             arguments = (replay.file, replay.file.unix_s(snapshot.t_mono_ns), replay.cause)
-            threading.Thread(target=self._look_for_cause, args=arguments, name="replay cause", daemon=True).start()
+            threading.Thread(target=self._set_cause, args=arguments, name="replay cause", daemon=True).start()
         elif replay.cause.done() and any(alarm.cause is None for alarm in trips):
             cause = replay.cause.result()
             if cause is not None:
                 replay.pipeline.explain(cause)
 
-    def _look_for_cause(self, file: SessionFile, at_s: float, found: "Future[TripCause | None]") -> None:
+    def _set_cause(self, file: SessionFile, at_s: float, found: "Future[TripCause | None]") -> None:
         try:
             with SessionFile(file.path, parse=file.parse) as session:
                 found.set_result(self._find_cause(session, at_s))

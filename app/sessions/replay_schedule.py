@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 LEAD_S = 5.0  # after a jump, so much from before it comes first: every window of the stream has had its turn
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
 MIN_LOOP_S = 0.5
-MAX_ITEMS = 64  # at a time: orders are heard in between
+MAX_ITEMS = 64  # items at a time; orders are handled in between
 Received: TypeAlias = "RecordedFrame | RecordedCanFrame | TableItem"
 
 

@@ -44,7 +44,7 @@ class RetentionRule:
         return self.keep_days is not None or self.keep_gb is not None
 
 
-def clock_doubt(catalogue: Catalogue, now_ns: int, *, is_set_by_others: bool) -> Message | None:
+def clock_problem(catalogue: Catalogue, now_ns: int, *, is_set_by_others: bool) -> Message | None:
     """Return why sessions are not deleted by this clock; None where it can be believed.
 
     Args:
@@ -70,7 +70,7 @@ def apply_rule(catalogue: Catalogue, rule: RetentionRule, now_ns: int, note: Not
         catalogue: of the sessions.
         rule: what stays.
         now_ns: the clock.
-        note: told of each, with its severity.
+        note: called for each, with its severity.
         by_age: the clock is believed.
     """
     gone: list[str] = []
@@ -112,7 +112,7 @@ class Retention:
     ) -> None:
         """Prepare the thread; `is_clock_set` tells whether the network, or another clock, keeps ours right."""
         self._is_clock_set = is_clock_set
-        self._doubt: str | None = None
+        self._problem: str | None = None
         self._unjudged: set[str] = set()  # files that were named
         self._failure: str | None = None
         self._clock = clock
@@ -161,12 +161,12 @@ class Retention:
 
     def _apply_rule(self) -> None:
         now_ns = self._clock.wall_ns()
-        doubt = None
+        problem = None
         if self._rule.keep_days is not None:
-            doubt = clock_doubt(self._catalogue, now_ns, is_set_by_others=self._is_clock_set())
-        if doubt is not None and doubt.code != self._doubt:
-            self._note("warning", doubt)
-        self._doubt = None if doubt is None else doubt.code
-        apply_rule(self._catalogue, self._rule, now_ns, self._note, by_age=doubt is None)
-        if doubt is None:
+            problem = clock_problem(self._catalogue, now_ns, is_set_by_others=self._is_clock_set())
+        if problem is not None and problem.code != self._problem:
+            self._note("warning", problem)
+        self._problem = None if problem is None else problem.code
+        apply_rule(self._catalogue, self._rule, now_ns, self._note, by_age=problem is None)
+        if problem is None:
             self._catalogue.empty_trash(now_ns - TRASH_NS, FREE_BYTES)

@@ -72,7 +72,7 @@ class SwapFile:
         Without a car it is the only one of `cars`, all that there are; where there is none yet it counts for every car.
 
         Raises:
-            ConfigError: no cell, or one that there is not; no such car, or which of several is not said.
+            ConfigError: no cell, or one that there is not; no such car, or which of several is not given.
             RecordingFailed: the disk does not take it.
         """
         if not cells or not all(0 <= cell < self._n_cells for cell in cells):

@@ -24,7 +24,7 @@ from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.words import Message
 
 if TYPE_CHECKING:  # `voltwall sessions --help` needs no learning
-    from app.sources.dbc.learn.lesson import Lesson
+    from app.sources.dbc.infer.profile_draft import ProfileDraft
 
 FILE = "connections.json"
 Load = Callable[..., LoadedBattery]  # as `load_battery`
@@ -53,7 +53,7 @@ class Connections:
         """
         kind = load(self.battery, own_folder=not by_operator).kind
         if kind == "dbc" and self.serial is not None:
-            raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
+            raise ConfigError("serial", self.serial, Message("battery-needs-can", battery=self.battery))
         if kind == "serial" and self.can is not None:
             raise ConfigError("can", self.can, Message("battery-on-serial", battery=self.battery))
         if self.serial is not None:
@@ -143,19 +143,19 @@ class Setup:
         self.on_choice: Callable[[], None] = lambda: None  # starts the service again
         self.load: Load = load_battery  # reads a battery's files; the service does so in a limited process
         self._loaded: dict[Path, tuple[int, LoadedBattery]] = {}  # uploaded ones, with when they changed [ns]
-        self.lesson: tuple[str, Lesson] | None = None  # what is being learned, by its id
+        self.draft: tuple[str, ProfileDraft] | None = None  # what is being learned, by its id
 
-    def begin_lesson(self, lesson: "Lesson") -> str:
+    def begin_draft(self, draft: "ProfileDraft") -> str:
         """Keep what is being learned, one at a time; return its id."""
-        self.end_lesson()
-        self.lesson = os.urandom(4).hex(), lesson
-        return self.lesson[0]
+        self.end_draft()
+        self.draft = os.urandom(4).hex(), draft
+        return self.draft[0]
 
-    def end_lesson(self) -> None:
+    def end_draft(self) -> None:
         """Give the bus of what was being learned free."""
-        if self.lesson is not None:
-            self.lesson[1].close()
-        self.lesson = None
+        if self.draft is not None:
+            self.draft[1].close()
+        self.draft = None
 
     @property
     def chosen(self) -> Connections | None:
@@ -167,7 +167,7 @@ class Setup:
 
     @property
     def is_needed(self) -> bool:
-        """Nobody ever said what to read."""
+        """Whether no connection was ever chosen."""
         return not self.fixed and self.chosen is None
 
     def choose(self, connections: Connections) -> None:
@@ -182,7 +182,7 @@ class Setup:
         if connections.battery != self.in_force.battery:
             check_battery(self._folder, connections.battery)
         connections.check(load=self.load)
-        self.end_lesson()
+        self.end_draft()
         save_connections(self._folder, connections)
         self.on_choice()
 

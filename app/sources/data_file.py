@@ -15,7 +15,7 @@ import orjson
 from app.clock import Clock
 
 MOST_DEPTH = 32
-LOGS = ("-wal", "-shm")  # of an SQLite file
+LOGS = ("-wal", "-shm")  # suffixes of an SQLite file's logs
 T = TypeVar("T")
 log = logging.getLogger(__name__)
 
@@ -126,7 +126,7 @@ def replace_file(path: Path, content: bytes, *, is_private: bool = False) -> Non
     """
     draft = path.with_name(f".{path.name}.new")
     try:
-        draft.unlink(missing_ok=True)  # of a crash: it may have been readable by all
+        draft.unlink(missing_ok=True)  # left by a crash: it may have been readable by all
         handle = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600 if is_private else 0o666)
         with os.fdopen(handle, "wb") as file:
             file.write(content)

@@ -68,7 +68,7 @@ class LinkChange:
     link: LinkName
     state: Literal["connecting", "open", "lost"]
     error: Text | None = None
-    map_hash: str | None = None  # of a recording: which memory map it is of
+    map_hash: str | None = None  # hash of a recording's memory map
 
 
 @dataclass(frozen=True, slots=True)

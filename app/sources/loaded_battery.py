@@ -1,4 +1,4 @@
-"""A battery with all that explains how it speaks: its profile, what that includes, and its DBCs, read and as bytes."""
+"""A battery with all that decodes it: its profile, what that includes, and its DBCs, read and as bytes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from app.battery.battery import Battery
 from app.battery.library import profile_files, profile_of
 from app.battery.serial import SerialMapping
 from app.battery.shape import TEAM_PROFILE
-from app.battery.source import Source, SpeaksDbc, SpeaksMaster, SpeaksTable
+from app.battery.source import DbcMapping, MemoryMap, Source, TableMapping
 from app.battery.table_reader import ProfileError
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
@@ -18,12 +18,12 @@ from app.sources.serial.checksums import checksum_of
 from app.sources.serial.patterns import group_names
 from app.words import Message
 
-CLASSIC_BYTES = 8  # of a CAN frame; more is CAN FD
+CLASSIC_BYTES = 8  # data bytes of a classic CAN frame; more is CAN FD
 
 
 @dataclass(frozen=True, slots=True)
 class LoadedBattery:
-    """A battery, how it speaks, and the messages that it speaks in; none of a master."""
+    """A battery, its source, and its message definitions; none of a master."""
 
     battery: Battery
     source: Source
@@ -31,9 +31,9 @@ class LoadedBattery:
     files: Mapping[str, bytes]  # the profile first, then what it names; equal files are the same battery
 
     @property
-    def speaks_dbc(self) -> SpeaksDbc | None:
-        """How it speaks, where that is by a DBC."""
-        return self.source if isinstance(self.source, SpeaksDbc) else None
+    def dbc_mapping(self) -> DbcMapping | None:
+        """Its mapping of DBC signals, None without one."""
+        return self.source if isinstance(self.source, DbcMapping) else None
 
     @property
     def serial(self) -> SerialMapping | None:
@@ -41,21 +41,21 @@ class LoadedBattery:
         return self.source if isinstance(self.source, SerialMapping) else None
 
     @property
-    def mapping(self) -> SpeaksDbc | SerialMapping | None:
+    def mapping(self) -> DbcMapping | SerialMapping | None:
         """What describes its frames, on CAN or a serial line; None of our own master and of a table."""
-        return self.speaks_dbc or self.serial
+        return self.dbc_mapping or self.serial
 
     @property
     def has_memory_map(self) -> bool:
         """Whether its values are those of our own master."""
-        return isinstance(self.source, SpeaksMaster)
+        return isinstance(self.source, MemoryMap)
 
     @property
     def kind(self) -> Literal["master", "dbc", "serial", "table"]:
         """What it is read by."""
         if self.has_memory_map:
             return "master"
-        return "dbc" if self.speaks_dbc else "serial" if self.serial else "table"
+        return "dbc" if self.dbc_mapping else "serial" if self.serial else "table"
 
     @property
     def uses_fd(self) -> bool:
@@ -75,12 +75,12 @@ def load_battery(name: str, *, own_folder: bool = False) -> LoadedBattery:
         ImportFailed, ExtraMissing: a DBC cannot be read.
     """
     loaded = battery_from_files(profile_files(name, own_folder=own_folder))
-    if isinstance(loaded.source, SpeaksTable):
+    if isinstance(loaded.source, TableMapping):
         raise ProfileError(name, None, "source.kind", "table", Message("table-in-session"))
     cell = Path(name).parent / loaded.battery.cell
     if not cell.is_file():
         return loaded
-    return replace(loaded, battery=replace(loaded.battery, cell=str(cell)))  # beside the profile
+    return replace(loaded, battery=replace(loaded.battery, cell=str(cell)))  # next to the profile
 
 
 def battery_from_files(files: Mapping[str, bytes]) -> LoadedBattery:
@@ -98,7 +98,7 @@ def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
     files = dict(items)
     profile = profile_of(files)
     definitions = Definitions(())
-    for name in profile.source.dbc if isinstance(profile.source, SpeaksDbc) else ():
+    for name in profile.source.dbc if isinstance(profile.source, DbcMapping) else ():
         if name not in files:
             raise ProfileError(profile.file, None, "source.dbc", name, Message("no-such-file"))
         definitions = definitions.joined(parse_definitions(files[name], name))

@@ -11,7 +11,7 @@ from app.battery.source import STATES
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.dbc.assembly import BatteryMeasurement
-from app.sources.dbc.source import Rhythm, measurement_of
+from app.sources.dbc.source import UpdateInterval, measurement_of
 from app.sources.items import Item, TableItem
 from app.sources.links.monitor import LinkMonitor
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
@@ -78,11 +78,11 @@ class TableSource:
         self.name: Source = name
         self.battery = battery
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(None)
-        self._rhythm = Rhythm()
+        self._rhythm = UpdateInterval()
         self._sampled_ns: int | None = None
         self._newest = self._found(_NEVER_NS, np.full(2 + battery.n_cells + battery.n_sensors, np.nan))
 
-    def believe_only(self, is_asked: Callable[[Any], bool]) -> None:
+    def accept_replies_for(self, is_asked: Callable[[Any], bool]) -> None:
         """A table answers nothing."""
 
     def feed(self, item: Item) -> Received:

@@ -33,7 +33,7 @@ class LinkStatus:
     errors: int | None = None  # error frames of a CAN adapter, None where it passes none on
     tx_errors: int | None = None  # its controller's error counters
     rx_errors: int | None = None
-    bus_state: BusState | None = None  # None while it said nothing
+    bus_state: BusState | None = None  # None before the first report
     unframed: Annotated[str | None, LEFT_OUT] = None  # the last bytes in hex, while bytes arrive and no frame does
 
 
@@ -62,7 +62,7 @@ class Disagreement:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened: `code` says of which kind it is, `message` is what is told of it."""
+    """Something that happened: `code` is its kind, `message` its text."""
 
     time_ns: Annotated[int, SentAs("time", 1e9)]
     severity: Severity
@@ -116,13 +116,13 @@ class Alarm:
     unit: str = ""
     acknowledged_by: str | None = None
     cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
-    cause: TripCause | None = None  # of a trip, once it was looked for
+    cause: TripCause | None = None  # cause of a trip, once known
     ended_ns: Annotated[int | None, SentAs("ended", 1e9)] = None  # when it was last seen to hold
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What the master said of itself."""
+    """The master's answer to IDENT."""
 
     firmware: str
     protocol: int
@@ -137,13 +137,13 @@ CONNECTING: dict[LinkName, Message] = {"rs232": Message("rs232-connecting"), "ca
 
 
 def link_lost(link: LinkName, error: Text | None) -> Message:
-    """What is told of a link that was lost."""
+    """The event of a link that was lost."""
     why = error or Message("link-closed")
     return Message("rs232-lost", error=why) if link == "rs232" else Message("can-lost", error=why)
 
 
 def link_stuck(link: str, silent_s: float) -> Message:
-    """What is told of a link whose thread its driver has not given back for so long [s]."""
+    """The event of a link whose driver has blocked its thread for so long [s]."""
     time = Quantity(silent_s, "s", 0)
     return Message("rs232-stuck", time=time) if link == "rs232" else Message("can-stuck", time=time)
 

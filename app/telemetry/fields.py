@@ -1,4 +1,4 @@
-"""What a field of a snapshot means: unit, meaning and decimals stand beside its type, and are read from there.
+"""Meaning of a snapshot's fields: unit, meaning and decimals stand in its type, and are read from there.
 
 The JSON encoder, the OpenAPI schema, history, MQTT and the expectations of a replay test take them from here.
 """

@@ -56,9 +56,9 @@ class Measurement:
     config_hash: str | None
     is_new: BoolArray | None = None  # voltages that came since the sample before; None: all
     was_off: bool = False  # the master may have been without power since the sample before
-    awaited: BoolArray | None = None  # cells that were not heard yet, and may still come; None: none
+    awaited: BoolArray | None = None  # cells that were not received yet, and may still come; None: none
     live_s: Ages | None = None  # as long as a value of each part is live; None: STALE_S
-    voltage_age_s: FloatArray | None = None  # of each, where they come one by one; None: as `age_s.voltage`
+    voltage_age_s: FloatArray | None = None  # age of each voltage, where they come one by one; None: as `age_s.voltage`
 
     @property
     def new_voltage_v(self) -> FloatArray:

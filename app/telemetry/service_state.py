@@ -9,7 +9,7 @@ from app.words import Message
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class RecordingState:
     """The session being recorded."""
 
     session_id: str
@@ -59,10 +59,10 @@ class Replay:
 class ServiceState:
     """The service at the instant at which a snapshot is sent."""
 
-    recording: Recording | None
+    recording: RecordingState | None
     replay: Replay | None
     last_event_id: int
     config_stored_hash: str | None
     sent_s: Annotated[Number, Unit("s", "service's monotonic clock when this was sent; null in a file", 3)] = None
-    run: str | None = None  # of that clock: times of another run count from elsewhere; null in a file
+    run: str | None = None  # run of that clock: times of another run count from elsewhere; null in a file
     not_recording: Annotated[Stall | None, LEFT_OUT] = None  # kept in memory up to a bound, or not at all

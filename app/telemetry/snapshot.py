@@ -245,7 +245,7 @@ class Plausibility:
 
 @dataclass(frozen=True, slots=True)
 class ProtectionLimits:
-    """At which the shutdown circuit opens, by the master's configuration or the profile; NaN: not told."""
+    """At which the shutdown circuit opens, by the master's configuration or the profile; NaN: unknown."""
 
     cell_voltage_min_v: float
     cell_voltage_max_v: float
@@ -280,8 +280,8 @@ class Snapshot:
     estimator: Estimator
     plausibility: Plausibility
     alarms: tuple[Alarm, ...] = ()
-    findings: tuple[Finding, ...] = ()  # of single cells, the surest first; kept until evidence ends them
-    last_known: LastKnown | None = None  # of what is missing above; None where nothing is that ever was measured
+    findings: tuple[Finding, ...] = ()  # findings of single cells, the surest first; kept until evidence ends them
+    last_known: LastKnown | None = None  # last values of what is missing above; None where nothing ever was measured
     config_hash: str | None = None
     limits: Annotated[ProtectionLimits | None, INTERNAL] = None
     config: Annotated[bytes | None, INTERNAL] = None  # in force, as last received as a whole

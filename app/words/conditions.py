@@ -82,6 +82,14 @@ _BEFORE: Final[dict[str, tuple[str, ...]]] = {
 _NOW: Final = {old: code for code, before in _BEFORE.items() for old in before} | {
     "finding-thermistor-missing": "finding-temperature-sensor-open",
     "finding-channel-missing": "finding-cell-voltage-missing",
+    # messages, not conditions: their codes were other words
+    "boot-cause-unknown": "boot-cause-unknown",
+    "bms-state": "bms-state",
+    "bms-no-state": "bms-no-state",
+    "cells-not-received": "cells-not-received",
+    "all-faults-cleared": "all-faults-cleared",
+    "can-only-session": "can-only-session",
+    "charger-reported-range": "charger-reported-range",
 }
 _PREFIXES: Final = ("trip-", "finding-")  # before the condition's code, of events and messages
 

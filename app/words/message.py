@@ -37,7 +37,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, init=False)
 class Message:
-    """What is told: `code` names the template, `args` are its values.
+    """A text to be rendered: `code` names the template, `args` are its values.
 
     A text argument is a name (a file, a person, another program's error) and is the same in every language. What has
     to be translated is a message of its own.

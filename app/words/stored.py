@@ -1,4 +1,4 @@
-"""Messages that were stored as JSON beside their English text."""
+"""Messages that were stored as JSON with their English text."""
 
 import json
 from collections.abc import Mapping

@@ -37,7 +37,7 @@ LIBRARY = {"memcpy", "memset", "memcmp", "memmove"}
 MASTER = tuple(path for path in sorted((C_FOLDER / "master").glob("vw_*.c")) if path not in (*SLAVES, *MEASURING))
 ENTRIES = ("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received")
 SLAVES_ENTRIES = ("vw_slaves_start", "vw_slaves_read_voltages", "vw_slaves_read_temperatures", "vw_slaves_self_check")
-MEASURING_ENTRIES = ("vw_measuring_samples", "vw_measuring_run")
+MEASURING_ENTRIES = ("vw_measuring_add_samples", "vw_measuring_run")
 MASTER_ENTRIES = ("vw_master_init", "vw_master_step", "vw_master_command")
 ESTIMATOR_ENTRIES = ("vw_filter_start", "vw_filter_step")
 # Who can stand behind a pointer; the firmware's own callbacks are its own to add.

@@ -61,11 +61,11 @@ int main(void)
     bad.lost_cell = 3u;
     vw_master_step(&task, &inputs, 20u);
     MEASURE("vw_master_step (a pass)", vw_master_step(&task, &inputs, 40u));
-    MEASURE("vw_protection_judge (nothing)",
-            (void)vw_protection_judge(&task.protection, &memory.conf, &inputs.reading, 41u, trips));
-    MEASURE("vw_protection_judge (three limits)",
-            (void)vw_protection_judge(&task.protection, &memory.conf, &bad, 42u, trips));
-    (void)vw_protection_judge(&task.protection, &memory.conf, &inputs.reading, 43u, trips);
+    MEASURE("vw_protection_check (nothing)",
+            (void)vw_protection_check(&task.protection, &memory.conf, &inputs.reading, 41u, trips));
+    MEASURE("vw_protection_check (three limits)",
+            (void)vw_protection_check(&task.protection, &memory.conf, &bad, 42u, trips));
+    (void)vw_protection_check(&task.protection, &memory.conf, &inputs.reading, 43u, trips);
     (void)vw_master_command(&task, VW_COMMAND_CHARGE_START, 0);
     vw_can_received(&can, 50u, &status);
     vw_master_step(&task, &inputs, 60u);

@@ -45,7 +45,7 @@ int main(void)
     MEASURE("vw_slaves_read_temperatures (8 slaves)", vw_slaves_read_temperatures(&slaves));
     MEASURE("vw_slaves_self_check (a pattern)", (void)vw_slaves_self_check(&slaves));
     MEASURE("vw_slaves_configure", vw_slaves_configure(&slaves, bleed));
-    MEASURE("vw_slaves_degc", (void)vw_slaves_degc(&slaves, 0u, 0u));
+    MEASURE("vw_slaves_cell_degc", (void)vw_slaves_cell_degc(&slaves, 0u, 0u));
     vw_balance_init(&balance);
     MEASURE("vw_balance_choose (96 cells)", (void)vw_balance_choose(&balance, 250u, v));
     memory.conf.ts = 10u;
@@ -58,7 +58,7 @@ int main(void)
     }
     print_number("size of vw_measuring_t", sizeof measuring);
     vw_measuring_init(&measuring, &slaves, &memory, 0u);
-    MEASURE("vw_measuring_samples (20)", (void)vw_measuring_samples(&measuring, samples, 20u));
+    MEASURE("vw_measuring_add_samples (20)", (void)vw_measuring_add_samples(&measuring, samples, 20u));
     MEASURE("vw_measuring_run (voltages, temperatures)", vw_measuring_run(&measuring, &inputs, 20u, 0u));
     MEASURE("vw_measuring_run (voltages, a stage of the check)", vw_measuring_run(&measuring, &inputs, 20u, 20u));
     MEASURE("vw_measuring_run (voltages)", vw_measuring_run(&measuring, &inputs, 20u, 40u));

@@ -11,7 +11,7 @@
 /* -- configuration ------------------------------------------------------------------------------------------------- */
 
 /* Put an image that passes the check in force, in one step; the padding is 0. */
-static enum vw_result use_config(vw_answer_t *answer, uint8_t image[VW_CONFIG_SIZE], uint16_t *offset)
+static enum vw_result vw_answer_apply_config(vw_answer_t *answer, uint8_t image[VW_CONFIG_SIZE], uint16_t *offset)
 {
     vw_config_clear_padding(image);
     *offset = vw_config_check(image);
@@ -31,36 +31,36 @@ static enum vw_result use_config(vw_answer_t *answer, uint8_t image[VW_CONFIG_SI
     return VW_RESULT_DONE;
 }
 
-static bool may_configure(const vw_answer_t *answer)
+static bool vw_answer_may_configure(const vw_answer_t *answer)
 {
     return answer->board->may_configure == NULL || answer->board->may_configure(answer->board->context);
 }
 
-static enum vw_result write_config(vw_answer_t *answer, const vw_request_t *request, uint16_t *offset)
+static enum vw_result vw_answer_write_config(vw_answer_t *answer, const vw_request_t *request, uint16_t *offset)
 {
     enum vw_result result;
     uint8_t *image = answer->body; /* free outside vw_link_next */
     (void)memcpy(image, &answer->master->conf, VW_CONFIG_SIZE);
     (void)memcpy(image + request->offset, request->data, request->length);
-    if (!vw_config_is_live((const uint8_t *)&answer->master->conf, image) && !may_configure(answer)) {
+    if (!vw_config_is_live((const uint8_t *)&answer->master->conf, image) && !vw_answer_may_configure(answer)) {
         return VW_RESULT_NOT_NOW;
     }
-    result = use_config(answer, image, offset);
+    result = vw_answer_apply_config(answer, image, offset);
     if (result == VW_RESULT_DONE) {
         vw_outbox_event(&answer->outbox, VW_EVENT_CONFIG_WRITTEN, VW_NO_CELL, request->offset, request->length);
     }
     return result;
 }
 
-static enum vw_result load_config(vw_answer_t *answer, uint16_t *offset)
+static enum vw_result vw_answer_load_config(vw_answer_t *answer, uint16_t *offset)
 {
     enum vw_result result;
-    if (!may_configure(answer)) {
+    if (!vw_answer_may_configure(answer)) {
         return VW_RESULT_NOT_NOW;
     }
     result = vw_store_read(&answer->store, false);
     if (result == VW_RESULT_DONE) {
-        result = use_config(answer, answer->store.image, offset);
+        result = vw_answer_apply_config(answer, answer->store.image, offset);
     }
     if (result == VW_RESULT_DONE) {
         vw_outbox_event(&answer->outbox, VW_EVENT_CONFIG_WRITTEN, VW_NO_CELL, 0, (int32_t)VW_CONFIG_SIZE);
@@ -68,10 +68,10 @@ static enum vw_result load_config(vw_answer_t *answer, uint16_t *offset)
     return result;
 }
 
-static enum vw_result begin_store(vw_answer_t *answer)
+static enum vw_result vw_answer_begin_store(vw_answer_t *answer)
 {
     enum vw_result result = VW_RESULT_NOT_NOW;
-    if (may_configure(answer)) {
+    if (vw_answer_may_configure(answer)) {
         (void)memcpy(answer->body, &answer->master->conf, VW_CONFIG_SIZE);
         result = vw_store_begin(&answer->store, answer->body, answer->now_ms);
     }
@@ -80,7 +80,8 @@ static enum vw_result begin_store(vw_answer_t *answer)
 
 /* -- commands ------------------------------------------------------------------------------------------------------ */
 
-static enum vw_result call(const vw_answer_t *answer, enum vw_result (*function)(void *context, int32_t argument),
+static enum vw_result vw_answer_run_command(const vw_answer_t *answer, enum vw_result (*function)(void *context,
+                                            int32_t argument),
                            int32_t argument)
 {
     return function == NULL ? VW_RESULT_UNKNOWN_REQUEST : function(answer->board->context, argument);
@@ -95,7 +96,7 @@ typedef struct {
 #define ARGUMENT_RULE(name, code, low, high) { (uint8_t)(code), low, high },
 static const argument_rule_t argument_rules[] = { VW_COMMANDS(ARGUMENT_RULE) };
 
-static bool is_argument_good(uint8_t code, int32_t argument)
+static bool vw_answer_is_argument_valid(uint8_t code, int32_t argument)
 {
     size_t i = 0u;
     while (i < sizeof argument_rules / sizeof argument_rules[0] && argument_rules[i].code != code) {
@@ -107,9 +108,9 @@ static bool is_argument_good(uint8_t code, int32_t argument)
 
 #define COMMAND_CASE(name, code, low, high) \
     case code: \
-        return call(answer, answer->board->commands.name, argument);
+        return vw_answer_run_command(answer, answer->board->commands.name, argument);
 
-static enum vw_result call_by_code(const vw_answer_t *answer, uint8_t code, int32_t argument)
+static enum vw_result vw_answer_run_command_by_code(const vw_answer_t *answer, uint8_t code, int32_t argument)
 {
     switch (code) {
         VW_COMMANDS(COMMAND_CASE)
@@ -118,11 +119,11 @@ static enum vw_result call_by_code(const vw_answer_t *answer, uint8_t code, int3
     }
 }
 
-static enum vw_result do_command(vw_answer_t *answer, const vw_request_t *request)
+static enum vw_result vw_answer_handle_command(vw_answer_t *answer, const vw_request_t *request)
 {
     enum vw_result result = VW_RESULT_OUT_OF_RANGE;
-    if (is_argument_good(request->command, request->argument)) {
-        result = call_by_code(answer, request->command, request->argument);
+    if (vw_answer_is_argument_valid(request->command, request->argument)) {
+        result = vw_answer_run_command_by_code(answer, request->command, request->argument);
     }
     if (result == VW_RESULT_DONE && request->command == (uint8_t)VW_COMMAND_RESET) {
         answer->restart_asked = true;
@@ -132,50 +133,52 @@ static enum vw_result do_command(vw_answer_t *answer, const vw_request_t *reques
 
 /* -- requests ------------------------------------------------------------------------------------------------------ */
 
-static bool is_changing(uint8_t type)
+static bool vw_answer_is_write_request(uint8_t type)
 {
     return type == VW_MSG_WRITE || type == VW_MSG_STORE || type == VW_MSG_LOAD || type == VW_MSG_COMMAND;
 }
 
-static void put_reply(vw_answer_t *answer, const vw_frame_t *frame, enum vw_result result, uint16_t offset,
+static void vw_answer_queue_reply(vw_answer_t *answer, const vw_frame_t *frame, enum vw_result result, uint16_t offset,
                       size_t data_length)
 {
     vw_outbox_reply(&answer->outbox, frame->type, frame->sequence, result, offset, data_length);
 }
 
-static uint32_t body_crc(const vw_frame_t *frame)
+static uint32_t vw_answer_compute_body_crc(const vw_frame_t *frame)
 {
     return vw_crc32_update(VW_CRC32_START, frame->body, frame->length);
 }
 
-static bool is_repeated(const vw_answer_t *answer, const vw_frame_t *frame)
+static bool vw_answer_is_repeated(const vw_answer_t *answer, const vw_frame_t *frame)
 {
     const vw_done_t *last = &answer->last;
     return answer->has_last && !vw_is_due(answer->now_ms, last->at_ms + VW_REPEAT_WINDOW_MS)
-           && frame->type == last->type && frame->sequence == last->sequence && frame->length == last->length && body_crc(frame) == last->crc;
+           && frame->type == last->type && frame->sequence == last->sequence && frame->length == last->length &&
+               vw_answer_compute_body_crc(frame) == last->crc;
 }
 
-static bool is_store_under_way(const vw_answer_t *answer, const vw_frame_t *frame)
+static bool vw_answer_is_store_running(const vw_answer_t *answer, const vw_frame_t *frame)
 {
     return vw_store_is_busy(&answer->store) && frame->type == VW_MSG_STORE && frame->length == 0u
            && frame->sequence == answer->store_sequence;
 }
 
 /* Reply, and remember how the request ended. */
-static void finish(vw_answer_t *answer, const vw_frame_t *frame, enum vw_result result, uint16_t offset)
+static void vw_answer_finish_request(vw_answer_t *answer, const vw_frame_t *frame, enum vw_result result,
+                                     uint16_t offset)
 {
     answer->has_last = true;
     answer->last.type = frame->type;
     answer->last.sequence = frame->sequence;
     answer->last.length = frame->length;
-    answer->last.crc = body_crc(frame);
+    answer->last.crc = vw_answer_compute_body_crc(frame);
     answer->last.at_ms = answer->now_ms;
     answer->last.result = result;
     answer->last.offset = offset;
-    put_reply(answer, frame, result, offset, 0u);
+    vw_answer_queue_reply(answer, frame, result, offset, 0u);
 }
 
-static enum vw_result read_bytes(vw_answer_t *answer, const vw_request_t *request)
+static enum vw_result vw_answer_read_bytes(vw_answer_t *answer, const vw_request_t *request)
 {
     uint8_t *out = answer->outbox.reply + VW_REPLY_HEADER_SIZE;
     const vw_board_t *board = answer->board;
@@ -194,43 +197,43 @@ static enum vw_result read_bytes(vw_answer_t *answer, const vw_request_t *reques
 }
 
 /* IDENT and READ: nothing changes, so a repeated one is done anew. */
-static void inform(vw_answer_t *answer, const vw_frame_t *frame, const vw_request_t *request)
+static void vw_answer_handle_read(vw_answer_t *answer, const vw_frame_t *frame, const vw_request_t *request)
 {
     size_t length = 0u;
     enum vw_result result = VW_RESULT_DONE;
     if (request->type == VW_MSG_IDENT) {
         length = vw_ident_data(answer->outbox.reply + VW_REPLY_HEADER_SIZE, &answer->ident);
     } else {
-        result = read_bytes(answer, request);
+        result = vw_answer_read_bytes(answer, request);
         length = result == VW_RESULT_DONE ? request->length : 0u;
     }
-    put_reply(answer, frame, result, VW_NO_OFFSET, length);
+    vw_answer_queue_reply(answer, frame, result, VW_NO_OFFSET, length);
 }
 
 /* What changes something: done once, and the reply kept. */
-static void carry_out(vw_answer_t *answer, const vw_frame_t *frame, const vw_request_t *request)
+static void vw_answer_handle_write(vw_answer_t *answer, const vw_frame_t *frame, const vw_request_t *request)
 {
     uint16_t offset = VW_NO_OFFSET;
     enum vw_result result;
     switch (request->type) {
     case VW_MSG_WRITE:
-        result = write_config(answer, request, &offset);
+        result = vw_answer_write_config(answer, request, &offset);
         break;
     case VW_MSG_STORE:
-        result = begin_store(answer);
+        result = vw_answer_begin_store(answer);
         if (result == VW_RESULT_DONE) { /* the reply comes when the EEPROM has it */
             answer->store_sequence = frame->sequence;
             return;
         }
         break;
     case VW_MSG_LOAD:
-        result = load_config(answer, &offset);
+        result = vw_answer_load_config(answer, &offset);
         break;
     default:
-        result = do_command(answer, request);
+        result = vw_answer_handle_command(answer, request);
         break;
     }
-    finish(answer, frame, result, offset);
+    vw_answer_finish_request(answer, frame, result, offset);
 }
 
 void vw_answer_request(vw_answer_t *answer, const vw_frame_t *frame)
@@ -238,22 +241,22 @@ void vw_answer_request(vw_answer_t *answer, const vw_frame_t *frame)
     vw_request_t request;
     uint16_t offset;
     enum vw_result result;
-    if (answer->outbox.has_reply || is_store_under_way(answer, frame)) {
+    if (answer->outbox.has_reply || vw_answer_is_store_running(answer, frame)) {
         return; /* the reply leaves, or comes; a host that misses it asks again */
     }
-    if (is_repeated(answer, frame)) {
-        put_reply(answer, frame, answer->last.result, answer->last.offset, 0u);
+    if (vw_answer_is_repeated(answer, frame)) {
+        vw_answer_queue_reply(answer, frame, answer->last.result, answer->last.offset, 0u);
         return;
     }
     result = vw_request_parse(frame, &request, &offset);
-    if (result == VW_RESULT_DONE && !is_changing(frame->type)) {
-        inform(answer, frame, &request);
+    if (result == VW_RESULT_DONE && !vw_answer_is_write_request(frame->type)) {
+        vw_answer_handle_read(answer, frame, &request);
     } else if (result == VW_RESULT_DONE) {
-        carry_out(answer, frame, &request);
-    } else if (is_changing(frame->type)) {
-        finish(answer, frame, result, offset);
+        vw_answer_handle_write(answer, frame, &request);
+    } else if (vw_answer_is_write_request(frame->type)) {
+        vw_answer_finish_request(answer, frame, result, offset);
     } else {
-        put_reply(answer, frame, result, offset, 0u);
+        vw_answer_queue_reply(answer, frame, result, offset, 0u);
     }
 }
 
@@ -263,5 +266,5 @@ void vw_answer_store(vw_answer_t *answer, enum vw_result result)
     request.type = VW_MSG_STORE;
     request.sequence = answer->store_sequence;
     request.body = answer->body;
-    finish(answer, &request, result, VW_NO_OFFSET);
+    vw_answer_finish_request(answer, &request, result, VW_NO_OFFSET);
 }

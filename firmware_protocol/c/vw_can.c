@@ -6,14 +6,14 @@
 
 #define BIT(index) ((uint8_t)(1u << (index)))
 
-static void take_masks(vw_can_t *can)
+static void vw_can_load_masks(vw_can_t *can)
 {
     can->startup_tx = can->master->conf.can_tx_msg_en_startup;
     can->startup_rx = can->master->conf.can_rx_msg_en_startup;
 }
 
 /* The struct shows what the controller does. */
-static void show_masks(const vw_can_t *can)
+static void vw_can_publish_masks(const vw_can_t *can)
 {
     can->master->status.can_tx_msg_en = can->tx_enabled;
     can->master->status.can_rx_msg_en = can->rx_enabled;
@@ -25,13 +25,13 @@ void vw_can_init(vw_can_t *can, const vw_board_t *board, vw_master_t *master)
     (void)memset(can, 0, sizeof *can);
     can->board = board;
     can->master = master;
-    take_masks(can);
+    vw_can_load_masks(can);
     can->tx_enabled = can->startup_tx;
     can->rx_enabled = can->startup_rx;
-    show_masks(can);
+    vw_can_publish_masks(can);
 }
 
-static uint8_t changed_mask(uint8_t enabled, uint8_t old_startup, uint8_t new_startup)
+static uint8_t vw_can_merge_mask(uint8_t enabled, uint8_t old_startup, uint8_t new_startup)
 {
     return (uint8_t)((enabled & ~(old_startup & ~new_startup)) | (new_startup & ~old_startup));
 }
@@ -39,14 +39,14 @@ static uint8_t changed_mask(uint8_t enabled, uint8_t old_startup, uint8_t new_st
 void vw_can_reload(vw_can_t *can)
 {
     uint8_t old_tx = can->startup_tx, old_rx = can->startup_rx;
-    take_masks(can);
-    can->tx_enabled = changed_mask(can->tx_enabled, old_tx, can->startup_tx);
-    can->rx_enabled = changed_mask(can->rx_enabled, old_rx, can->startup_rx);
+    vw_can_load_masks(can);
+    can->tx_enabled = vw_can_merge_mask(can->tx_enabled, old_tx, can->startup_tx);
+    can->rx_enabled = vw_can_merge_mask(can->rx_enabled, old_rx, can->startup_rx);
     can->rx_active &= can->rx_enabled;
-    show_masks(can);
+    vw_can_publish_masks(can);
 }
 
-static void fill_frame(const vw_can_t *can, uint8_t index, vw_can_frame_t *frame)
+static void vw_can_fill_frame(const vw_can_t *can, uint8_t index, vw_can_frame_t *frame)
 {
     const vw_config_t *conf = &can->master->conf;
     const vw_board_t *board = can->board;
@@ -74,7 +74,7 @@ bool vw_can_next(vw_can_t *can, uint32_t now_ms, vw_can_frame_t *frame)
     for (i = 0u; i < VW_N_CAN_MESSAGES; i++) {
         if ((can->on_demand & BIT(i)) != 0u) {
             can->on_demand &= (uint8_t)~BIT(i);
-            fill_frame(can, i, frame);
+            vw_can_fill_frame(can, i, frame);
             return true;
         }
     }
@@ -95,19 +95,19 @@ bool vw_can_next(vw_can_t *can, uint32_t now_ms, vw_can_frame_t *frame)
         if (vw_is_due(now_ms, can->due_ms[i])) {
             can->due_ms[i] = now_ms + period_ms;
         }
-        fill_frame(can, i, frame);
+        vw_can_fill_frame(can, i, frame);
         return true;
     }
     return false;
 }
 
-static bool is_for(const vw_can_t *can, uint8_t index, const vw_can_frame_t *frame)
+static bool vw_can_is_match(const vw_can_t *can, uint8_t index, const vw_can_frame_t *frame)
 {
     uint32_t id = frame->is_extended ? frame->id | VW_CAN_ID_EXTENDED : frame->id;
     return (can->rx_enabled & BIT(index)) != 0u && can->master->conf.can_rx_msg_id[index] == id;
 }
 
-static void take_bytes(const vw_can_t *can, uint8_t index, const vw_can_frame_t *frame)
+static void vw_can_store_bytes(const vw_can_t *can, uint8_t index, const vw_can_frame_t *frame)
 {
     const vw_config_t *conf = &can->master->conf;
     const vw_board_t *board = can->board;
@@ -128,27 +128,27 @@ static void take_bytes(const vw_can_t *can, uint8_t index, const vw_can_frame_t 
 }
 
 /* The tx message that a received one activates; VW_N_CAN_MESSAGES or more for none. */
-static uint8_t response_of(const vw_can_t *can, uint8_t index)
+static uint8_t vw_can_find_response(const vw_can_t *can, uint8_t index)
 {
     return (uint8_t)(can->master->conf.can_rx_msg_response[index] & (uint8_t)~VW_RESPONSE_CHARGES);
 }
 
-static bool is_to_charge_by(const vw_can_t *can, uint8_t index)
+static bool vw_can_starts_charging(const vw_can_t *can, uint8_t index)
 {
-    return response_of(can, index) < VW_N_CAN_MESSAGES &&
+    return vw_can_find_response(can, index) < VW_N_CAN_MESSAGES &&
            (can->master->conf.can_rx_msg_response[index] & VW_RESPONSE_CHARGES) != 0u;
 }
 
 void vw_can_received(vw_can_t *can, uint32_t now_ms, const vw_can_frame_t *frame)
 {
     uint8_t i = 0u;
-    while (i < VW_N_CAN_MESSAGES && !is_for(can, i, frame)) {
+    while (i < VW_N_CAN_MESSAGES && !vw_can_is_match(can, i, frame)) {
         i++;
     }
     if (i < VW_N_CAN_MESSAGES) {
-        uint8_t response = response_of(can, i);
-        take_bytes(can, i, frame);
-        if ((can->rx_active & BIT(i)) == 0u && is_to_charge_by(can, i)) {
+        uint8_t response = vw_can_find_response(can, i);
+        vw_can_store_bytes(can, i, frame);
+        if ((can->rx_active & BIT(i)) == 0u && vw_can_starts_charging(can, i)) {
             can->charge = VW_CHARGE_BEGIN;
         }
         can->seen_ms[i] = now_ms;
@@ -156,7 +156,7 @@ void vw_can_received(vw_can_t *can, uint32_t now_ms, const vw_can_frame_t *frame
         if (response < VW_N_CAN_MESSAGES) {
             can->tx_enabled |= BIT(response);
         }
-        show_masks(can);
+        vw_can_publish_masks(can);
     }
 }
 
@@ -167,15 +167,15 @@ uint8_t vw_can_expire(vw_can_t *can, uint32_t now_ms)
     for (i = 0u; i < VW_N_CAN_MESSAGES; i++) {
         uint16_t timeout_ms = conf->can_rx_msg_timeout[i];
         if ((can->rx_active & BIT(i)) != 0u && timeout_ms != 0u && (uint32_t)(now_ms - can->seen_ms[i]) > timeout_ms) {
-            uint8_t response = response_of(can, i);
+            uint8_t response = vw_can_find_response(can, i);
             can->rx_active &= (uint8_t)~BIT(i);
-            if (is_to_charge_by(can, i)) {
+            if (vw_can_starts_charging(can, i)) {
                 can->charge = VW_CHARGE_END;
             }
             if (response < VW_N_CAN_MESSAGES) {
                 can->tx_enabled &= (uint8_t)~BIT(response);
             }
-            show_masks(can);
+            vw_can_publish_masks(can);
             return i;
         }
     }
@@ -192,7 +192,7 @@ enum vw_charge vw_can_take_charge(vw_can_t *can)
 void vw_can_enable(vw_can_t *can, uint8_t mask)
 {
     can->tx_enabled = mask;
-    show_masks(can);
+    vw_can_publish_masks(can);
 }
 
 void vw_can_send_once(vw_can_t *can, uint8_t index)

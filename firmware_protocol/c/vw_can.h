@@ -45,7 +45,7 @@ void vw_can_received(vw_can_t *can, uint32_t now_ms, const vw_can_frame_t *frame
  */
 uint8_t vw_can_expire(vw_can_t *can, uint32_t now_ms);
 
-/* Once each: a message to charge by was heard, or went silent. Asked after vw_can_expire; the caller refuses what its
+/* Once each: a message to charge by was received, or went silent. Asked after vw_can_expire; the caller refuses what its
  * command CHARGE_START would.
  */
 enum vw_charge vw_can_take_charge(vw_can_t *can);

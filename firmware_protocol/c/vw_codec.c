@@ -16,7 +16,7 @@ static const uint32_t crc32_table[16] = {
     0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu,
 };
 
-static uint16_t crc16_update(uint16_t crc, uint8_t byte)
+static uint16_t vw_codec_update_crc16(uint16_t crc, uint8_t byte)
 {
     crc = (uint16_t)((uint32_t)crc << 4) ^ crc16_table[(uint32_t)(crc >> 12) ^ (uint32_t)(byte >> 4)];
     crc = (uint16_t)((uint32_t)crc << 4) ^ crc16_table[(uint32_t)(crc >> 12) ^ (byte & 0x0Fu)];
@@ -28,7 +28,7 @@ uint16_t vw_crc16(const uint8_t *data, size_t length)
     uint16_t crc = 0xFFFFu;
     size_t i;
     for (i = 0; i < length; i++) {
-        crc = crc16_update(crc, data[i]);
+        crc = vw_codec_update_crc16(crc, data[i]);
     }
     return crc;
 }
@@ -53,7 +53,7 @@ typedef struct {
     bool failed;
 } cobs_t;
 
-static void cobs_put(cobs_t *cobs, uint8_t byte)
+static void vw_codec_cobs_put(cobs_t *cobs, uint8_t byte)
 {
     if (cobs->length < cobs->size) {
         cobs->out[cobs->length++] = byte;
@@ -62,30 +62,30 @@ static void cobs_put(cobs_t *cobs, uint8_t byte)
     }
 }
 
-static void cobs_open(cobs_t *cobs)
+static void vw_codec_cobs_open(cobs_t *cobs)
 {
     cobs->count_at = cobs->length;
-    cobs_put(cobs, 0u);
+    vw_codec_cobs_put(cobs, 0u);
 }
 
-static void cobs_close(cobs_t *cobs)
+static void vw_codec_cobs_close(cobs_t *cobs)
 {
     if (!cobs->failed) {
         cobs->out[cobs->count_at] = (uint8_t)(cobs->length - cobs->count_at);
     }
 }
 
-static void cobs_write(cobs_t *cobs, uint8_t byte)
+static void vw_codec_cobs_write(cobs_t *cobs, uint8_t byte)
 {
     if (cobs->length - cobs->count_at == 255u) { /* a full block: the next one begins only when a byte follows */
-        cobs_close(cobs);
-        cobs_open(cobs);
+        vw_codec_cobs_close(cobs);
+        vw_codec_cobs_open(cobs);
     }
     if (byte == 0u) {
-        cobs_close(cobs);
-        cobs_open(cobs);
+        vw_codec_cobs_close(cobs);
+        vw_codec_cobs_open(cobs);
     } else {
-        cobs_put(cobs, byte);
+        vw_codec_cobs_put(cobs, byte);
     }
 }
 
@@ -107,27 +107,27 @@ size_t vw_frame_encode(uint8_t type, uint8_t sequence, uint32_t uptime_ms, const
     cobs.size = out_size;
     cobs.length = 0;
     cobs.failed = false;
-    cobs_put(&cobs, 0u);
-    cobs_open(&cobs);
+    vw_codec_cobs_put(&cobs, 0u);
+    vw_codec_cobs_open(&cobs);
     for (i = 0; i < VW_HEADER_SIZE; i++) {
-        crc = crc16_update(crc, header[i]);
-        cobs_write(&cobs, header[i]);
+        crc = vw_codec_update_crc16(crc, header[i]);
+        vw_codec_cobs_write(&cobs, header[i]);
     }
     for (i = 0; i < length; i++) {
-        crc = crc16_update(crc, body[i]);
-        cobs_write(&cobs, body[i]);
+        crc = vw_codec_update_crc16(crc, body[i]);
+        vw_codec_cobs_write(&cobs, body[i]);
     }
-    cobs_write(&cobs, (uint8_t)(crc & 0xFFu));
-    cobs_write(&cobs, (uint8_t)(crc >> 8));
-    cobs_close(&cobs);
-    cobs_put(&cobs, 0u);
+    vw_codec_cobs_write(&cobs, (uint8_t)(crc & 0xFFu));
+    vw_codec_cobs_write(&cobs, (uint8_t)(crc >> 8));
+    vw_codec_cobs_close(&cobs);
+    vw_codec_cobs_put(&cobs, 0u);
     return cobs.failed ? 0u : cobs.length;
 }
 
 /* -- decoding ------------------------------------------------------------------------------------------------------ */
 
 /* Decode in place; returns the length, or 0 where the bytes are no COBS (no frame is empty). */
-static size_t cobs_decode(uint8_t *bytes, size_t length)
+static size_t vw_codec_cobs_decode(uint8_t *bytes, size_t length)
 {
     size_t in = 0, out = 0;
     while (in < length) {
@@ -146,7 +146,7 @@ static size_t cobs_decode(uint8_t *bytes, size_t length)
     return out;
 }
 
-static vw_item_t decode_chunk(vw_decoder_t *decoder, vw_frame_t *frame)
+static vw_item_t vw_codec_decode_chunk(vw_decoder_t *decoder, vw_frame_t *frame)
 {
     size_t length = decoder->length;
     const uint8_t *payload = decoder->buffer;
@@ -155,7 +155,7 @@ static vw_item_t decode_chunk(vw_decoder_t *decoder, vw_frame_t *frame)
     if (length > VW_MAX_ENCODED) {
         return VW_ITEM_BAD_LONG;
     }
-    length = cobs_decode(decoder->buffer, length);
+    length = vw_codec_cobs_decode(decoder->buffer, length);
     if (length == 0u && !is_empty) {
         return VW_ITEM_BAD_COBS;
     }
@@ -176,31 +176,31 @@ static vw_item_t decode_chunk(vw_decoder_t *decoder, vw_frame_t *frame)
     return VW_ITEM_FRAME;
 }
 
-static bool is_command(uint8_t byte)
+static bool vw_codec_is_command(uint8_t byte)
 {
     return byte == VW_START_STREAM || byte == VW_STOP_STREAM;
 }
 
-static vw_item_t command_item(uint8_t byte)
+static vw_item_t vw_codec_make_command_item(uint8_t byte)
 {
     return byte == VW_START_STREAM ? VW_ITEM_START : VW_ITEM_STOP;
 }
 
-static bool is_all_commands(const vw_decoder_t *decoder)
+static bool vw_codec_has_only_commands(const vw_decoder_t *decoder)
 {
     uint32_t i;
     if (decoder->length > VW_MAX_ENCODED) {
         return false;
     }
     for (i = 0; i < decoder->length; i++) {
-        if (!is_command(decoder->buffer[i])) {
+        if (!vw_codec_is_command(decoder->buffer[i])) {
             return false;
         }
     }
     return true;
 }
 
-static void append(vw_decoder_t *decoder, uint8_t byte)
+static void vw_codec_append_byte(vw_decoder_t *decoder, uint8_t byte)
 {
     if (decoder->length < VW_MAX_ENCODED) {
         decoder->buffer[decoder->length] = byte;
@@ -210,21 +210,21 @@ static void append(vw_decoder_t *decoder, uint8_t byte)
     }
 }
 
-static void close_chunk(vw_decoder_t *decoder, bool has_ended)
+static void vw_codec_close_chunk(vw_decoder_t *decoder, bool has_ended)
 {
     uint32_t length = decoder->length, i;
     vw_frame_t frame;
     vw_item_t item;
 
     decoder->inside = true;
-    if (decoder->side == VW_SIDE_MASTER && is_all_commands(decoder)) {
+    if (decoder->side == VW_SIDE_MASTER && vw_codec_has_only_commands(decoder)) {
         decoder->length = 0;
         for (i = 0; i < length; i++) {
-            decoder->handler(decoder->context, command_item(decoder->buffer[i]), NULL);
+            decoder->handler(decoder->context, vw_codec_make_command_item(decoder->buffer[i]), NULL);
         }
         return;
     }
-    item = decode_chunk(decoder, &frame);
+    item = vw_codec_decode_chunk(decoder, &frame);
     decoder->length = 0;
     if (item != VW_ITEM_FRAME || !has_ended) {
         decoder->dropped_bytes += decoder->side == VW_SIDE_MASTER ? length : 0u;
@@ -236,32 +236,32 @@ static void close_chunk(vw_decoder_t *decoder, bool has_ended)
     }
 }
 
-static void feed_host(vw_decoder_t *decoder, uint8_t byte)
+static void vw_codec_feed_host(vw_decoder_t *decoder, uint8_t byte)
 {
     if (byte != 0u) {
-        append(decoder, byte);
+        vw_codec_append_byte(decoder, byte);
     } else if (!decoder->inside) {
         decoder->dropped_bytes += decoder->length;
         decoder->length = 0;
         decoder->inside = true;
     } else if (decoder->length != 0u) {
-        close_chunk(decoder, true);
+        vw_codec_close_chunk(decoder, true);
     }
 }
 
-static void feed_master(vw_decoder_t *decoder, uint8_t byte)
+static void vw_codec_feed_master(vw_decoder_t *decoder, uint8_t byte)
 {
     if (byte == 0u) {
         if (decoder->length != 0u) {
-            close_chunk(decoder, true);
+            vw_codec_close_chunk(decoder, true);
         } else {
             decoder->inside = true;
         }
-    } else if (decoder->inside || !is_command(byte)) {
+    } else if (decoder->inside || !vw_codec_is_command(byte)) {
         decoder->inside = true;
-        append(decoder, byte);
+        vw_codec_append_byte(decoder, byte);
     } else {
-        decoder->handler(decoder->context, command_item(byte), NULL);
+        decoder->handler(decoder->context, vw_codec_make_command_item(byte), NULL);
     }
 }
 
@@ -280,9 +280,9 @@ void vw_decoder_feed(vw_decoder_t *decoder, const uint8_t *data, size_t length)
     size_t i;
     for (i = 0; i < length; i++) {
         if (decoder->side == VW_SIDE_HOST) {
-            feed_host(decoder, data[i]);
+            vw_codec_feed_host(decoder, data[i]);
         } else {
-            feed_master(decoder, data[i]);
+            vw_codec_feed_master(decoder, data[i]);
         }
     }
 }
@@ -291,7 +291,7 @@ void vw_decoder_idle(vw_decoder_t *decoder)
 {
     if (decoder->side == VW_SIDE_MASTER) {
         if (decoder->length != 0u) {
-            close_chunk(decoder, false);
+            vw_codec_close_chunk(decoder, false);
         }
         decoder->inside = false;
     }

@@ -43,7 +43,7 @@ static const pair_t pairs[] = {
     { OFFSET(fan_ramp_min), OFFSET(fan_ramp_max), false },
 };
 
-static int64_t element(const uint8_t *image, const rule_t *rule, size_t index)
+static int64_t vw_config_read_element(const uint8_t *image, const rule_t *rule, size_t index)
 {
     const uint8_t *at = image + rule->offset + index * rule->size;
     uint64_t raw = 0;
@@ -57,7 +57,7 @@ static int64_t element(const uint8_t *image, const rule_t *rule, size_t index)
     return (int64_t)raw;
 }
 
-static const rule_t *rule_at(uint16_t offset)
+static const rule_t *vw_config_find_rule(uint16_t offset)
 {
     size_t i = 0;
     while (rules[i].offset != offset) {
@@ -66,7 +66,7 @@ static const rule_t *rule_at(uint16_t offset)
     return &rules[i];
 }
 
-static bool is_good(const rule_t *rule, int64_t value)
+static bool vw_config_is_valid(const rule_t *rule, int64_t value)
 {
     if (value < rule->minimum || value > rule->maximum) {
         return false;
@@ -94,14 +94,14 @@ uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE])
     for (i = 0; i < sizeof rules / sizeof rules[0]; i++) {
         for (n = 0; n < rules[i].count; n++) {
             uint16_t offset = (uint16_t)(rules[i].offset + n * rules[i].size);
-            if (offset < first && !is_good(&rules[i], element(image, &rules[i], n))) {
+            if (offset < first && !vw_config_is_valid(&rules[i], vw_config_read_element(image, &rules[i], n))) {
                 first = offset;
             }
         }
     }
     for (i = 0; i < sizeof pairs / sizeof pairs[0]; i++) {
-        int64_t low = element(image, rule_at(pairs[i].low), 0u);
-        int64_t high = element(image, rule_at(pairs[i].high), 0u);
+        int64_t low = vw_config_read_element(image, vw_config_find_rule(pairs[i].low), 0u);
+        int64_t high = vw_config_read_element(image, vw_config_find_rule(pairs[i].high), 0u);
         if ((low > high || (pairs[i].is_strict && low == high)) && pairs[i].low < first) {
             first = pairs[i].low;
         }
@@ -130,7 +130,7 @@ void vw_config_clear_padding(uint8_t image[VW_CONFIG_SIZE])
     }
 }
 
-static uint32_t slot_crc(const uint8_t *header, const uint8_t *image)
+static uint32_t vw_config_compute_slot_crc(const uint8_t *header, const uint8_t *image)
 {
     uint32_t crc = vw_crc32_update(VW_CRC32_START, header, CRC_AT);
     return ~vw_crc32_update(crc, image, VW_CONFIG_SIZE);
@@ -142,10 +142,10 @@ void vw_slot_header(uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_
     vw_put_u16(header + 4, VW_CONFIG_SIZE);
     vw_put_u16(header + LAYOUT_AT, VW_EEPROM_LAYOUT_VERSION);
     vw_put_u32(header + 8, counter);
-    vw_put_u32(header + CRC_AT, slot_crc(header, image));
+    vw_put_u32(header + CRC_AT, vw_config_compute_slot_crc(header, image));
 }
 
-static bool is_layout_known(const uint8_t *header)
+static bool vw_config_is_layout_known(const uint8_t *header)
 {
     uint16_t layout = vw_get_u16(header + LAYOUT_AT);
     return layout == VW_EEPROM_LAYOUT_VERSION || layout == VW_EEPROM_FIRST_LAYOUT;
@@ -154,8 +154,8 @@ static bool is_layout_known(const uint8_t *header)
 uint32_t vw_slot_counter(const uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_CONFIG_SIZE])
 {
     bool is_valid = memcmp(header, magic, sizeof magic) == 0 && vw_get_u16(header + 4) == VW_CONFIG_SIZE
-                    && is_layout_known(header)
-                    && vw_get_u32(header + CRC_AT) == slot_crc(header, image);
+                    && vw_config_is_layout_known(header)
+                    && vw_get_u32(header + CRC_AT) == vw_config_compute_slot_crc(header, image);
     return is_valid ? vw_get_u32(header + 8) : 0u;
 }
 

@@ -11,7 +11,7 @@ void vw_link_event(vw_link_t *link, uint8_t code, uint16_t cell, int32_t value, 
     vw_outbox_event(&link->answer.outbox, code, cell, value, limit);
 }
 
-static void on_item(void *context, vw_item_t item, const vw_frame_t *frame)
+static void vw_link_handle_item(void *context, vw_item_t item, const vw_frame_t *frame)
 {
     vw_link_t *link = context;
     if (item == VW_ITEM_FRAME) {
@@ -38,7 +38,7 @@ void vw_link_init(vw_link_t *link, const vw_board_t *board, vw_master_t *master,
     answer->ident = *ident;
     answer->ident.protocol = VW_PROTOCOL_VERSION;
     (void)memcpy(answer->ident.map_hash, map_hash, sizeof map_hash);
-    vw_decoder_init(&link->decoder, VW_SIDE_MASTER, on_item, link);
+    vw_decoder_init(&link->decoder, VW_SIDE_MASTER, vw_link_handle_item, link);
     vw_store_init(&answer->store, board);
     vw_link_event(link, VW_EVENT_BOOT, VW_NO_CELL, ident->reset_cause, 0);
     for (polls = 0u; polls < BOOT_POLLS && board->eeprom_is_busy(board->context); polls++) {
@@ -63,7 +63,7 @@ void vw_link_received(vw_link_t *link, uint32_t now_ms, const uint8_t *data, siz
     vw_decoder_feed(&link->decoder, data, length);
 }
 
-static void run_store(vw_link_t *link)
+static void vw_link_run_store(vw_link_t *link)
 {
     vw_store_state_t state = vw_store_run(&link->answer.store, link->answer.now_ms);
     if (state == VW_STORE_DONE) {
@@ -82,7 +82,7 @@ void vw_link_run(vw_link_t *link, uint32_t now_ms)
         link->last_byte_ms = now_ms;
     }
     if (!link->answer.outbox.has_reply) {
-        run_store(link);
+        vw_link_run_store(link);
     }
     if (link->answer.can != NULL) {
         uint8_t lost = vw_can_expire(link->answer.can, now_ms);
@@ -93,7 +93,7 @@ void vw_link_run(vw_link_t *link, uint32_t now_ms)
     }
 }
 
-static size_t data_body(vw_link_t *link)
+static size_t vw_link_fill_data_body(vw_link_t *link)
 {
     vw_answer_t *answer = &link->answer;
     vw_span_t spans[VW_STREAM_MAX_SPANS];
@@ -111,7 +111,7 @@ static size_t data_body(vw_link_t *link)
     return length;
 }
 
-static size_t send(vw_link_t *link, uint8_t type, const uint8_t *body, size_t length, uint8_t *out)
+static size_t vw_link_encode_frame(vw_link_t *link, uint8_t type, const uint8_t *body, size_t length, uint8_t *out)
 {
     size_t n = vw_frame_encode(type, link->sequence, link->answer.now_ms, body, length, out, VW_MAX_FRAME);
     link->sequence++;
@@ -125,7 +125,7 @@ size_t vw_link_next(vw_link_t *link, uint32_t now_ms, uint8_t out[VW_MAX_FRAME])
     answer->now_ms = now_ms;
     if (vw_outbox_is_reply_next(&answer->outbox)) {
         const uint8_t *reply = vw_outbox_take_reply(&answer->outbox, &length);
-        return send(link, VW_MSG_REPLY, reply, length, out);
+        return vw_link_encode_frame(link, VW_MSG_REPLY, reply, length, out);
     }
     if (answer->restart_asked && !answer->outbox.has_reply) {
         answer->restart_asked = false;
@@ -135,8 +135,8 @@ size_t vw_link_next(vw_link_t *link, uint32_t now_ms, uint8_t out[VW_MAX_FRAME])
     }
     length = vw_outbox_take_event(&answer->outbox, answer->body);
     if (length != 0u) {
-        return send(link, VW_MSG_EVENT, answer->body, length, out);
+        return vw_link_encode_frame(link, VW_MSG_EVENT, answer->body, length, out);
     }
-    length = data_body(link);
-    return length == 0u ? 0u : send(link, VW_MSG_DATA, answer->body, length, out);
+    length = vw_link_fill_data_body(link);
+    return length == 0u ? 0u : vw_link_encode_frame(link, VW_MSG_DATA, answer->body, length, out);
 }

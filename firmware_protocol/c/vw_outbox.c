@@ -2,7 +2,7 @@
 
 #include "vw_bytes.h"
 
-static void drop_event(vw_outbox_t *outbox)
+static void vw_outbox_drop_event(vw_outbox_t *outbox)
 {
     outbox->first_event = (uint8_t)((outbox->first_event + 1u) % VW_MAX_EVENTS);
     outbox->n_events--;
@@ -15,7 +15,7 @@ void vw_outbox_event(vw_outbox_t *outbox, uint8_t code, uint16_t cell, int32_t v
 {
     vw_event_t *event;
     if (outbox->n_events == VW_MAX_EVENTS) {
-        drop_event(outbox);
+        vw_outbox_drop_event(outbox);
     }
     event = &outbox->events[(outbox->first_event + outbox->n_events) % VW_MAX_EVENTS];
     outbox->n_events++;
@@ -55,7 +55,7 @@ size_t vw_outbox_take_event(vw_outbox_t *outbox, uint8_t body[VW_MAX_BODY])
     size_t length = 0u;
     if (outbox->n_events != 0u) {
         length = vw_event_body(body, &outbox->events[outbox->first_event]);
-        drop_event(outbox);
+        vw_outbox_drop_event(outbox);
     }
     return length;
 }

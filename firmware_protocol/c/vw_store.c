@@ -35,7 +35,7 @@ bool vw_store_is_busy(const vw_store_t *store)
 /* -- reading ------------------------------------------------------------------------------------------------------- */
 
 /* Gets the slot's counter, 0 where it is not valid; its image goes into `image`. False: the bus failed. */
-static bool read_slot(const vw_board_t *board, uint16_t slot, uint8_t image[VW_CONFIG_SIZE], uint32_t *counter)
+static bool vw_store_read_slot(const vw_board_t *board, uint16_t slot, uint8_t image[VW_CONFIG_SIZE], uint32_t *counter)
 {
     uint8_t header[VW_SLOT_HEADER_SIZE];
     uint16_t address = (uint16_t)(slot * VW_EEPROM_SLOT_SIZE);
@@ -50,7 +50,7 @@ static bool read_slot(const vw_board_t *board, uint16_t slot, uint8_t image[VW_C
     return true;
 }
 
-static bool is_chip_busy(const vw_board_t *board)
+static bool vw_store_is_chip_busy(const vw_board_t *board)
 {
     return board->eeprom_is_busy(board->context);
 }
@@ -59,11 +59,11 @@ enum vw_result vw_store_read(vw_store_t *store, bool must_pass)
 {
     uint32_t counters[2] = { 0u, 0u };
     uint16_t tries, slot;
-    if (vw_store_is_busy(store) || is_chip_busy(store->board)) {
+    if (vw_store_is_busy(store) || vw_store_is_chip_busy(store->board)) {
         return VW_RESULT_NOT_NOW;
     }
     for (slot = 0u; slot < 2u; slot++) {
-        if (!read_slot(store->board, slot, store->image, &counters[slot])) {
+        if (!vw_store_read_slot(store->board, slot, store->image, &counters[slot])) {
             return VW_RESULT_EEPROM_FAILED;
         }
     }
@@ -72,7 +72,7 @@ enum vw_result vw_store_read(vw_store_t *store, bool must_pass)
         if (counters[slot] == 0u) {
             break;
         }
-        if (!read_slot(store->board, slot, store->image, &counters[slot]) || counters[slot] == 0u) {
+        if (!vw_store_read_slot(store->board, slot, store->image, &counters[slot]) || counters[slot] == 0u) {
             return VW_RESULT_EEPROM_FAILED;
         }
         if (!must_pass || vw_config_check(store->image) == VW_NO_OFFSET) {
@@ -89,11 +89,11 @@ enum vw_result vw_store_begin(vw_store_t *store, const uint8_t image[VW_CONFIG_S
 {
     uint32_t counters[2] = { 0u, 0u };
     uint16_t slot;
-    if (vw_store_is_busy(store) || is_chip_busy(store->board)) {
+    if (vw_store_is_busy(store) || vw_store_is_chip_busy(store->board)) {
         return VW_RESULT_NOT_NOW;
     }
     for (slot = 0u; slot < 2u; slot++) {
-        if (!read_slot(store->board, slot, store->image, &counters[slot])) {
+        if (!vw_store_read_slot(store->board, slot, store->image, &counters[slot])) {
             return VW_RESULT_EEPROM_FAILED;
         }
     }
@@ -111,7 +111,7 @@ enum vw_result vw_store_begin(vw_store_t *store, const uint8_t image[VW_CONFIG_S
 }
 
 /* Page 0 of the slot is its header, the others its image; what is left of a page is 0. */
-static void make_page(const vw_store_t *store, uint8_t page, uint8_t out[VW_EEPROM_PAGE_SIZE])
+static void vw_store_fill_page(const vw_store_t *store, uint8_t page, uint8_t out[VW_EEPROM_PAGE_SIZE])
 {
     (void)memset(out, 0, VW_EEPROM_PAGE_SIZE);
     if (page == 0u) {
@@ -123,49 +123,49 @@ static void make_page(const vw_store_t *store, uint8_t page, uint8_t out[VW_EEPR
     }
 }
 
-static uint16_t page_address(const vw_store_t *store, uint8_t page)
+static uint16_t vw_store_page_address(const vw_store_t *store, uint8_t page)
 {
     return (uint16_t)(store->slot_address + page * VW_EEPROM_PAGE_SIZE);
 }
 
-static bool holds_page(const vw_store_t *store, uint8_t page, bool *same)
+static bool vw_store_compare_page(const vw_store_t *store, uint8_t page, bool *same)
 {
     uint8_t wanted[VW_EEPROM_PAGE_SIZE], held[VW_EEPROM_PAGE_SIZE];
     const vw_board_t *board = store->board;
-    make_page(store, page, wanted);
-    if (!board->eeprom_read(board->context, page_address(store, page), held, (uint16_t)sizeof held)) {
+    vw_store_fill_page(store, page, wanted);
+    if (!board->eeprom_read(board->context, vw_store_page_address(store, page), held, (uint16_t)sizeof held)) {
         return false;
     }
     *same = memcmp(wanted, held, sizeof held) == 0;
     return true;
 }
 
-static bool write_page(const vw_store_t *store, uint8_t page, bool zeros)
+static bool vw_store_write_page(const vw_store_t *store, uint8_t page, bool zeros)
 {
     uint8_t data[VW_EEPROM_PAGE_SIZE];
     const vw_board_t *board = store->board;
-    make_page(store, page, data);
+    vw_store_fill_page(store, page, data);
     if (zeros) {
         (void)memset(data, 0, sizeof data);
     }
-    return board->eeprom_write(board->context, page_address(store, page), data, (uint16_t)sizeof data);
+    return board->eeprom_write(board->context, vw_store_page_address(store, page), data, (uint16_t)sizeof data);
 }
 
 /* Carry out one step; false where the bus fails or the chip does not hold what it should. */
-static bool do_step(const vw_store_t *store)
+static bool vw_store_run_step(const vw_store_t *store)
 {
     bool same = false;
     if (store->step == STEP_INVALIDATE) {
-        return write_page(store, 0u, true);
+        return vw_store_write_page(store, 0u, true);
     }
     if (store->step < STEP_HEADER) {
         uint8_t page = (uint8_t)(store->step - STEP_IMAGE + 1u);
-        return holds_page(store, page, &same) && (same || write_page(store, page, false));
+        return vw_store_compare_page(store, page, &same) && (same || vw_store_write_page(store, page, false));
     }
     if (store->step == STEP_HEADER) {
-        return write_page(store, 0u, false);
+        return vw_store_write_page(store, 0u, false);
     }
-    return holds_page(store, (uint8_t)(store->step - STEP_VERIFY), &same) && same;
+    return vw_store_compare_page(store, (uint8_t)(store->step - STEP_VERIFY), &same) && same;
 }
 
 vw_store_state_t vw_store_run(vw_store_t *store, uint32_t now_ms)
@@ -173,14 +173,14 @@ vw_store_state_t vw_store_run(vw_store_t *store, uint32_t now_ms)
     if (!vw_store_is_busy(store)) {
         return VW_STORE_IDLE;
     }
-    if (is_chip_busy(store->board)) {
+    if (vw_store_is_chip_busy(store->board)) {
         if (!vw_is_due(now_ms, store->started_ms + PAGE_TIMEOUT_MS)) {
             return VW_STORE_BUSY;
         }
         store->step = STEP_IDLE;
         return VW_STORE_FAILED;
     }
-    if (!do_step(store)) {
+    if (!vw_store_run_step(store)) {
         store->step = STEP_IDLE;
         return VW_STORE_FAILED;
     }
@@ -195,23 +195,23 @@ vw_store_state_t vw_store_run(vw_store_t *store, uint32_t now_ms)
 
 /* -- journal ------------------------------------------------------------------------------------------------------- */
 
-static bool is_whole(const uint8_t *entry, size_t length)
+static bool vw_store_is_entry_valid(const uint8_t *entry, size_t length)
 {
     return vw_get_u32(entry + length) == ~vw_crc32_update(VW_CRC32_START, entry, length);
 }
 
 /* Of layout 1 the last two bytes of the entry's 12 are 0, and its charge counts 1 mA s: 18/5 of them are 1 uAh. */
-static bool read_entry(const uint8_t entry[JOURNAL_SIZE], vw_journal_t *found)
+static bool vw_store_read_entry(const uint8_t entry[JOURNAL_SIZE], vw_journal_t *found)
 {
     uint16_t layout = vw_get_u16(entry + 10);
     found->counter = vw_get_u32(entry);
     found->dod = vw_get_u32(entry + 4);
     found->soc = vw_get_u16(entry + 8);
     if (layout == VW_EEPROM_LAYOUT_VERSION) {
-        return is_whole(entry, JOURNAL_CRC_AT);
+        return vw_store_is_entry_valid(entry, JOURNAL_CRC_AT);
     }
     found->dod = (uint32_t)(((uint64_t)found->dod * 5u + 9u) / 18u);
-    return layout == 0u && is_whole(entry, FIRST_JOURNAL_CRC_AT);
+    return layout == 0u && vw_store_is_entry_valid(entry, FIRST_JOURNAL_CRC_AT);
 }
 
 void vw_journal_read(const vw_board_t *board, vw_journal_t *newest)
@@ -223,7 +223,7 @@ void vw_journal_read(const vw_board_t *board, vw_journal_t *newest)
     for (page = 0u; page < VW_EEPROM_JOURNAL_PAGES; page++) {
         uint16_t address = (uint16_t)(VW_EEPROM_JOURNAL_OFFSET + page * VW_EEPROM_PAGE_SIZE);
         if (board->eeprom_read(board->context, address, entry, (uint16_t)sizeof entry)
-            && vw_get_u32(entry) > newest->counter && read_entry(entry, &found)) {
+            && vw_get_u32(entry) > newest->counter && vw_store_read_entry(entry, &found)) {
             *newest = found;
         }
     }

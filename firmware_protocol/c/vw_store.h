@@ -11,8 +11,8 @@
 typedef enum {
     VW_STORE_IDLE,
     VW_STORE_BUSY,
-    VW_STORE_DONE,  /* it has been read back; told once */
-    VW_STORE_FAILED /* told once */
+    VW_STORE_DONE,  /* read back and equal; reported once */
+    VW_STORE_FAILED /* reported once */
 } vw_store_state_t;
 
 typedef struct {

@@ -24,13 +24,13 @@ void vw_stream_start(vw_stream_t *stream, uint16_t period_ms, uint32_t now_ms)
     stream->fast_in_a_row = 0u;
 }
 
-static bool is_turn_start(const vw_stream_t *stream)
+static bool vw_stream_is_turn_start(const vw_stream_t *stream)
 {
     return stream->range == 0u && stream->sent_of_range == 0u;
 }
 
 /* Bytes of the struct that a slow frame may carry and still end before the next fast one is due. */
-static uint32_t room(const vw_stream_t *stream, uint32_t now_ms)
+static uint32_t vw_stream_compute_room(const vw_stream_t *stream, uint32_t now_ms)
 {
     uint32_t left_ms, bytes;
     if (stream->fast_in_a_row >= VW_STREAM_FAST_PER_SLOW) {
@@ -51,9 +51,9 @@ static uint32_t room(const vw_stream_t *stream, uint32_t now_ms)
     return bytes < VW_STREAM_SLOW_LENGTH ? bytes : VW_STREAM_SLOW_LENGTH;
 }
 
-static uint16_t slow_length(const vw_stream_t *stream, uint32_t now_ms)
+static uint16_t vw_stream_compute_slow_length(const vw_stream_t *stream, uint32_t now_ms)
 {
-    uint32_t bytes = room(stream, now_ms);
+    uint32_t bytes = vw_stream_compute_room(stream, now_ms);
     uint32_t left = (uint32_t)slow_ranges[stream->range].length - stream->sent_of_range;
     if (left <= bytes) {
         return (uint16_t)left;
@@ -61,10 +61,10 @@ static uint16_t slow_length(const vw_stream_t *stream, uint32_t now_ms)
     return bytes >= VW_STREAM_SLOW_WORTHWHILE ? (uint16_t)(bytes - bytes % VW_STREAM_ALIGNMENT) : 0u;
 }
 
-static void take_slow(vw_stream_t *stream, uint32_t now_ms, uint16_t length, vw_span_t *span)
+static void vw_stream_take_slow_span(vw_stream_t *stream, uint32_t now_ms, uint16_t length, vw_span_t *span)
 {
     const vw_span_t *range = &slow_ranges[stream->range];
-    if (is_turn_start(stream)) {
+    if (vw_stream_is_turn_start(stream)) {
         stream->turn_ms = now_ms + VW_STREAM_TURN_MS;
     }
     span->offset = (uint16_t)(range->offset + stream->sent_of_range);
@@ -80,10 +80,10 @@ static void take_slow(vw_stream_t *stream, uint32_t now_ms, uint16_t length, vw_
 uint8_t vw_stream_take(vw_stream_t *stream, uint32_t now_ms, vw_span_t spans[VW_STREAM_MAX_SPANS])
 {
     uint8_t i;
-    if (!is_turn_start(stream) || vw_is_due(now_ms, stream->turn_ms)) {
-        uint16_t length = slow_length(stream, now_ms);
+    if (!vw_stream_is_turn_start(stream) || vw_is_due(now_ms, stream->turn_ms)) {
+        uint16_t length = vw_stream_compute_slow_length(stream, now_ms);
         if (length != 0u) {
-            take_slow(stream, now_ms, length, &spans[0]);
+            vw_stream_take_slow_span(stream, now_ms, length, &spans[0]);
             return 1u;
         }
     }

@@ -203,7 +203,7 @@ export function monthly(trend: SeasonTrend, decimals: number): string {
   const least = 10 ** -decimals / 2;
   if (Math.max(Math.abs(trend.low), Math.abs(trend.high)) * 100 < least)
     return t('common.no_significant_change');
-  if (!trend.tells_month) return t('common.too_few_days_monthly_rate');
+  if (!trend.is_reportable) return t('common.too_few_days_monthly_rate');
   const words = t('common.per_month_95', { pace: pace!, low: low!, high: high! });
   return trend.is_sure ? words : `${words} · ${t('common.not_statistically_significant')}`;
 }

@@ -1,6 +1,6 @@
 import { expect, it } from 'vitest';
 import { fits, samplesText, spans, takenOf, toggled, withUnits } from '../src/store/importing';
-import type { ImportProfile } from '../src/link/types';
+import type { ImportMapping } from '../src/link/types';
 
 it('cells are told as numbers from one and spans, and as nothing where all are taken', () => {
   expect(spans([true, true, true])).toBe('');
@@ -24,8 +24,8 @@ it('a cell is left out and taken again, and one always stays', () => {
 });
 
 it('only the units that were asked for are taken over', () => {
-  const mine = { time_unit: 's', voltage_unit: 'V', current: 'I' } as ImportProfile;
-  const found = { time_unit: 'ms', voltage_unit: 'mV', current: 'I' } as ImportProfile;
+  const mine = { time_unit: 's', voltage_unit: 'V', current: 'I' } as ImportMapping;
+  const found = { time_unit: 'ms', voltage_unit: 'mV', current: 'I' } as ImportMapping;
   expect(withUnits(mine, found, ['voltage'])).toEqual({ ...mine, voltage_unit: 'mV' });
 });
 

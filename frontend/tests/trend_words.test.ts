@@ -10,7 +10,7 @@ const trend = {
   high: 0.015,
   sessions: 6,
   is_sure: true,
-  tells_month: true,
+  is_reportable: true,
 };
 
 describe('monthly', () => {
@@ -20,7 +20,7 @@ describe('monthly', () => {
   });
 
   it('tells no month by the sessions of one day', () => {
-    const day = { ...trend, per_month: -269, low: -406, high: -132, tells_month: false };
+    const day = { ...trend, per_month: -269, low: -406, high: -132, is_reportable: false };
     expect(monthly(day, 1)).toBe('too few days for a monthly rate');
   });
 });

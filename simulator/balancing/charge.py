@@ -14,8 +14,8 @@ from simulator.cell_data import FloatArray
 from simulator.errors import ParameterError
 
 SECONDS_PER_HOUR = 3600.0
-SAMPLE_S = 60.0  # of the traces
-PARTS = 1000  # of a charge or a rest, as its progress counts
+SAMPLE_S = 60.0  # period of the traces
+PARTS = 1000  # steps of a charge's or a rest's progress
 OnProgress = Callable[[int, int], None]  # parts done, parts in all
 
 
@@ -50,8 +50,8 @@ class ChargePlan:
     top_v: float = 4.1895
     end_a: float = 0.03
     loop_ohm: float = 0.025  # what the regulator takes a cell's resistance for; twice the real one never overshoots
-    control_period_s: float = 1.0  # of supervisor, balancer and regulator
-    dt_s: float = 1.0  # of the physics in between
+    control_period_s: float = 1.0  # period of supervisor, balancer and regulator
+    dt_s: float = 1.0  # step of the physics in between
     time_limit_s: float = 24 * SECONDS_PER_HOUR
 
     def __post_init__(self) -> None:
@@ -71,8 +71,8 @@ class BalancingRun:
     """How a charge or a rest went. Traces have one entry a minute and one at the end."""
 
     hours: float
-    max_degc: float  # of the hottest cell
-    max_board_degc: float  # of the hottest slave board
+    max_degc: float  # temperature of the hottest cell
+    max_board_degc: float  # temperature of the hottest slave board
     soc_difference: float  # highest less lowest at the end
     highest_soc: float
     highest_v: float
@@ -84,7 +84,7 @@ class BalancingRun:
     soc: FloatArray  # (samples, n)
     voltage_v: FloatArray
     temperature_degc: FloatArray
-    current_a: FloatArray  # of the charger, positive
+    current_a: FloatArray  # current of the charger, positive
 
 
 def charge(
@@ -153,7 +153,7 @@ class _Log:
         self._max_degc = self._max_board_degc = self._highest_v = -np.inf
 
     def sample(self, current_a: float, done: float) -> None:
-        """Note the state before a step, with how much of the work is done, 0..1; once a minute that is told."""
+        """Note the state before a step, with how much of the work is done, 0..1; once a minute that is reported."""
         self._note_extremes()
         if self._samples % self._sample_every == 0:
             self._add_row(current_a)

@@ -4,7 +4,7 @@ from typing import Final
 
 METHODS: Final = ("passive", "switched-capacitor", "transformer")
 CIRCUITS: Final = (*METHODS, "none")
-LIMITS: Final = {  # of the numbers of a study
+LIMITS: Final = {  # limits of a study's numbers
     "rate_c": (0.05, 6.0),
     "hours": (0.1, 100.0),
     "soc": (0.0, 1.0),

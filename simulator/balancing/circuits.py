@@ -25,7 +25,7 @@ class Balance:
 
     bleeding: BoolArray | FloatArray | None = None  # on or off, or the part of the period it is on
     cell_current_a: FloatArray | None = None
-    heat_w: FloatArray | None = None  # of switches, windings and diodes, by the cell they belong to
+    heat_w: FloatArray | None = None  # heat of switches, windings and diodes, by the cell they belong to
     loss_w: float = 0.0  # beyond the bleed resistors, which the accumulator counts
 
 

@@ -11,7 +11,7 @@ from simulator.accumulator import AccumulatorParameters
 from simulator.cell_data import CellModel, Table
 from simulator.thermal import ThermalParameters
 
-RATED_AH = 1.5  # of the data sheet; a charge at 1C runs at this many amperes
+RATED_AH = 1.5  # rated capacity; a charge at 1C runs at this many amperes
 START_SOC = (0.21, 0.209, 0.202, 0.204, 0.20, 0.207)
 AMBIENT_DEGC = 23.0
 START_DEGC = 20.0

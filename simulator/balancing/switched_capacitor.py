@@ -23,8 +23,8 @@ class SwitchedCapacitorParameters:
     capacitance_f: float
     switch_ohm: float
     frequency_hz: float
-    duty: float = 0.45  # of each phase; the rest is dead time
-    series_ohm: float = 0.0  # of a capacitor
+    duty: float = 0.45  # duty of each phase; the rest is dead time
+    series_ohm: float = 0.0  # series resistance of a capacitor
     cell_ohm: float = 0.0  # instantaneous resistance of a cell
     precharged: bool = False  # capacitors start at their cell's voltage instead of empty
 

@@ -23,7 +23,7 @@ class TransformerParameters:
     secondary_ohm: float = 0.3
     diode_v: float = 0.45
     turns_per_cell: float = 1.35  # turns ratio over the number of cells; above 1 by what the losses need
-    reset_turns_per_cell: float = 1.0  # of the reset winding; fewer reset the core sooner, at a higher voltage
+    reset_turns_per_cell: float = 1.0  # turns of the reset winding; fewer reset the core sooner, at a higher voltage
     duty: float = 0.45  # the core resets in the rest of the period
     highest_over_mean: float = 1.2  # voltage of the cell that drives over the mean of the stack, up to which it does
     magnetising_h: float = 2.0e-4
@@ -46,7 +46,7 @@ class Transfer:
     cell_current_a: FloatArray  # (n,) mean current out of each cell, negative into it
     loss_w: float  # in switch, windings and diode
     efficiency: float  # power into the stack over power out of the cell
-    reset_share: float  # of the period, until the magnetising current is back at zero
+    reset_share: float  # share of the period until the magnetising current is back at zero
 
 
 class MultiWindingTransformer:

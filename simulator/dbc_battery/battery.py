@@ -1,4 +1,4 @@
-"""What is simulated of a battery that speaks by a DBC: its shape, sensors, limits, size of its cells, its voice."""
+"""The simulated battery with a DBC: its shape, sensors, limits, size of its cells, its encoder."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from simulator.thermal import ThermalParameters
 Readings = Mapping[str, FloatArray]  # by kind: `voltage` (n_cells,), `temperature` (n_sensors,), `current` (1,), ...
 
 
-class Voice(Protocol):
+class BatteryEncoder(Protocol):
     """Turns readings into CAN frames, each message at its rate."""
 
     @property
@@ -71,7 +71,7 @@ class SilentBus:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class TripLimits:
     """What the BMS trips at, and tells where its DBC has signals for it."""
 
     cell_voltage_min_v: float = 2.5
@@ -87,10 +87,10 @@ class DbcBattery:
     """A battery and its voice."""
 
     shape: Shape
-    sensors: tuple[tuple[int, ...], ...]  # of each temperature sensor the cells that it stands for
-    capacity_ah: float  # of what is measured as one cell
-    limits: Mapping[str, float]  # by a name of `Limits`; where none is given, those of the simulated cell
-    voice: Voice
+    sensors: tuple[tuple[int, ...], ...]  # cells of each temperature sensor
+    capacity_ah: float  # capacity of what is measured as one cell
+    limits: Mapping[str, float]  # by a name of `TripLimits`; where none is given, those of the simulated cell
+    voice: BatteryEncoder
     serial: SerialVoice | None = None
 
     @property
@@ -103,14 +103,14 @@ class DbcBattery:
         """Number of cells over that of the team's own battery, for which cars and chargers are made."""
         return self.shape.n_cells / TEAM.n_cells
 
-    def trip_limits(self) -> Limits:
+    def trip_limits(self) -> TripLimits:
         """Return the limits in force; currents are 8 C and 4 C where none are given."""
         defaults = {
             "discharge_current_max_a": 8.0 * self.capacity_ah,
             "charge_current_max_a": 4.0 * self.capacity_ah,
         }
-        known = {name: value for name, value in self.limits.items() if name in Limits.__dataclass_fields__}
-        return Limits(**{**defaults, **known})
+        known = {name: value for name, value in self.limits.items() if name in TripLimits.__dataclass_fields__}
+        return TripLimits(**{**defaults, **known})
 
     def charger(self) -> ChargerParameters:
         """Return a charger of the right size."""

@@ -20,7 +20,7 @@ from simulator.vehicle import SOC_SCALE
 FAST_PERSISTENCE_S = 0.3
 SLOW_PERSISTENCE_S = 0.4
 WIRE_PERSISTENCE_S = 0.5  # a lost measurement has no time in the rules
-SENSOR_PERSISTENCE_S = 1.0  # of a temperature
+SENSOR_PERSISTENCE_S = 1.0  # persistence of a temperature violation
 
 
 class Violation(NamedTuple):
@@ -58,7 +58,7 @@ class Protection:
         return not self._since_s
 
 
-PRECHARGED = 0.95  # of the accumulator's voltage, before the second relay closes (FS rules EV 5.7.1)
+PRECHARGED = 0.95  # share of the accumulator's voltage before the second AIR closes (FS rules EV 5.7.1)
 PRECHARGE_LIMIT_S = 3.0  # ten time constants: what is not charged by then never will be
 
 
@@ -114,7 +114,7 @@ _CONTROL_S = 1.0
 _FULL_V = 0.004
 _REST_A = 0.02  # C: a current below is none, and tells the charge from the voltage
 _FAN_FROM_DEGC, _FAN_FULL_DEGC = 30.0, 50.0
-_OHM_TIMES_AH = 0.0022 * 25.5  # of the simulated cell
+_OHM_TIMES_AH = 0.0022 * 25.5  # resistance times capacity of the simulated cell
 # what one reads off a data sheet: voltages at rest of a SOC of 0, 5, 10 % and so on
 _REST_V = (
     *(2.660, 3.308, 3.406, 3.462, 3.504, 3.553, 3.600, 3.627, 3.652, 3.692, 3.742),

@@ -9,7 +9,7 @@ from simulator.dbc_battery.battery import DbcBattery
 from simulator.sensors import AMPERES_PER_COUNT, ZERO_COUNT, CellInputs, CurrentSensor, NoisePool
 
 _TEMPERATURE_NOISE_K = 0.05
-_SAMPLES = 20  # of the current that are averaged
+_SAMPLES = 20  # current samples in a mean
 
 
 class SensorBoard:
@@ -19,7 +19,7 @@ class SensorBoard:
         self._shape = battery.shape
         self._sensors = battery.sensors
         n = battery.shape.n_cells
-        self._share = np.zeros((len(battery.sensors), n))  # of each cell in what a sensor reads
+        self._share = np.zeros((len(battery.sensors), n))  # share of each cell in a sensor's reading
         for sensor, cells in enumerate(battery.sensors):
             self._share[sensor, list(cells)] = 1.0 / max(len(cells), 1)
         self._pack = np.repeat(np.arange(battery.shape.n_packs), battery.shape.packs)
@@ -31,7 +31,7 @@ class SensorBoard:
         self.open_wires: set[int] = set()  # cells whose upper wire is off
         self._is_powered: BoolArray = np.ones(battery.shape.n_packs, dtype=bool)
         self._factor = np.ones(n)
-        self._range = max(battery.size, 1.0)  # of the current sensor, over that of the team's
+        self._range = max(battery.size, 1.0)  # range of the current sensor over that of the team's
         self.voltage_v: FloatArray = np.full(n, np.nan)
         self.temperature_degc: FloatArray = np.full(len(battery.sensors), np.nan)
 

@@ -1,4 +1,4 @@
-"""A battery that speaks by a DBC in virtual time: physics, its BMS, its frames on the bus."""
+"""A battery with a DBC in virtual time: physics, its BMS, its frames on the bus."""
 
 import math
 

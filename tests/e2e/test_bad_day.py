@@ -17,7 +17,7 @@ ALL_BELOW_THE_BANNER = """() => {  // every row of voltages is read without scro
 COVERS_THE_PAGE = """() => document.querySelector('[data-testid="trip-banner"]').getBoundingClientRect().bottom
   > document.querySelector('main').getBoundingClientRect().top"""
 PAGES = ("overview", "packs", "packs/6/4", "charging", "parameters", "can", "sessions", "events", "system", "judge")
-FRAMES = 60  # of the screen: a second, in which 28 snapshots come
+FRAMES = 60  # screen frames: a second, in which 28 snapshots come
 
 # Compares within single animation frames what a page says of one cell in several places.
 COMPARE = """async ([page, frames, instants]) => {

@@ -1,4 +1,4 @@
-"""CAN as part of the configuration: bytes picked by name, written, heard."""
+"""CAN as part of the configuration: bytes picked by name, written, received."""
 
 import re
 
@@ -114,14 +114,14 @@ def test_the_master_sends_a_message_once_and_from_now_on(service, open_page):
     expect(now).to_contain_text("Not sent by the master")
     with service.client() as client:
 
-        def heard() -> int:
+        def received() -> int:
             return {i["id"]: i["count"] for i in client.get("/can/bus").json()["ids"]}[0x101]
 
-        before = heard()
+        before = received()
         now.get_by_test_id("command-can-send").click()
         page.get_by_test_id("confirm").click()
         expect(now).to_contain_text("done")
-        service.wait_for(lambda _: heard() == before + 1)
+        service.wait_for(lambda _: received() == before + 1)
     now.get_by_test_id("command-can-tx-enable").click()
     page.get_by_test_id("confirm").click()
     expect(now).to_contain_text("Sent by the master")

@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from app.service.mqtt.cars import MOST_BYTES
-from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
+from tests.mosquitto import IS_CI, MOSQUITTO, CarUpdates, Mosquitto
 from tests.service_process import Service
 
 pytestmark = pytest.mark.skipif(MOSQUITTO is None and not IS_CI, reason="no mosquitto: apt-get install mosquitto")
@@ -38,9 +38,9 @@ def test_before_any_car_the_page_says_how_to_start_one(fleet, open_page, violati
 
 def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_page, violations):
     cars = [
-        ToldCar(broker.port, "blue", url="http://127.0.0.1:1"),
-        ToldCar(broker.port, "green", alarms=[TRIP]),
-        ToldCar(broker.port, "red"),
+        CarUpdates(broker.port, "blue", url="http://127.0.0.1:1"),
+        CarUpdates(broker.port, "green", alarms=[TRIP]),
+        CarUpdates(broker.port, "red"),
     ]
     page = open_page(fleet.base_url)
     for name in ("blue", "green", "red"):
@@ -62,7 +62,7 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
     expect(blue).to_contain_text("last SOC")
     expect(blue.get_by_test_id("soc")).to_contain_text(re.compile(r"61\s%.*\d\d s ago"))
     expect(blue.get_by_test_id("weakest")).to_contain_text(re.compile(r"3\.651\sV.* ago.*pack 3, cell 7", re.DOTALL))
-    expect(blue).not_to_contain_text("41")  # of the temperature it has none
+    expect(blue).not_to_contain_text("41")  # it has no temperature
     expect(red).to_contain_text("last SOC")
     expect(red.get_by_test_id("rs232")).to_have_attribute("data-state", "unknown")
     assert violations(page) == {}
@@ -74,7 +74,7 @@ def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_
 
 
 def test_messages_beyond_the_limits_are_shown_as_left_out(fleet, broker, open_page, violations):
-    car = ToldCar(broker.port, "loud")
+    car = CarUpdates(broker.port, "loud")
     page = open_page(fleet.base_url)
     expect(page.get_by_test_id("car-loud")).to_be_visible()
     expect(page.get_by_test_id("left-out")).to_have_count(0)

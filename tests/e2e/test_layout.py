@@ -10,7 +10,7 @@ MIDDLES = """cards => {
   const middle = ({top, bottom}) => (top + bottom) / 2;
   const rows = ([card, row]) => [...document.querySelectorAll(`[aria-label=${card}] ${row}`)];
   return cards.map((card) => rows(card).map((e) => middle(e.getBoundingClientRect())));
-}"""  # of the rows of cards, of all at one instant: a notice above may come and go
+}"""  # rows of cards, all at one instant: a notice above may come and go
 
 
 def box(locator) -> dict[str, float]:

@@ -124,7 +124,7 @@ def test_while_the_car_drives_the_page_says_why_not(make_service, open_page):
     page = open_page(f"{driving.base_url}/#/parameters")
     field(page, "v_cell_max").fill("4.19")
     page.get_by_test_id("write").click()
-    expect(page.get_by_test_id("hindrance")).to_contain_text("the relays are closed: v_cell_max may only be changed")
+    expect(page.get_by_test_id("block-reason")).to_contain_text("the relays are closed: v_cell_max may only be changed")
     expect(page.get_by_test_id("confirm")).to_be_disabled()
 
 

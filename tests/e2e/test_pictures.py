@@ -39,8 +39,8 @@ pytestmark = [
 ]
 
 SHRINK = 8
-DIFFERS = 20  # of 255: what a word in another place changes; other smoothing of letters changes a fifth of it
-MOST_DIFFERENT = 0.001  # of the picture; another build of Chromium: 0.0006, a card that moved by a line: 0.03
+DIFFERS = 20  # levels of 255: a word in another place; other smoothing of letters changes a fifth of it
+MOST_DIFFERENT = 0.001  # share of the picture; another build of Chromium: 0.0006, a card that moved by a line: 0.03
 QUALITY = 78
 LASTS_NS = 240_000_000_000
 

@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from tests.e2e.conftest import is_too_wide
 from tests.recorded.arrays import START_S, SessionMaker
 
@@ -33,7 +33,7 @@ def page_of(make_module_service, tmp_path_factory):
             metadata = {"source": "simulator", "car": car}
             start_s = START_S + day * DAY_S + hour * 3600
             make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, cell_file=format_cell(CELL), metadata=metadata)
-    build_lake(Place(data / "lake"), session_files([data / "sessions"]))
+    build_lake(LakeFolder(data / "lake"), session_files([data / "sessions"]))
     service = make_module_service("--seed", "5", "--no-record", "--no-season", data=data)
     return lambda query="": f"{service.base_url}/#/season{query}"
 
@@ -60,7 +60,7 @@ def test_two_cars_with_one_battery_have_trends_ranking_and_sessions_of_their_own
 def test_a_swap_is_recorded_on_a_phone_of_the_car_that_is_chosen(page_of, open_page, violations):
     page = open_page(page_of("?cell=30"), "phone")
     expect(page.get_by_test_id("season-cell-sessions")).to_have_count(2)
-    expect(page.get_by_test_id("swap")).to_be_disabled()  # of which car?
+    expect(page.get_by_test_id("swap")).to_be_disabled()  # no car is chosen
     page.get_by_test_id("season-car").select_option("e-26-simulated")
     rows = page.get_by_test_id("season-cell-sessions").locator("tbody tr")
     expect(rows).to_have_count(DAYS)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from app.battery.library import profile_files
-from app.configuration.profile import parse_profile as parse_config_profile
+from app.configuration.saved_configuration import parse_profile as parse_config_profile
 from app.errors import AppError, ConfigError, ImportFailed, LimitExceeded
 from app.sessions.errors import SessionError
 from app.sessions.reading.reader import SessionFile
@@ -23,8 +23,8 @@ from app.sources.loaded_battery import battery_from_files
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.guess import guess
+from app.sources.recordings.import_mapping import parse_profile
 from app.sources.recordings.kind import ENDINGS
-from app.sources.recordings.profile import parse_profile
 from app.sources.recordings.table import load_table
 from firmware_protocol.config_image import default_image
 from firmware_protocol.dbc_import import from_dbc, into_tables
@@ -80,9 +80,9 @@ def profile(data: bytes) -> None:
         loaded = battery_from_files(files)
     except (ConfigError, ImportFailed):
         loaded = None
-    if loaded is not None and loaded.speaks_dbc is not None:
-        decoder = BatteryDecoder(loaded.battery, loaded.speaks_dbc, loaded.definitions)
-        assembler = Assembler(loaded.battery, loaded.speaks_dbc)
+    if loaded is not None and loaded.dbc_mapping is not None:
+        decoder = BatteryDecoder(loaded.battery, loaded.dbc_mapping, loaded.definitions)
+        assembler = Assembler(loaded.battery, loaded.dbc_mapping)
         for measured in assembler.feed(decoder.decode(_frames(frames))):
             assert measured.voltage_v.shape == (loaded.battery.n_cells,)
             assert not np.isinf(measured.voltage_v).any()

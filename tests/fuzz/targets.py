@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
-INPUT_S = 5.0  # of processor time for an input of at most 4 KiB; the first of a kind imports its library
+INPUT_S = 5.0  # processor time for an input of at most 4 KiB; the first of a kind imports its library
 IN_FILES = {  # each imports much
     "wires": ("framing", "messages", "master", "mqtt"),
     "files": ("dbc", "can_log", "csv", "profile", "session"),

@@ -11,7 +11,7 @@ import pytest
 
 from app.sessions.reading.reader import SessionFile
 from tests.bad_radio import BadRadio
-from tests.campaign import SIZE, campaign, of_size, tell_figure
+from tests.campaign import SIZE, campaign, of_size, report_figure
 from tests.service_process import WAIT_S, until
 
 LATENCY_S = {"sample": 0.02, "short": 0.2, "full": 0.5, "long": 1.0}[SIZE]  # each way
@@ -47,7 +47,8 @@ def test_a_session_that_was_recorded_while_the_radio_was_cut_is_whole_in_the_end
         ]
         until(lambda: any(copy["pieces"] and copy["missing_s"] == 0 for copy in told()["copies"]), PATIENCE_S)
         assert told()["recorders"] == [
-            {"url": radio.url, "is_reached": True, "error": None} | {"heard_s": told()["recorders"][0]["heard_s"]}
+            {"url": radio.url, "is_reached": True, "error": None}
+            | {"last_contact_s": told()["recorders"][0]["last_contact_s"]}
         ]
         (copy,) = told()["copies"]
         session_id = copy["id"].removeprefix("car-")
@@ -69,7 +70,7 @@ def test_a_session_that_was_recorded_while_the_radio_was_cut_is_whole_in_the_end
         assert list(here.can_frames()) == list(there.can_frames())
         assert (here.info.is_closed, here.info.frames, here.problems()) == (True, there.info.frames, [])
         assert here.events() == there.events()
-        tell_figure(
+        report_figure(
             f"bad radio: 30 % lost, {LATENCY_S:g} s each way, cut for {CUT_S} s: {here.info.frames} of"
             f" {there.info.frames} frames and {here.info.can_frames} of {there.info.can_frames} CAN frames here"
         )

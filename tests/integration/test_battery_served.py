@@ -11,8 +11,8 @@ from simulator.library import find_scenario
 from simulator.scenario_player import ScenarioPlayer
 from tests.service_process import until
 
-RESOLUTION_V = 0.001  # of the DBC
-NOISE_V = 0.0006  # of the simulated inputs
+RESOLUTION_V = 0.001  # resolution in the DBC
+NOISE_V = 0.0006  # noise of the simulated inputs
 PROFILE = """\
 include = ["foxbms-2"]
 [battery]
@@ -44,7 +44,7 @@ def test_a_simulated_foxbms_is_shown_judged_recorded_and_replayed(make_service, 
     profile, scenario = str(files / "fox.toml"), str(files / "rest.toml")
     service = make_service("--battery", profile, "--scenario", scenario)
     loaded = load_battery(profile)
-    twin = simulated(loaded, loaded.speaks_dbc)
+    twin = simulated(loaded, loaded.dbc_mapping)
     player = ScenarioPlayer(find_scenario(scenario, twin.shape), battery=twin)
     player.run(2.0)
     expected = player.simulation.board.voltage_v

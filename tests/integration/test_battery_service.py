@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.battery.library import load_profile
-from tests.battery_bus import SpeakingBus
+from tests.battery_bus import SendingBus
 from tests.battery_folder import write_profile
 from tests.peer_batteries import cell_number, segments_in_fd_frames
 from tests.service_process import WAIT_S, Service, until
@@ -49,7 +49,7 @@ def fox_frames(seconds=4):
 
 @pytest.fixture(scope="module")
 def fox(tmp_path_factory):
-    bus = SpeakingBus(fox_frames())
+    bus = SendingBus(fox_frames())
     service = Service(tmp_path_factory.mktemp("fox"), ["--battery", "foxbms-2", "--can", bus.url]).start()
     yield service
     service.stop()
@@ -113,7 +113,7 @@ def orion(tmp_path):
     peer = cell_number()  # one cell every 100 ms
     limits = "cell_voltage_min_v = 2.8\ncell_voltage_max_v = 3.7\n"
     profile = write_profile(tmp_path, peer, (12,) * 6, limits, voltage="Pack_Inst_Voltage")
-    bus = SpeakingBus(peer.frames(8))
+    bus = SendingBus(peer.frames(8))
     service = Service(tmp_path / "data", ["--battery", str(profile), "--can", bus.url]).start()
     yield service, bus
     service.stop()
@@ -139,7 +139,7 @@ def test_cells_in_frames_of_can_fd_are_live(tmp_path):
     profile = write_profile(tmp_path, peer, peer.segments, voltage="TS_Voltage")
     text = profile.read_text(encoding="utf-8").replace("Pack_Current", "TS_Current").replace("Pack_SOC", "SOC")
     profile.write_text(text, encoding="utf-8")
-    bus = SpeakingBus(peer.frames(3))
+    bus = SendingBus(peer.frames(3))
     service = Service(tmp_path / "data", ["--battery", str(profile), "--can", bus.url]).start()
     try:
         snapshot = service.wait_for(

@@ -64,7 +64,7 @@ def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_its_season(foxbms
     season = json.loads(capsys.readouterr().out)
     assert [each["id"] for each in season["sessions"]] == [session_id]
     assert len(season["cars"][0]["overview"]["cells"]) == 216
-    assert main(["season", "report", "--json", *at]) == 0  # of the team's own
+    assert main(["season", "report", "--json", *at]) == 0  # the team's own battery
     assert json.loads(capsys.readouterr().out)["sessions"] == []
 
 

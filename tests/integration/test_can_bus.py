@@ -144,7 +144,7 @@ def test_a_car_is_not_sent_to(make_service):
     frames = {"frames": [{"id": 1, "data": "00"}]}
     with car.client() as client:
         assert client.post("/can/transmit", json=frames).json()["type"] == "urn:voltwall:not-on-this-bus"
-        assert "--bench" in client.get("/can/transmit").json()["hindrance"]["text"]
+        assert "--bench" in client.get("/can/transmit").json()["block_reason"]["text"]
     with bench.client() as client:
         assert client.get("/can/transmit").json()["allowed"]
 

@@ -80,8 +80,8 @@ def test_balancing_with_open_relays_is_refused_where_the_rules_forbid_it(make_se
             assert (answer.status_code, answer.json()["type"]) == (409, "urn:voltwall:rules")
             assert "the rules forbid" in answer.json()["detail"]
         assert client.post("/commands/balance-stop").status_code == 200
-        hindrances = client.get("/commands").json()["hindrances"]
-        assert {name: why["code"] for name, why in hindrances.items()} == {
+        block_reasons = client.get("/commands").json()["block_reasons"]
+        assert {name: why["code"] for name, why in block_reasons.items()} == {
             "balance-start": "no-balancing-open",
             "balance-cells": "no-balancing-open",
             "charge-stop": "blocked-not-charging",

@@ -31,7 +31,7 @@ NEW = with_value(with_value(default_image(), "v_cell_chrg", 4.12), "t_cell_max",
 SAME_MAP = Identity("1.0.0", 1, "00", is_compatible=True, boots=1)
 CELL = load_cell()
 BROWN_OUT = 2
-EVERY_BYTE = of_size(4, 1, 1)  # of a page, in `make test` another one in four of each
+EVERY_BYTE = of_size(4, 1, 1)  # bytes of a page; `make test` takes another one in four of each
 
 
 class CutEeprom(Eeprom):

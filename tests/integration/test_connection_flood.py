@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.campaign import SIZE, campaign, tell_figure
+from tests.campaign import SIZE, campaign, report_figure
 from tests.service_process import Service, until
 
 DESCRIPTORS = 1024
@@ -47,4 +47,4 @@ def test_more_silent_connections_than_descriptors(tmp_path):
         started.wait(30)
     lines = len(output.read_text().splitlines())
     assert lines < MOST_LINES
-    tell_figure(f"{SILENT} silent connections on {DESCRIPTORS} descriptors: answered, {lines} log lines")
+    report_figure(f"{SILENT} silent connections on {DESCRIPTORS} descriptors: answered, {lines} log lines")

@@ -14,7 +14,7 @@ from app.api.application import create_fleet_app
 from app.errors import ConfigError
 from app.service.mqtt.cars import MOST_BYTES
 from app.service.settings import Settings
-from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
+from tests.mosquitto import IS_CI, MOSQUITTO, CarUpdates, Mosquitto
 from tests.service_process import WAIT_S, Service, until
 
 pytestmark = pytest.mark.skipif(MOSQUITTO is None and not IS_CI, reason="no mosquitto: apt-get install mosquitto")
@@ -43,7 +43,7 @@ def cars(fleet) -> dict[str, dict]:
 
 def test_a_car_is_live_vanishes_and_comes_back_over_a_restarted_broker(fleet, broker):
     assert cars(fleet) == {}
-    told = ToldCar(broker.port, "red", url="http://car.local:8000")
+    told = CarUpdates(broker.port, "red", url="http://car.local:8000")
     until(lambda: cars(fleet).get("red", {}).get("state") == "live")
     red = cars(fleet)["red"]
     assert (red["soc"], red["voltage_min_cell"], red["url"]) == (0.61, 30, "http://car.local:8000")
@@ -58,7 +58,7 @@ def test_a_car_is_live_vanishes_and_comes_back_over_a_restarted_broker(fleet, br
     assert (health["status"], len(health["reasons"])) == ("degraded", 1)
     broker.start()
     until(lambda: fleet.get("/fleet").json()["problem"] is None)
-    again = ToldCar(broker.port, "red")
+    again = CarUpdates(broker.port, "red")
     until(lambda: cars(fleet)["red"]["state"] == "live")
     again.vanish()
 
@@ -101,7 +101,7 @@ def test_a_member_of_the_broker_does_not_fill_the_memory(tmp_path):
     member = paho.Client(CallbackAPIVersion.VERSION2)
     try:
         with service.client() as client:
-            red = ToldCar(broker.port, "red")
+            red = CarUpdates(broker.port, "red")
             until(lambda: cars(client).get("red", {}).get("state") == "live")
             before_mb = resident_mb(service)
             member.max_inflight_messages_set(1)

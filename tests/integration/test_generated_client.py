@@ -47,7 +47,7 @@ def call(make_service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Calla
 
 
 def test_it_logs_in_marks_a_lap_lists_by_pages_and_reads_a_snapshot(call) -> None:
-    assert call("login.login", body=("Login", {"name": "Anna", "password": PASSWORD})).role == "engineer"
+    assert call("login.login", body=("LoginIn", {"name": "Anna", "password": PASSWORD})).role == "engineer"
     assert call("login.get_me").name == "Anna"
     for name in ("first", "second", "third"):
         recording = call("sessions.start_recording", body=("NewSession", {"name": name}))

@@ -42,7 +42,7 @@ HOSTILE = {
     ("method", "path", "content", "status"),
     [
         ("POST", "/can/dbc", {"content": DBC}, 200),
-        ("POST", "/setup/learn", {"json": {"files": {"x.dbc": DBC}}}, 200),
+        ("POST", "/setup/profile-drafts", {"json": {"files": {"x.dbc": DBC}}}, 200),
         ("POST", "/setup/batteries", {"json": {"files": files()}}, 201),
         ("POST", "/setup/batteries", {"json": {"files": HOSTILE}}, 422),
         ("POST", "/setup/batteries", {"json": {"files": {**files(), "x.toml": TITLE}}}, 422),
@@ -55,8 +55,8 @@ def test_a_hostile_definition_is_answered(service, method, path, content, status
 
 def test_a_hostile_correction_is_answered(service):
     with service.client() as client:
-        lesson = client.post("/setup/learn", json={"files": {"x.dbc": DBC}}).json()["id"]
-        answer = client.post(f"/setup/learn/{lesson}", json={"profile": TITLE[:200_000]})
+        draft = client.post("/setup/profile-drafts", json={"files": {"x.dbc": DBC}}).json()["id"]
+        answer = client.post(f"/setup/profile-drafts/{draft}", json={"profile": TITLE[:200_000]})
         assert answer.status_code == 200
         assert answer.json()["checks"]
 

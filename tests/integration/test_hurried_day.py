@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from app.live import trend
-from tests.campaign import of_size, tell_figure
+from tests.campaign import of_size, report_figure
 from tests.service_process import N_CELLS
 
 HOURS = float(os.environ.get("VOLTWALL_SOAK_HOURS") or of_size(0, 1, 3, 240) / 10)
-FEWEST_HOURS = 3.0  # of which something is said: the first hour warms up
+FEWEST_HOURS = 3.0  # least hours with a verdict: the first hour warms up
 MOST_GROWTH_MB = 5.0
 TREND_MB = trend.LENGTH * len(trend.NAMES) * N_CELLS * 4 / 1e6  # taken as it fills
 TREND_HOURS = trend.LENGTH * trend.EVERY_S / 3600
@@ -40,14 +40,14 @@ def judge(looks: np.ndarray, told: dict) -> None:
     """Compare the last hour with the second."""
     hours = looks[:, 0]
     if HOURS < FEWEST_HOURS:
-        tell_figure(f"{hours[-1]:.1f} h in accelerated time, {told['done']}")
+        report_figure(f"{hours[-1]:.1f} h in accelerated time, {told['done']}")
         return
     second, last = looks[(hours > 1) & (hours <= 2)], looks[hours > hours[-1] - 1]
     memory, descriptors, threads = (
         [float(np.median(part[:, column])) for part in (second, last)] for column in (1, 2, 3)
     )
     filling = TREND_MB * (min(1.0, (HOURS - 0.5) / TREND_HOURS) - 1.5 / TREND_HOURS)
-    tell_figure(
+    report_figure(
         f"{hours[-1]:.1f} h in accelerated time, {told['done']}: memory {memory[0]:.1f} MB in the second hour, "
         f"{memory[1]:.1f} in the last, of which {filling:.1f} are the trend that fills; descriptors "
         f"{descriptors[0]:.0f} and {descriptors[1]:.0f}, threads {threads[0]:.0f} and {threads[1]:.0f}"

@@ -1,4 +1,4 @@
-"""What the service publishes, heard through a real broker: plain, with a password, over TLS, killed and back again."""
+"""What the service publishes through a real broker: plain, with a password, over TLS, killed and restarted."""
 
 import json
 import shutil
@@ -25,7 +25,7 @@ from app.sources.items import CanItem, LinkChange
 from app.sources.loaded_battery import load_battery
 from app.sources.master.source import MasterSource
 from app.telemetry import Event
-from app.telemetry.service_state import Recording
+from app.telemetry.service_state import RecordingState
 from app.words import Message, render
 from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto
 from tests.peer_batteries import one_signal_a_cell
@@ -39,7 +39,7 @@ class Listener:
     """Subscribes to everything below a prefix and keeps the newest of each topic."""
 
     def __init__(self, port: int, *, ca: Path | None = None, user: tuple[str, str] | None = None) -> None:
-        self.heard: dict[str, tuple[bytes, bool]] = {}
+        self.received: dict[str, tuple[bytes, bool]] = {}
         self.events: list[dict[str, Any]] = []
         self._news = threading.Condition()
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
@@ -55,17 +55,17 @@ class Listener:
 
     def _on_message(self, _client: object, _data: object, message: Any) -> None:
         with self._news:
-            self.heard[message.topic] = (message.payload, message.retain)
+            self.received[message.topic] = (message.payload, message.retain)
             if message.topic.endswith("/events"):
                 self.events.append(json.loads(message.payload))
             self._news.notify_all()
 
     def wait(self, until: Callable[["Listener"], object], timeout_s: float = 20) -> None:
         with self._news:
-            assert self._news.wait_for(lambda: until(self), timeout_s), {t: p[0][:80] for t, p in self.heard.items()}
+            assert self._news.wait_for(lambda: until(self), timeout_s), {t: p[0][:80] for t, p in self.received.items()}
 
     def json(self, topic: str) -> Any:
-        return json.loads(self.heard[topic][0])
+        return json.loads(self.received[topic][0])
 
     def close(self) -> None:
         self._client.disconnect()
@@ -93,7 +93,7 @@ def closing() -> Iterator[Callable[[Any], Any]]:
         (each.stop if isinstance(each, MqttPublisher) else each.close)()
 
 
-RECORDING = Recording("s1", since_ns=0, frames=1, bytes=0)
+RECORDING = RecordingState("s1", since_ns=0, frames=1, bytes=0)
 
 
 def problem_of(sender: MqttPublisher) -> str:
@@ -130,12 +130,12 @@ def snapshots() -> Callable[[], Any]:
 def test_state_is_retained_and_complete(broker, closing, snapshots):
     sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}/pit"))
     first = closing(Listener(broker.port))
-    first.wait(lambda x: x.heard.get("pit/status", (b"",))[0] == b"online")
+    first.wait(lambda x: x.received.get("pit/status", (b"",))[0] == b"online")
     sender.offer(snapshots())
-    first.wait(lambda x: "pit/recording" in x.heard)
+    first.wait(lambda x: "pit/recording" in x.received)
     late = closing(Listener(broker.port))
-    late.wait(lambda x: len(x.heard) >= 10)
-    assert all(retained for _, retained in late.heard.values())
+    late.wait(lambda x: len(x.received) >= 10)
+    assert all(retained for _, retained in late.received.values())
     assert late.json("pit/accumulator")["current_a"] == pytest.approx(10.0)
     values = late.json("pit/cells/voltage_v")["values"]
     assert (len(values), values[5], values[6]) == (96, None, pytest.approx(3.7006))
@@ -150,7 +150,7 @@ def test_of_a_silent_car_the_last_values_are_published_next_to_null(broker, clos
     sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}/pit"))
     listener = closing(Listener(broker.port))
     sender.offer(snapshots())
-    listener.wait(lambda x: "pit/cells/voltage_v" in x.heard)
+    listener.wait(lambda x: "pit/cells/voltage_v" in x.received)
     assert (listener.json("pit/cells/voltage_v")["last_known"], listener.json("pit/accumulator")["last_known"]) == (
         None,
         None,
@@ -173,7 +173,7 @@ def test_216_cells_of_a_battery_by_dbc_are_published_whole(broker, closing, tmp_
     listener = closing(Listener(broker.port))
     sender.offer(newest)
     topics = {f"voltwall/cells/{name}" for name in ("voltage_v", "temperature_degc", "soc", "soc_sigma")}
-    listener.wait(lambda x: topics <= x.heard.keys())
+    listener.wait(lambda x: topics <= x.received.keys())
     told = {topic: listener.json(topic)["values"] for topic in topics}
     assert {len(values) for values in told.values()} == {216}
     assert told["voltwall/cells/voltage_v"] == pytest.approx(newest.cells.voltage_v.tolist(), abs=1e-4)
@@ -203,7 +203,7 @@ def test_events_are_published_as_they_happen_and_not_retained(broker, closing):
         "limit": 60.0, "unit": "degC", "who": None, "simulated": False,
     }  # fmt: skip
     late = closing(Listener(broker.port))
-    late.wait(lambda x: "voltwall/status" in x.heard)
+    late.wait(lambda x: "voltwall/status" in x.received)
     assert late.events == []
 
 
@@ -211,16 +211,16 @@ def test_a_broker_that_dies_and_comes_back_has_everything_again(broker, closing,
     sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}"))
     listener = closing(Listener(broker.port))
     sender.offer(snapshots())
-    listener.wait(lambda x: "voltwall/accumulator" in x.heard)
+    listener.wait(lambda x: "voltwall/accumulator" in x.received)
     broker.kill()
     while sender.problem is None:
         time.sleep(0.01)
     sender.offer_event(Event(1, "info", "while-away", Message("verbatim", text="kept")))
-    listener.heard.clear()
+    listener.received.clear()
     broker.start()
-    listener.wait(lambda x: x.heard.get("voltwall/status", (b"",))[0] == b"online")
+    listener.wait(lambda x: x.received.get("voltwall/status", (b"",))[0] == b"online")
     sender.offer(replace(snapshots(), source="serial"))
-    listener.wait(lambda x: {"voltwall/accumulator", "voltwall/alarms", "voltwall/cells/soc"} <= x.heard.keys())
+    listener.wait(lambda x: {"voltwall/accumulator", "voltwall/alarms", "voltwall/cells/soc"} <= x.received.keys())
     listener.wait(lambda x: [event["code"] for event in x.events] == ["while-away"])
     assert sender.problem is None
 
@@ -228,9 +228,9 @@ def test_a_broker_that_dies_and_comes_back_has_everything_again(broker, closing,
 def test_the_broker_says_offline_for_a_service_that_is_gone(broker, closing):
     listener = closing(Listener(broker.port))
     sender = publisher(f"mqtt://127.0.0.1:{broker.port}")
-    listener.wait(lambda x: x.heard.get("voltwall/status", (b"",))[0] == b"online")
+    listener.wait(lambda x: x.received.get("voltwall/status", (b"",))[0] == b"online")
     sender.stop()
-    listener.wait(lambda x: x.heard["voltwall/status"][0] == b"offline")
+    listener.wait(lambda x: x.received["voltwall/status"][0] == b"offline")
     code = f"""
 import os, time
 from app.clock import Clock
@@ -244,7 +244,7 @@ time.sleep(0.2)
 os.kill(os.getpid(), 9)
 """
     subprocess.run([sys.executable, "-c", code], check=False, timeout=30)
-    listener.wait(lambda x: x.heard.get("killed/status", (b"",))[0] == b"offline", 30)
+    listener.wait(lambda x: x.received.get("killed/status", (b"",))[0] == b"offline", 30)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # paho drops sockets it was refused on
@@ -265,7 +265,7 @@ def test_tls_with_a_password(tmp_path, closing, snapshots):
         sender = closing(publisher(url, password="secret", ca=certificate))
         listener = closing(Listener(broker.port, ca=certificate, user=("pit", "secret")))
         sender.offer(snapshots())
-        listener.wait(lambda x: "voltwall/accumulator" in x.heard)
+        listener.wait(lambda x: "voltwall/accumulator" in x.received)
         wrong = closing(publisher(url, password="guess", ca=certificate))
         stranger = closing(publisher(url, password="secret"))
         deadline = time.monotonic() + 15

@@ -40,14 +40,14 @@ CAN = [
 
 def requests(victim):
     for url in SERIAL:
-        yield "POST", "/setup/look", {"serial": url.format(victim=victim)}
+        yield "POST", "/setup/check-link", {"serial": url.format(victim=victim)}
         yield "PUT", "/setup", {"serial": url.format(victim=victim)}
     for url in CAN:
         bus = url.format(victim=victim)
-        yield "POST", "/setup/look", {"can": bus}
+        yield "POST", "/setup/check-link", {"can": bus}
         yield "PUT", "/setup", {"can": bus}
         yield "PUT", "/setup", {"can": f"virtual:a,{bus}"}
-        yield "POST", "/setup/learn", {"can": bus, "files": {"a.dbc": DBC.decode()}, "seconds": 0.5}
+        yield "POST", "/setup/profile-drafts", {"can": bus, "files": {"a.dbc": DBC.decode()}, "seconds": 0.5}
     for battery in (victim, BUNDLED / "team.toml", "../team", "/dev/zero", "/etc/passwd"):
         yield "PUT", "/setup", {"battery": str(battery)}
     for name in ("dbc", "include", "cell"):

@@ -15,7 +15,7 @@ from tests.campaign import campaign, of_size
 from tests.service_process import WAIT_S
 
 EVERY = of_size(3, 1, 1)  # one operation in three, in `make test`
-N_EXAMPLES = of_size(1, 2, 100)  # of what is allowed, and as many of what is not
+N_EXAMPLES = of_size(1, 2, 100)  # examples that are allowed, and as many that are not
 PROBLEM = "application/problem+json"
 # A link that is down, or a master that does not answer, which the fuzzing may cause: the simulated cable is pulled, the
 # master reset. Nothing else is an excuse for 503 or 504.

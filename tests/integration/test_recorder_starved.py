@@ -12,7 +12,7 @@ from app.commands.bench_measurements import fast_frame
 from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
 from firmware_protocol.framing import LINE_BYTES_PER_S
-from tests.campaign import campaign, of_size, tell_figure
+from tests.campaign import campaign, of_size, report_figure
 from tests.service_process import Service, until
 from tests.starved import starved
 
@@ -90,5 +90,5 @@ def test_a_starved_service_loses_at_most_half_a_second_by_a_kill(tmp_path):
         missing = [due_s for due_s, raw in line.sent if raw not in stored and began_s < due_s < killed_s]
         lost_s.append(killed_s - min(missing, default=killed_s))
     text = ", ".join(f"{each:.2f}" for each in sorted(lost_s))
-    tell_figure(f"kills at {SHARE:.0%} of a core ({how}): {KILLS}, lost at most {max(lost_s):.2f} s ({text})")
+    report_figure(f"kills at {SHARE:.0%} of a core ({how}): {KILLS}, lost at most {max(lost_s):.2f} s ({text})")
     assert max(lost_s) <= LOST_S

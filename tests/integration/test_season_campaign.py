@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.campaign import SIZE, campaign, of_size, tell_figure
+from tests.campaign import SIZE, campaign, of_size, report_figure
 from tests.recorded.arrays import SessionMaker
 
 PROJECT = Path(__file__).parents[2]
@@ -76,7 +76,7 @@ def test_a_killed_run_goes_on_where_it_was(season):
     assert len(told["kept"]) == len(kept)
     assert len(told["estimated"]) == SESSIONS - len(kept)
     assert {path: results(season)[path] for path in kept} == kept
-    tell_figure(f"season: killed after {len(kept)} of {SESSIONS} sessions, then the other {len(told['estimated'])}")
+    report_figure(f"season: killed after {len(kept)} of {SESSIONS} sessions, then the other {len(told['estimated'])}")
 
 
 @contextmanager
@@ -123,4 +123,6 @@ def test_a_dask_worker_that_is_killed_loses_no_session(season):
     made_by = {json.loads(body)["process"] for body in results(season).values()}
     assert made_by <= {worker.pid for worker in workers}
     assert workers[1].pid in made_by
-    tell_figure(f"season: {SESSIONS} sessions on Dask, one of two workers killed on the way: all done, {took_s:.0f} s")
+    report_figure(
+        f"season: {SESSIONS} sessions on Dask, one of two workers killed on the way: all done, {took_s:.0f} s"
+    )

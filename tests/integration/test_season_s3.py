@@ -6,10 +6,10 @@ Runs in `make campaign` alone, where `moto[server]` and `s3fs` are installed.
 import pytest
 
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from app.season.store import SeasonStore
 from app.season.store.questions import ask
-from tests.campaign import SIZE, campaign, tell_figure
+from tests.campaign import SIZE, campaign, report_figure
 from tests.recorded.season import make_season
 
 pytestmark = [campaign(60, 120, 120), pytest.mark.skipif(SIZE == "sample", reason="in the campaign")]
@@ -39,24 +39,24 @@ def bucket(monkeypatch):
 
 def test_a_lake_on_s3_answers_as_one_in_a_folder(bucket, tmp_path):
     sessions = session_files([make_season(tmp_path / "sessions")])
-    build_lake(Place(tmp_path / "lake"), sessions)
-    assert len(build_lake(Place(LAKE), sessions).made) == 2
+    build_lake(LakeFolder(tmp_path / "lake"), sessions)
+    assert len(build_lake(LakeFolder(LAKE), sessions).made) == 2
     local, remote = SeasonStore(tmp_path / "lake"), SeasonStore(LAKE)
     for question, given in (("lowest_voltage", {}), ("resistance", {}), ("signal", {"signal": "v[36]"})):
         there, here = (ask(store, question, **given).rows() for store in (remote, local))
         assert there == here
         assert here
     objects = bucket.find("season/lake")
-    tell_figure(f"season lake on S3: {len(objects)} objects, three questions as in a folder")
+    report_figure(f"season lake on S3: {len(objects)} objects, three questions as in a folder")
 
 
 def test_on_s3_only_what_has_changed_is_built_again(bucket, tmp_path):
     sessions = session_files([make_season(tmp_path / "sessions")])
-    build_lake(Place(LAKE), sessions)
-    assert len(build_lake(Place(LAKE), sessions).current) == 2
+    build_lake(LakeFolder(LAKE), sessions)
+    assert len(build_lake(LakeFolder(LAKE), sessions).current) == 2
     sessions[0].touch()
-    again = build_lake(Place(LAKE), sessions)
+    again = build_lake(LakeFolder(LAKE), sessions)
     assert (again.made, again.current) == ([sessions[0].stem], [sessions[1].stem])
     bucket.pipe(next(name for name in bucket.find("season/lake") if name.endswith("sessions.parquet")), b"damaged")
-    assert len(build_lake(Place(LAKE), sessions).made) == 1
+    assert len(build_lake(LakeFolder(LAKE), sessions).made) == 1
     assert ask(SeasonStore(LAKE), "resistance").rows()

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from websockets.sync.client import connect
 
-from tests.campaign import campaign, of_size, tell_figure
+from tests.campaign import campaign, of_size, report_figure
 from tests.service_process import until
 from tests.tls_clients import client_hello, trusting_all
 
@@ -69,7 +69,7 @@ def test_silent_handshakes_cost_little_and_give_it_back(pit, first, request):
     assert peak_mb < PEAK_MB
     until(lambda: memory_mb(pit, "VmRSS") < before_mb + KEPT_MB)
     kept_mb = memory_mb(pit, "VmRSS") - before_mb
-    tell_figure(
+    report_figure(
         f"{COUNT} handshakes with {request.node.callspec.id} in {took_s:.0f} s: peak {peak_mb:+.0f} MB, "
         f"then {kept_mb:+.0f} MB; health after {answered_s:.2f} s, stream live"
     )

@@ -1,4 +1,4 @@
-"""Simulated batteries on a real python-can bus, heard by the live source."""
+"""Simulated batteries on a real python-can bus, received by the live source."""
 
 import time
 from pathlib import Path
@@ -36,7 +36,7 @@ def fd_profile(tmp_path: Path) -> str:
 @pytest.mark.parametrize("name", ["foxbms-2", "one-signal-a-cell", "orion-bms-2", "fd"])
 def test_the_live_source_measures_what_the_simulated_battery_is(name, fd_profile, request):
     loaded = load_battery(fd_profile if name == "fd" else name)
-    battery = simulated(loaded, loaded.speaks_dbc)
+    battery = simulated(loaded, loaded.dbc_mapping)
     player = ScenarioPlayer(find_scenario("clean-endurance", battery.shape), battery=battery)
     channel = f"{request.node.name}-{time.monotonic_ns()}"
     port = can_port(f"virtual:{channel}")

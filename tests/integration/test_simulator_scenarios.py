@@ -24,7 +24,7 @@ COARSE = of_size(2, 1, 1)  # passes of `make test` are twice as long where what 
 NEVER_COARSE = ("blocked-fan", "scrutineering")
 LONG = ("charging-cold", "charging-unbalanced")  # hours of charging
 in_the_campaign = pytest.mark.skipif(SIZE == "sample", reason="hours of charging: in the campaign")
-FINER_STEP_S = {"blocked-fan": 0.5}  # of long scenarios
+FINER_STEP_S = {"blocked-fan": 0.5}  # step of long scenarios
 
 
 class Played:

@@ -22,12 +22,12 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from app.live.history import CELLS_EVERY_NS, CELLS_LENGTH, PER_CELL
-from tests.campaign import of_size, tell_figure
+from tests.campaign import of_size, report_figure
 from tests.service_process import N_CELLS
 
 LENGTH_S = int(os.environ.get("VOLTWALL_SOAK_S") or of_size(0, 0, 240, 7200))
 READERS = 30
-COMING_AND_GOING = 5  # of them, each staying STAY_S
+COMING_AND_GOING = 5  # readers at a time, each staying STAY_S
 STAY_S = 10.0
 LOOK_S = 5.0
 PAUSES_S = {  # at least ten times each
@@ -39,7 +39,7 @@ WARM_S = 1800.0  # before, memory grows by what is used for the first time
 LOWEST_PRIORITY_S = 300.0  # for an answer of the worker processes, where others want the machine as well
 CELLS_HISTORY_MB = CELLS_LENGTH * N_CELLS * 2 * len(PER_CELL) / 1e6  # taken as it fills
 CELLS_HISTORY_S = CELLS_LENGTH * CELLS_EVERY_NS / 2e9
-IMPORTED_S = 600  # of the recording that comes in
+IMPORTED_S = 600  # length of the imported recording
 MAPPING = {"profile": {"time": "t", "current": "I", "voltages": "Cell {n}"}}
 
 
@@ -172,7 +172,7 @@ def _judge(soak: Soak, looks: np.ndarray) -> None:
     when_s, late_s = np.array(soak.late_s).T
     p50_s = [float(np.median(late_s[(when_s >= k * quarters) & (when_s < (k + 1) * quarters)])) for k in (1, 3)]
     p99_s = [float(np.quantile(late_s[(when_s >= k * quarters) & (when_s < (k + 1) * quarters)], 0.99)) for k in (1, 3)]
-    tell_figure(
+    report_figure(
         f"soak of {LENGTH_S / 3600:.2f} h with {READERS} readers, {soak.done}: memory {memory[0]:.1f} to "
         f"{memory[1]:.1f} MB, of which {filling:.1f} are the history that fills, "
         f"descriptors {descriptors[0]:.0f} to {descriptors[1]:.0f}, threads {threads[0]:.0f} to {threads[1]:.0f}, "

@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 
 from app.sessions.reading.reader import SessionFile
 from tests.c_programs import build_faulty_disk
-from tests.campaign import campaign, of_size, tell_figure
+from tests.campaign import campaign, of_size, report_figure
 from tests.forked import go_first
 from tests.service_process import END_S, START_S, WAIT_S, until
 
@@ -200,7 +200,7 @@ def test_a_stalled_disk_delays_no_value_alarm_or_command(bench, sound):
     lost = bench.recorder()["lost_items"]
     etag = bench.client.get("/config").headers["ETag"]
     slowest_s, refused_s = max(took for _, took in answers), max((took for _, took in refusals), default=0.0)
-    tell_figure(
+    report_figure(
         f"a disk that {IS[bench.kind]} for {KINDS[bench.kind]} s: ages at most {oldest_s:.2f} s, {after_s:.2f} s when"
         f" it takes again ({usual_s:.2f} s on a sound disk meanwhile); snapshots at most {pause_s:.2f} s apart;"
         f" alarms after at most {max(alarms_s):.2f} s ({max(usual_alarms_s):.2f} s);"

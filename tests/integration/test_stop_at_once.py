@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.campaign import campaign, of_size, tell_figure
+from tests.campaign import campaign, of_size, report_figure
 
 OBEYED_S = 2.0
 MOMENTS = of_size(0, 4, 16, 40)
@@ -41,5 +41,5 @@ def test_sigterm_is_obeyed_at_any_moment_of_the_start(tmp_path):
         waited_s = waited_for_a_core_s(started.pid) - waited_s
         took.append(time.monotonic() - at_s - waited_s)
         started.wait()
-    tell_figure(f"SIGTERM at {MOMENTS} moments of the start: obeyed within {max(took):.2f} s of its own time")
+    report_figure(f"SIGTERM at {MOMENTS} moments of the start: obeyed within {max(took):.2f} s of its own time")
     assert max(took) < OBEYED_S

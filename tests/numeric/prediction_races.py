@@ -26,11 +26,11 @@ from simulator.scenario_player import ScenarioPlayer
 from simulator.simulation import Simulation
 
 CELL = "samsung-25r-10p"
-STEP_S = 0.05  # of the race
-AHEAD_STEP_S = 0.1  # of the physics run ahead
+STEP_S = 0.05  # step of the race
+AHEAD_STEP_S = 0.1  # step of the physics run ahead
 LONG_STEP_S = 1.0  # over minutes at a constant current
-POWER_ROUNDS = 11  # of bisection
-LAPS_REPEATED = 5  # of the race's last, after its end; all where it has fewer
+POWER_ROUNDS = 11  # rounds of bisection
+LAPS_REPEATED = 5  # laps after the race's end, like its last; all where it has fewer
 EMPTY_SOC = 0.0
 
 Foretold = tuple[str, float, float, float, float]  # name, low, median, high, truth

@@ -21,7 +21,7 @@ KELVIN = 273.15
 RACE_DT_S = 0.1
 PULSE_DT_S = 1.0
 SLOW_DT_S = 60.0
-REGENERATION = 0.3  # of the peak current
+REGENERATION = 0.3  # share of the peak current
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from tests.numeric.prediction_score import race_scores
 from tests.numeric.voltage_ahead import drive_scores
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
-LEAST = 0.8  # of 90 % claimed: a race has few independent moments
+LEAST = 0.8  # least coverage of a 90 % band: a race has few independent moments
 RACE_S = of_size(500, 500, 2000, 10_000)
 EVERY_S = 60
 DRIVE_S = of_size(600, 3600, 3600, 10**9)

@@ -45,7 +45,7 @@ class Pit:
 
     def serve(self, remembered=None, learned=None):
         """Start the service, with what an earlier run learned."""
-        self._predictor = FACTORY.predictor(learned, looks_ahead=False)
+        self._predictor = FACTORY.predictor(learned, predicts=False)
         self._pipeline = FACTORY.pipeline("serial", "car", predictor=self._predictor, remembered=remembered)
         self._predicted_ns = 0
         self._pipeline.feed(LinkChange(self.now_ns, EPOCH_NS + self.now_ns, "rs232", "open"))

@@ -27,7 +27,7 @@ def masks(cells):
 def test_cells_chosen_by_hand_are_bled_until_their_time_is_over_or_they_are_low(library):
     c, v = Balance(), (c_uint16 * 96)(*[36_000] * 96)
     library.vw_balance_init(byref(c))
-    by_hand, watch = library.vw_balance_by_hand, library.vw_balance_watch
+    by_hand, watch = library.vw_balance_set_manual, library.vw_balance_end_manual
     begin_ms = 0xFFFFFFFF - 1000  # the clock goes round meanwhile
     by_hand(byref(c), c_uint8(1), c_uint16(0x801), c_uint32(begin_ms))
     by_hand(byref(c), c_uint8(7), c_uint16(0x002), c_uint32(begin_ms))

@@ -193,7 +193,7 @@ def test_an_spi_that_fails_gives_no_value_and_every_slave_is_silent(library):
 
 
 def test_every_count_of_a_sensor_is_the_same_temperature(library):
-    found = np.array([library.vw_slaves_degc_of(c_uint16(count)) for count in range(0x10000)])
+    found = np.array([library.vw_slaves_sensor_degc(c_uint16(count)) for count in range(0x10000)])
     volts = np.arange(0x10000) * 1e-4
     degc = SENSOR_FIRST_DEGC + SENSOR_STEP_DEGC * np.arange(len(SENSOR_POINTS_V) - 1, -1, -1)
     exact = np.interp(volts, SENSOR_POINTS_V[::-1], degc)
@@ -216,15 +216,15 @@ def test_every_count_of_a_sensor_is_the_same_temperature(library):
     ],
 )
 def test_a_sensor_voltage_is_read_along_the_published_curve(library, volts, degc):
-    assert abs(library.vw_slaves_degc_of(c_uint16(round(volts * 1e4))) - degc) <= 0.5 + 1e-9
+    assert abs(library.vw_slaves_sensor_degc(c_uint16(round(volts * 1e4))) - degc) <= 0.5 + 1e-9
 
 
 def test_what_is_no_cell_has_no_value(library):
     c = started(library)
     slaves = byref(c.slaves)
-    assert library.vw_slaves_known(slaves, c_uint8(8)) == 0
-    assert library.vw_slaves_degc(slaves, c_uint8(8), c_uint8(0)) == T_MISSING
-    assert library.vw_slaves_degc(slaves, c_uint8(0), c_uint8(12)) == T_MISSING
+    assert library.vw_slaves_valid_cells(slaves, c_uint8(8)) == 0
+    assert library.vw_slaves_cell_degc(slaves, c_uint8(8), c_uint8(0)) == T_MISSING
+    assert library.vw_slaves_cell_degc(slaves, c_uint8(0), c_uint8(12)) == T_MISSING
 
 
 # --- readings under faults

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from app.battery.library import load_part, load_profile
 from app.battery.profile import read_document, understand
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.sources.dbc.assembly import Assembler
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import load_definitions, parse_definitions
 from app.sources.dbc.definitions import Definitions
-from app.sources.dbc.encoder import Speech
+from app.sources.dbc.encoder import FrameEncoder
 from app.sources.dbc.frames import frames_of
 from tests.campaign import of_size
 from tests.peer_batteries import PEERS
@@ -128,10 +128,10 @@ def round_s(speech):
 @given(data=st.data())
 def test_what_was_sent_is_what_is_decoded_within_the_signals_resolution(case, data):
     battery, source, files = case()
-    assert isinstance(source, SpeaksDbc)
+    assert isinstance(source, DbcMapping)
     definitions = definitions_of(files)
-    speech = Speech(battery, source, definitions)
-    assert speech.unsaid() == {}
+    speech = FrameEncoder(battery, source, definitions)
+    assert speech.not_encoded() == {}
     values = data.draw(readings(battery))
     frames = spoken(speech, values, round_s(speech))
     decoded = BatteryDecoder(battery, source, definitions).decode(frames_of(frames))
@@ -148,7 +148,7 @@ def test_what_was_sent_is_what_is_decoded_within_the_signals_resolution(case, da
 def test_cantools_decodes_every_frame_to_the_same_numbers(case, data):
     battery, source, files = case()
     definitions = definitions_of(files)
-    speech = Speech(battery, source, definitions)
+    speech = FrameEncoder(battery, source, definitions)
     databases = databases_of(files)
     values = data.draw(readings(battery))
     frames = spoken(speech, values, round_s(speech))
@@ -185,7 +185,7 @@ def message_of(databases, can_id):
 def test_what_is_missing_is_told_as_missing_and_all_else_is_told(name, data):
     battery, source, files = of_bundled(name)
     definitions = definitions_of(files)
-    speech = Speech(battery, source, definitions)
+    speech = FrameEncoder(battery, source, definitions)
     values = data.draw(readings(battery))
     lost = data.draw(st.sets(st.integers(0, battery.n_cells - 1), max_size=30))
     values["voltage"][list(lost)] = np.nan
@@ -198,7 +198,7 @@ def test_what_is_missing_is_told_as_missing_and_all_else_is_told(name, data):
 def test_the_newest_values_reach_a_measurement_with_their_own_times():
     battery, source, files = of_bundled("foxbms-2")
     definitions = definitions_of(files)
-    speech = Speech(battery, source, definitions)
+    speech = FrameEncoder(battery, source, definitions)
     values = {"voltage": np.linspace(3.0, 4.0, battery.n_cells), "current": np.array([12.0])}
     frames = spoken(speech, values, 3.0)
     decoder, assembler = BatteryDecoder(battery, source, definitions), Assembler(battery, source)
@@ -223,6 +223,6 @@ def test_foxbms_says_the_time_of_a_round_where_others_say_that_of_a_frame(tmp_pa
     profile = understand(read_document(text, "a.toml", load_part))
     for named_ms, expected_s in ((500, 0.5), (5000, 0.05)):
         file.write_text(head + times.format(named_ms))
-        speech = Speech(profile.battery, profile.source, load_definitions(file))
+        speech = FrameEncoder(profile.battery, profile.source, load_definitions(file))
         frames = spoken(speech, {"voltage": np.full(100, 3.7)}, 3.0)
         assert np.diff([t for t, _, _ in frames]) / 1e9 == pytest.approx(expected_s)

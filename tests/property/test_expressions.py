@@ -26,7 +26,7 @@ import app
 import firmware_protocol
 import simulator
 import voltwall
-from tests.campaign import tell_figure
+from tests.campaign import report_figure
 
 CHARACTERS = 100_000
 LIMIT_S = 0.1
@@ -222,7 +222,7 @@ def test_every_expression_takes_linear_time():
     assert len(found) > 60
     assert [f"{where}.{attack}" for where, (took_s, attack) in found.items() if took_s > LIMIT_S] == []
     longest_s = max(took_s for took_s, _ in found.values())
-    tell_figure(f"{len(found)} expressions, {CHARACTERS} characters: at most {1000 * longest_s:.0f} ms")
+    report_figure(f"{len(found)} expressions, {CHARACTERS} characters: at most {1000 * longest_s:.0f} ms")
 
 
 @pytest.mark.parametrize("pattern", [r"\s*SG_\s+(\w+)\s*M?\s*:", r"(a+)+b", r"\[\s*([\w ]+?)\s*\]$"])

@@ -7,7 +7,7 @@ from pathlib import Path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from app.configuration.profile import Profile, parse_profile, profile_text
+from app.configuration.saved_configuration import SavedConfiguration, parse_profile, profile_text
 from app.errors import ConfigError
 from firmware_protocol.config_image import canonical, default_image
 from firmware_protocol.dbc import to_dbc
@@ -43,7 +43,7 @@ def test_any_dbc_is_read_or_refused(text):
     dbc(text.encode())
 
 
-PROFILE = profile_text(Profile("car 7", 3, "as raced", "ada", "2026-11-21T07:00:00Z", canonical(DEFAULT)))
+PROFILE = profile_text(SavedConfiguration("car 7", 3, "as raced", "ada", "2026-11-21T07:00:00Z", canonical(DEFAULT)))
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=10),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),

@@ -16,7 +16,7 @@ from tests.oracle.resistance import ReferenceResistance
 
 N_CELLS = 50
 EXAMPLES = of_size(6, 60, 120, 200)
-STEPS = 100  # of 50 cells each: a million cell-steps in the full campaign
+STEPS = 100  # steps of 50 cells each: a million cell-steps in the full campaign
 
 CELLS = [*map(load_cell, bundled_cells()), SURFACE]
 cells = st.sampled_from(CELLS)

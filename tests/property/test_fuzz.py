@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.c_programs import build_fuzzer
-from tests.campaign import campaign, of_size, tell_figure
+from tests.campaign import campaign, of_size, report_figure
 from tests.fuzz.targets import FOLDER, TARGETS, TooSlow, kept, limited, target
 
 PROJECT = Path(__file__).parents[2]
@@ -69,4 +69,4 @@ def searched(command: list[str], name: str, of: str, environment: dict[str, str]
     runs = re.search(r"Done (\d+)", said)
     assert runs, said
     if SEARCH_S:
-        tell_figure(f"fuzzing: {name} ({of}), {runs[1]} inputs in {SEARCH_S} s, none broke it")
+        report_figure(f"fuzzing: {name} ({of}), {runs[1]} inputs in {SEARCH_S} s, none broke it")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from firmware_protocol.messages import EventCode
 from simulator.errors import InputError, ScenarioError
 from simulator.fault_kinds import FAULTS
-from simulator.inputs import Limits, check_number
+from simulator.inputs import NumberRange, check_number
 from simulator.loads import PATTERNS_C
 from simulator.scenario import ACTIONS, LOADS
 from simulator.scenario_file import START_LIMITS, load_scenario
@@ -168,7 +168,7 @@ def test_whatever_lies_within_the_limits_is_played(start, phase, seed):
 
 @given(value=NUMBERS, low=st.floats(-1e3, 1e3), span=st.floats(0, 1e3), is_whole=st.booleans(), is_above=st.booleans())
 def test_a_number_is_within_its_limits_or_refused(value, low, span, is_whole, is_above):
-    limits = Limits(low, low + span, "V", is_whole=is_whole, is_above=is_above)
+    limits = NumberRange(low, low + span, "V", is_whole=is_whole, is_above=is_above)
     refusal, number = "key = ", None
     try:
         number = check_number("key", value, limits)

@@ -25,10 +25,10 @@ class Node:
     is_listening_only = False
 
     def __init__(self) -> None:
-        self.heard: list[tuple[float, CanFrame]] = []
+        self.received: list[tuple[float, CanFrame]] = []
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
-        self.heard.append((now_s, frame))
+        self.received.append((now_s, frame))
 
 
 @settings(deadline=None, max_examples=examples(60))
@@ -48,8 +48,8 @@ def test_every_frame_reaches_every_other_node_once_and_the_bus_carries_one_at_a_
     bus.run(now_s + 1.0)
     for index, node in enumerate(nodes):
         expected = [frame for other, theirs in by_node.items() if other != index for frame in theirs]
-        assert sorted(map(repr, (frame for _, frame in node.heard))) == sorted(map(repr, expected))
-    ends = sorted({(at_s, frame.bits / RATE) for node in nodes for at_s, frame in node.heard})
+        assert sorted(map(repr, (frame for _, frame in node.received))) == sorted(map(repr, expected))
+    ends = sorted({(at_s, frame.bits / RATE) for node in nodes for at_s, frame in node.received})
     for (before_s, _), (after_s, length_s) in itertools.pairwise(ends):
         assert after_s - before_s >= length_s - 1e-9
 

@@ -60,7 +60,7 @@ def test_any_requests_leave_a_configuration_that_passes_the_check(requests):
 @given(st.binary(max_size=200), st.integers(1, 50))
 def test_adapter_takes_any_bytes_in_any_chunks_alike(raw, size):
     def played(chunks: list[bytes]) -> tuple[bytes, list[CanFrame]]:
-        bus, sent, heard = CanBus(), bytearray(), []
+        bus, sent, received = CanBus(), bytearray(), []
         adapter = SlcanAdapter(bus, sent.extend)
 
         class Node:
@@ -68,7 +68,7 @@ def test_adapter_takes_any_bytes_in_any_chunks_alike(raw, size):
             is_listening_only = False
 
             def can_received(self, frame: CanFrame, now_s: float) -> None:
-                heard.append(frame)
+                received.append(frame)
 
         node = Node()
         bus.attach(adapter)
@@ -77,7 +77,7 @@ def test_adapter_takes_any_bytes_in_any_chunks_alike(raw, size):
         for chunk in chunks:
             adapter.feed(chunk, 0.0)
         bus.run(1.0)
-        return bytes(sent), heard
+        return bytes(sent), received
 
     lines = [line[:32] for line in raw.split(b"\r")]
     short = b"\r".join(lines)

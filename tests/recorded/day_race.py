@@ -22,7 +22,7 @@ class DayRace(ScenarioRecorder):
     """The race, with a digest of what the line carried and the estimate's error against the truth."""
 
     def __init__(self, folder: Path, scenario: str) -> None:
-        super().__init__(folder, scenario, looks_ahead=False)
+        super().__init__(folder, scenario, predicts=False)
         self.worst_soc = 0.0
 
     def hour(self, seconds: float) -> None:

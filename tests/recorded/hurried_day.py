@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 from app.api.application import create_app
 from app.api.web.connection import server_config
 from app.api.web.connection_limits import ClientConnections
-from app.service.host import give_freed_memory_back
+from app.service.host import release_freed_memory
 from app.service.settings import Settings
 from app.sources.items import LinkChange, SerialItem
 from firmware_protocol.framing import FrameDecoder
@@ -34,15 +34,15 @@ from simulator.scenario_player import ScenarioPlayer
 from tests.fake_clock import FunctionClock
 
 EPOCH_NS = 1_790_000_000 * 10**9
-BEGAN_NS = 10**12  # of the monotonic clock: zero is a time, too
-STEP_S = 0.05  # of the car's physics
-TURN_S = 0.2  # of the car between two commits and looks at what is due: more would shed load
+BEGAN_NS = 10**12  # start of the monotonic clock: zero is a time, too
+STEP_S = 0.05  # step of the car's physics
+TURN_S = 0.2  # car's time between two commits and checks of what is due: more would shed load
 LOOK_S = 60.0
 PATIENCE_S = 600.0  # for an answer, on a machine that does other things
 READERS = 3
 UNPLUGGED_S = 30.0
 SPLIT_MB, KEPT_GB, KEPT_DAYS = 8, 0.2, 1 / 24  # a file is full within half an hour
-EVERY_S = {  # of the car's time
+EVERY_S = {  # periods in the car's time
     "page": 60.0,
     "retention": 600.0,
     "export": 1200.0,
@@ -198,7 +198,7 @@ def main() -> None:
     parser.add_argument("hours", type=float, nargs="?", default=24.0)
     parser.add_argument("--data", type=Path)
     arguments = parser.parse_args()
-    give_freed_memory_back()  # as `voltwall serve` does
+    release_freed_memory()  # as `voltwall serve` does
     with tempfile.TemporaryDirectory(prefix="voltwall-day-") as folder:
         day = HurriedDay(arguments.data or Path(folder))
         day.run(arguments.hours, lambda look: print(json.dumps(look), flush=True))

@@ -42,14 +42,14 @@ class ScenarioRecorder:
         *,
         seed: int | None = None,
         epoch_ns: int = EPOCH_NS,
-        looks_ahead: bool = True,
+        predicts: bool = True,
     ) -> None:
         self._epoch_ns = epoch_ns
         self.player = ScenarioPlayer(find_scenario(scenario), seed=seed, step_s=STEP_S)
         self._simulation = self.player.simulation
         self._decoder = FrameDecoder()
         cell = load_cell(CELL)
-        self.predictor = Predictor(cell, (12,) * 8) if looks_ahead else None
+        self.predictor = Predictor(cell, (12,) * 8) if predicts else None
         self.pipeline = Pipeline(
             MasterSource("serial", "simulated"),
             lambda: make_estimator("fused", cell, N_CELLS),

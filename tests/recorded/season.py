@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from tests.recorded.arrays import START_S, SessionMaker
 
 LAP_S = 60.0
@@ -41,5 +41,5 @@ def make_season(folder: Path) -> Path:
 def make_lake(sessions: Path) -> Path:
     """Make their lake beside them and return its folder."""
     folder = sessions.parent / "lake"
-    assert len(build_lake(Place(folder), session_files([sessions])).made) == 2
+    assert len(build_lake(LakeFolder(folder), session_files([sessions])).made) == 2
     return folder

@@ -37,12 +37,12 @@ with warnings.catch_warnings():
 CELL: Final = "samsung-25r-10p"  # as fresh as the simulator's
 EPOCH_NS: Final = 1_790_000_000 * 10**9
 START_NS: Final = 1000 * 10**9
-STEP_S: Final = 0.05  # of the physics
+STEP_S: Final = 0.05  # step of the physics
 STREAM_S: Final = 0.2  # then the service asks for telemetry
-TURN_S: Final = 0.05  # of virtual time between two looks at the lines
+TURN_S: Final = 0.05  # virtual time between two polls of the lines
 FLUSH_S: Final = 60.0
 AFTER_END: Final = 6  # seconds of the car after its recording
-WAIT_S: Final = 0.5  # of virtual time between two looks whether a trip is being explained
+WAIT_S: Final = 0.5  # virtual time between two checks whether a trip is being explained
 LINKS: Final = {"serial_url": "socket://127.0.0.1:1", "can_url": "virtual:never-opened"}
 
 
@@ -64,10 +64,10 @@ class _NoForecast(PipelineFactory):
     """Without power, energy and times to limits: a third of the work, and nothing that is found depends on them."""
 
     def predictor(
-        self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None, *, looks_ahead: bool = False
+        self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None, *, predicts: bool = False
     ) -> Predictor:
         """Return a predictor that judges the cells alone."""
-        return super().predictor(learned_before, watch, looks_ahead=False)
+        return super().predictor(learned_before, watch, predicts=False)
 
 
 class Car:

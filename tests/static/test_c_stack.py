@@ -19,7 +19,7 @@ def test_the_worst_case_stack_is_known_and_small():
     assert stacks.keys() == {
         *("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received"),
         *("vw_slaves_start", "vw_slaves_read_voltages", "vw_slaves_read_temperatures", "vw_slaves_self_check"),
-        *("vw_measuring_samples", "vw_measuring_run"),
+        *("vw_measuring_add_samples", "vw_measuring_run"),
         *("vw_master_init", "vw_master_step", "vw_master_command"),
         *("vw_filter_start", "vw_filter_step"),
     }

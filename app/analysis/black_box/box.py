@@ -62,7 +62,7 @@ class CellsAround:
 
 
 @dataclass(frozen=True)
-class Samples:
+class BoxSamples:
     """Everything at full rate; tables are cell by cell, `time_s` from the trip."""
 
     time_s: list[float | None]
@@ -98,7 +98,7 @@ class BlackBox:
     beyond: Beyond | None
     peers: Peers | None
     cells: CellsAround
-    samples: Samples
+    samples: BoxSamples
     findings: list[RenderedMessage]
     simulated: bool = False  # the car was the simulator
     cause: Cause | None = None  # None: nothing that can be explained, or not looked for yet
@@ -118,7 +118,7 @@ def box_from_json(body: dict[str, Any]) -> BlackBox:
         "beyond": None if body["beyond"] is None else Beyond(**body["beyond"]),
         "peers": None if body["peers"] is None else Peers(**body["peers"]),
         "cells": CellsAround(**body["cells"]),
-        "samples": Samples(**body["samples"]),
+        "samples": BoxSamples(**body["samples"]),
         "findings": [rendered_from_json(found) for found in body.get("findings", [])],
         "cause": cause_from_json(body.get("cause")),
     }

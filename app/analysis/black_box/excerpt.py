@@ -12,10 +12,10 @@ from app.analysis.black_box.box import (
     Beyond,
     BlackBox,
     BoxEvent,
+    BoxSamples,
     CellsAround,
     Measured,
     Peers,
-    Samples,
     Side,
     findings_of,
 )
@@ -28,7 +28,7 @@ _QUANTITIES: Final[dict[str, Measured]] = {"V": "voltage", "degC": "temperature"
 
 
 @dataclass(frozen=True)
-class Window:
+class BoxWindow:
     """Every sample around a trigger: (n,) and (n, n_cells), NaN where not measured."""
 
     mono_s: FloatArray
@@ -42,7 +42,7 @@ class Window:
 
 def build(
     group: Sequence[Trigger],
-    window: Window,
+    window: BoxWindow,
     *,
     session_id: str | None,
     config_hash: str | None,
@@ -101,7 +101,7 @@ def _side(value: float, limit: float) -> Side:
     return "low" if value < limit else "high"
 
 
-def _values(main: Trigger, quantity: Measured | None, window: Window) -> FloatArray | None:
+def _values(main: Trigger, quantity: Measured | None, window: BoxWindow) -> FloatArray | None:
     """What the limit is about, over time: of the cell named, of all cells' worst, or the current."""
     if quantity == "current":
         return window.current_a
@@ -115,7 +115,7 @@ def _values(main: Trigger, quantity: Measured | None, window: Window) -> FloatAr
 
 
 def _beyond(
-    main: Trigger, quantity: Measured | None, side: Side | None, time_s: FloatArray, window: Window
+    main: Trigger, quantity: Measured | None, side: Side | None, time_s: FloatArray, window: BoxWindow
 ) -> Beyond | None:
     """How long the value was beyond its limit: the stretch at the trip, or the one that led up to it."""
     values = _values(main, quantity, window)
@@ -142,7 +142,7 @@ def _beyond(
 
 
 def _peers(
-    main: Trigger, quantity: Measured | None, side: Side | None, time_s: FloatArray, window: Window
+    main: Trigger, quantity: Measured | None, side: Side | None, time_s: FloatArray, window: BoxWindow
 ) -> Peers | None:
     if main.cell is None or quantity not in ("voltage", "temperature") or not time_s.size or main.limit is None:
         return None
@@ -162,7 +162,7 @@ def _peers(
     )
 
 
-def _cells(time_s: FloatArray, window: Window) -> CellsAround:
+def _cells(time_s: FloatArray, window: BoxWindow) -> CellsAround:
     """Every cell before, at and during it."""
     if not time_s.size:
         nobody: list[float | None] = [None] * window.voltage_v.shape[1]
@@ -185,9 +185,9 @@ def _cells(time_s: FloatArray, window: Window) -> CellsAround:
     )
 
 
-def _samples(time_s: FloatArray, window: Window) -> Samples:
+def _samples(time_s: FloatArray, window: BoxWindow) -> BoxSamples:
     """Everything at full rate; tables are cell by cell."""
-    return Samples(
+    return BoxSamples(
         time_s=listed(time_s, 4),
         current_a=listed(window.current_a, 2),
         voltage_v=[listed(cell, 4) for cell in window.voltage_v.T],

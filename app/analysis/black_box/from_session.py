@@ -11,13 +11,13 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from app.analysis.black_box.box import BlackBox, box_from_json, cause_findings, findings_of
-from app.analysis.black_box.excerpt import Window, build
-from app.analysis.cell_findings import CellJudge
+from app.analysis.black_box.excerpt import BoxWindow, build
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger
 from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.from_session import incidents_of, verdict_of
 from app.analysis.root_cause.judge import UNEXPLAINED, Cause, trip_cause
 from app.analysis.session_cell import cell_of
+from app.analysis.session_judge import CellJudge
 from app.analysis.session_survey import read_pieces
 from app.errors import AppError
 from app.estimation.arrays import FloatArray, latest_at
@@ -151,7 +151,7 @@ def stored_box(store: BlackBoxStore, box_id: str) -> BlackBox | None:
     return box if box.findings else replace(box, findings=[*findings_of(box), *cause_findings(box.cause, box.segments)])
 
 
-def read_window(session: SessionFile, group: Sequence[Trigger]) -> Window:
+def read_window(session: SessionFile, group: Sequence[Trigger]) -> BoxWindow:
     """Return the samples around an incident at full rate."""
     offset_s = session.unix_s(0)
     first_s, last_s = group[0].mono_s - BEFORE_S + offset_s, group[-1].mono_s + AFTER_S + offset_s
@@ -163,7 +163,7 @@ def read_window(session: SessionFile, group: Sequence[Trigger]) -> Window:
     width = {"i_fs": 1, "status.flags": 1}
     table = {name: _onto(time_s, found[name], width.get(name, session.battery.n_cells)) for name in _FIELDS}
     flags = table["status.flags"][:, 0]
-    return Window(
+    return BoxWindow(
         mono_s=time_s - offset_s,
         current_a=table["i_fs"][:, 0],
         voltage_v=table["v"],

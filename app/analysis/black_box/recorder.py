@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from app.analysis.black_box.box import BlackBox
-from app.analysis.black_box.excerpt import Window, build
+from app.analysis.black_box.excerpt import BoxWindow, build
 from app.analysis.black_box.from_session import is_explained, store_box, with_cause
 from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, follows, incidents, is_trigger
 from app.analysis.limits import known_limits, limits_of
@@ -137,7 +137,7 @@ class BlackBoxRecorder:
             or now_s - self._triggers[0].mono_s >= LONGEST_S + AFTER_S
         ):
             self._finish()
-        self._look_again(output, now_s)
+        self._recheck(output, now_s)
 
     def close(self) -> None:
         """Write what there is of an incident under way, and close the store.
@@ -169,7 +169,7 @@ class BlackBoxRecorder:
         limits = limits_of(image) or known_limits(self._limits)
         arguments = (triggers, list(self._samples), self._session, limits, config_hash, self._findings)
         with contextlib.suppress(RuntimeError):  # shutting down
-            self._writer.submit(self._write, *arguments).add_done_callback(_tell_failure)
+            self._writer.submit(self._write, *arguments).add_done_callback(_report_failure)
 
     def _write(
         self,
@@ -207,14 +207,14 @@ class BlackBoxRecorder:
         except AppError as error:
             log.warning("a black box was not written: %s", error)
 
-    def _look_again(self, output: Output, now_s: float) -> None:
+    def _recheck(self, output: Output, now_s: float) -> None:
         """Look again for the cause of what is unexplained: once some time later, and by what is found of its cell."""
         for each in list(self._unexplained):
             found = any(is_later_evidence(event.code, event.cell, each.box.cell) for event in output.events)
             if found or (each.due_s is not None and now_s >= each.due_s):
                 each.due_s = each.due_s if found else None
                 with contextlib.suppress(RuntimeError):  # shutting down
-                    self._writer.submit(self._revise, each, self._findings).add_done_callback(_tell_failure)
+                    self._writer.submit(self._revise, each, self._findings).add_done_callback(_report_failure)
 
     def _revise(self, unexplained: _Unexplained, found: tuple[Finding, ...]) -> None:
         cause, _ = self._verdict(unexplained.session_id, unexplained.group)
@@ -240,7 +240,7 @@ class BlackBoxRecorder:
         return None, False
 
 
-def _tell_failure(done: "Future[None]") -> None:
+def _report_failure(done: "Future[None]") -> None:
     if not done.cancelled() and (error := done.exception()) is not None:
         log.error("a black box could not be made", exc_info=error)
 
@@ -274,7 +274,7 @@ def _sample(snapshot: Snapshot) -> _Sample:
     )
 
 
-def _window(samples: list[_Sample], first_s: float, last_s: float) -> Window:
+def _window(samples: list[_Sample], first_s: float, last_s: float) -> BoxWindow:
     chosen = [sample for sample in samples if first_s <= sample.mono_s <= last_s]
     n_cells = len(samples[0].voltage_v) if samples else 0
 
@@ -285,7 +285,7 @@ def _window(samples: list[_Sample], first_s: float, last_s: float) -> Window:
         rows = [getattr(sample, name) for sample in chosen]
         return np.array(rows, dtype=np.float64) if rows else np.empty((0, n_cells))
 
-    return Window(
+    return BoxWindow(
         mono_s=column("mono_s"),
         current_a=column("current_a"),
         voltage_v=table("voltage_v"),

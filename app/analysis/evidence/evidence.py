@@ -13,9 +13,9 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from app.analysis.evidence.looks import Look, Values, looks
+from app.analysis.evidence.master_samples import MasterSample, SampledValues, master_samples
 from app.analysis.evidence.steps import STEPS, Cycles, Step
-from app.analysis.evidence.timing import ClockRate, Limits, Missing, Timing, clock_rate, measure
+from app.analysis.evidence.timing import ClockRate, ConfiguredLimits, Missing, Timing, clock_rate, measure
 from app.battery.shape import CELLS_PER_PACK
 from app.errors import AppError
 from app.estimation.cell_model.cell_file import bundled_cells, load_cell, parse_cell
@@ -30,7 +30,7 @@ from firmware_protocol.memory_map import CONFIG, MAP_HASH, T_MISSING, V_MISSING
 from firmware_protocol.messages import Ident, MessageType, Reply
 
 MARKER: Final = "evidence"  # kind of the markers: "STEP armed", "STEP done", "STEP skipped WHY"
-METADATA: Final = "evidence"  # key of what the test was told, in the session's metadata
+METADATA: Final = "evidence"  # key of the test's record in the session's metadata
 RULES_T_MAX_DEGC: Final = 60.0  # EV 5.8.5, or the data sheet's where that is lower
 RULES_SHARE: Final = 0.3  # EV 5.8.3: of the cells with a temperature
 Verdict = Literal["passed", "failed", "not-shown", "opened", "not-tested"]
@@ -47,7 +47,7 @@ class NoEvidence(AppError):
 
 @dataclass(frozen=True)
 class StepResult:
-    """One step: `timing` where it was measured, else `why` not, or what the crew said of skipping it.
+    """One step: `timing` where it was measured, else `why` not, or the crew's reason to skip it.
 
     `not-shown`: the limit lies inside the band. `opened`: it opened, and the rules name no time.
     """
@@ -81,7 +81,7 @@ class Coverage:
     cells: int
     voltages: int
     temperatures: int
-    least_share: float  # of the segment with the fewest
+    least_share: float  # share of the pack with the fewest, 0..1
     rules_share: float
     is_enough: bool
 
@@ -94,7 +94,7 @@ class Bytes:
     bad: int
     lost: int
     interval_s: float  # median between two fast frames, on the master's clock
-    line_s: float  # of a fast frame on the line
+    line_s: float  # time of a fast frame on the line
     clock: ClockRate
     baud_rate: int
 
@@ -113,7 +113,7 @@ class Evidence:
     map_matches: bool | None
     url: str
     config_hash: str
-    interval_s: float  # of telemetry, as configured; the test may set it faster and back
+    interval_s: float  # period of telemetry, as configured; the test may set it faster and back
     cell: str
     cycles: Cycles
     limits: list[LimitRow]
@@ -141,7 +141,7 @@ def evidence_of(session: SessionFile) -> Evidence:
     info = session.info
     metadata: Any = info.metadata.get(METADATA)
     configs, frames = session.configs(), list(session.frames())
-    seen = looks([(each.t_mono_ns, each.raw) for each in frames if each.ok], BAUD_RATE)
+    seen = master_samples([(each.t_mono_ns, each.raw) for each in frames if each.ok], BAUD_RATE)
     fast = [each for each in seen if each.values is not None]
     if not isinstance(metadata, dict) or not configs or not fast:
         raise NoEvidence(info.id)
@@ -152,7 +152,7 @@ def evidence_of(session: SessionFile) -> Evidence:
     ready_ns = markers[0].t_mono_ns if markers else fast[-1].arrived_ns
     healthy = [each for each in fast if each.arrived_ns <= ready_ns][-1:] or fast[:1]
     rows, covered = limit_rows(image, cell), coverage(healthy[0].values)
-    steps = _results(markers, seen, Limits.of(image), cycles, rate)
+    steps = _results(markers, seen, ConfiguredLimits.of(image), cycles, rate)
     ident = _ident([each.raw for each in frames if each.ok])
     return Evidence(
         session_id=info.id,
@@ -176,7 +176,7 @@ def evidence_of(session: SessionFile) -> Evidence:
 
 
 def _results(
-    markers: Sequence[Marker], seen: Sequence[Look], limits: Limits, cycles: Cycles, rate: ClockRate
+    markers: Sequence[Marker], seen: Sequence[MasterSample], limits: ConfiguredLimits, cycles: Cycles, rate: ClockRate
 ) -> list[StepResult]:
     found: dict[str, StepResult] = {}
     armed_ns: dict[str, int] = {}
@@ -221,7 +221,7 @@ def _outcome(steps: Sequence[StepResult], limits: Sequence[LimitRow], covered: C
 
 
 def limit_rows(image: bytes, cell: CellModel) -> list[LimitRow]:
-    """Return the limits in force beside those of the cell's data sheet and of the rules."""
+    """Return the active limits with those of the data sheet and of the rules."""
     sheet = cell.limits
     t_rule = (
         RULES_T_MAX_DEGC if sheet.temperature_max_degc is None else min(RULES_T_MAX_DEGC, sheet.temperature_max_degc)
@@ -247,7 +247,7 @@ def limit_rows(image: bytes, cell: CellModel) -> list[LimitRow]:
     return found
 
 
-def coverage(values: Values | None) -> Coverage:
+def coverage(values: SampledValues | None) -> Coverage:
     """Return how many cells have a voltage and a temperature, and the share in the segment with the fewest."""
     if values is None:
         raise ValueError("no fast frame")
@@ -272,7 +272,7 @@ def _ident(raw: Sequence[bytes]) -> Ident | None:
     return None
 
 
-def _bytes(fast: Sequence[Look], seen: Sequence[Look], n_frames: int, rate: ClockRate) -> Bytes:
+def _bytes(fast: Sequence[MasterSample], seen: Sequence[MasterSample], n_frames: int, rate: ClockRate) -> Bytes:
     lost = sum(
         (after.sequence - before.sequence - 1) & 0xFF for before, after in pairwise(seen) if before.boot == after.boot
     )

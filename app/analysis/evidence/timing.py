@@ -15,13 +15,13 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.evidence.looks import Look, Values
+from app.analysis.evidence.master_samples import MasterSample, SampledValues
 from app.analysis.evidence.steps import Cycles, Sign
 from firmware_protocol.config_image import to_unit
 from firmware_protocol.memory_map import CONFIG, T_MISSING, V_MISSING
 from firmware_protocol.messages import EventCode
 
-UPTIME_STEP_S: Final = 0.001  # the master's clock is told in whole milliseconds
+UPTIME_STEP_S: Final = 0.001  # resolution of the master's clock
 MIN_SPAN_S: Final = 2.0  # over less the two clocks say nothing of each other
 TRIPS: Final = frozenset(code for code in EventCode if code.name.startswith("TRIP_"))
 Mask = NDArray[np.bool_]
@@ -29,7 +29,7 @@ Missing = Literal["no-frames", "violated-before", "not-seen", "not-opened", "res
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ConfiguredLimits:
     """The limits in force, in the counts of the memory map."""
 
     v_cell_min: int
@@ -43,7 +43,7 @@ class Limits:
     fc_avg: int
 
     @classmethod
-    def of(cls, image: bytes) -> Limits:
+    def of(cls, image: bytes) -> ConfiguredLimits:
         """Return those of a configuration's 420 bytes."""
         return cls(*(CONFIG[name].unpack(image)[0] for name in cls.__slots__))
 
@@ -53,16 +53,16 @@ class ClockRate:
     """Seconds of this computer in one of the master's, and how far that may be off."""
 
     rate: float
-    doubt: float
+    uncertainty: float
     latest_s: float  # the latest frame came so much after what the quickest one took
 
     def longest(self, seconds: float) -> float:
         """Return the longest that a time on the master's clock may have been."""
-        return seconds * max(1.0, self.rate + self.doubt)
+        return seconds * max(1.0, self.rate + self.uncertainty)
 
     def shortest(self, seconds: float) -> float:
         """Return the shortest."""
-        return seconds * min(1.0, self.rate - self.doubt)
+        return seconds * min(1.0, self.rate - self.uncertainty)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +73,8 @@ class Timing:
     high_s: float
     sampled_s: float  # between the last look within the limits and the first beyond
     opened_s: float  # between the last look at a closed circuit and the first at an open one
-    latency_s: float  # of the firmware's own measuring and filter
-    clock_s: float  # of the two clocks
+    latency_s: float  # delay of the firmware's own measuring and filter
+    clock_s: float  # uncertainty of the two clocks
     host_s: float  # from the first look beyond to the open one by this computer's clock, the line's time taken off
     cell: int | None
     value: float | None  # in the field's unit
@@ -89,7 +89,7 @@ class Unmeasured:
     why: Missing
 
 
-def clock_rate(looks: Sequence[Look]) -> ClockRate:
+def clock_rate(looks: Sequence[MasterSample]) -> ClockRate:
     """Hold this computer's clock against the master's, by the frames that waited least at both ends of a recording."""
     if len(looks) < 2 or looks[-1].uptime_ms - looks[0].uptime_ms < MIN_SPAN_S * 1000:
         return ClockRate(1.0, 0.0, 0.0)
@@ -106,7 +106,9 @@ def clock_rate(looks: Sequence[Look]) -> ClockRate:
     return ClockRate(1 + drift_s / span_s, doubt_s / span_s, float(left_s.max()))
 
 
-def measure(looks: Sequence[Look], sign: Sign, limits: Limits, cycles: Cycles, rate: ClockRate) -> Timing | Unmeasured:
+def measure(
+    looks: Sequence[MasterSample], sign: Sign, limits: ConfiguredLimits, cycles: Cycles, rate: ClockRate
+) -> Timing | Unmeasured:
     """Return how long the master took from the first violation to the open circuit.
 
     The violation began after the last look within the limits, less what the firmware may take to see it, and before the
@@ -158,19 +160,19 @@ def measure(looks: Sequence[Look], sign: Sign, limits: Limits, cycles: Cycles, r
     )
 
 
-def _values(look: Look) -> Values:
+def _values(look: MasterSample) -> SampledValues:
     if look.values is None:
         raise ValueError("no fast frame")
     return look.values
 
 
-def _is_open(look: Look) -> bool:
+def _is_open(look: MasterSample) -> bool:
     if look.values is not None:
         return not look.values.is_ok
     return look.event is not None and look.event.code in TRIPS
 
 
-def _last_closed_ms(looks: Sequence[Look], opened: Look) -> int:
+def _last_closed_ms(looks: Sequence[MasterSample], opened: MasterSample) -> int:
     at = next(i for i, each in enumerate(looks) if each is opened)
     closed = [each.uptime_ms for each in looks[:at] if each.values is not None and each.values.is_ok]
     previous = looks[at - 1]
@@ -179,32 +181,32 @@ def _last_closed_ms(looks: Sequence[Look], opened: Look) -> int:
     return max(closed)
 
 
-def _sign(sign: Sign, limits: Limits, healthy: Values) -> Callable[[Values], int | None]:
+def _sign(sign: Sign, limits: ConfiguredLimits, healthy: SampledValues) -> Callable[[SampledValues], int | None]:
     """Return what finds the violation: the first cell that shows it, -1 where it is no cell's, None without one."""
 
-    def cells(beyond: Callable[[Values], Mask]) -> Callable[[Values], int | None]:
-        def find(values: Values) -> int | None:
+    def cells(beyond: Callable[[SampledValues], Mask]) -> Callable[[SampledValues], int | None]:
+        def find(values: SampledValues) -> int | None:
             found = np.flatnonzero(beyond(values))
             return int(found[0]) if len(found) else None
 
         return find
 
-    def whole(beyond: Callable[[Values], bool]) -> Callable[[Values], int | None]:
+    def whole(beyond: Callable[[SampledValues], bool]) -> Callable[[SampledValues], int | None]:
         return lambda values: -1 if beyond(values) else None
 
     had_voltage, had_temperature = healthy.voltage != V_MISSING, healthy.temperature != T_MISSING
 
-    def high(v: Values) -> Mask:
+    def high(v: SampledValues) -> Mask:
         return np.greater(v.voltage, limits.v_cell_max)
 
-    def low(v: Values) -> Mask:
+    def low(v: SampledValues) -> Mask:
         found: Mask = (v.voltage < limits.v_cell_min) & (v.voltage != V_MISSING)
         return found
 
-    def hot(v: Values) -> Mask:
+    def hot(v: SampledValues) -> Mask:
         return np.greater(v.temperature, limits.t_cell_max)
 
-    def cold(v: Values) -> Mask:
+    def cold(v: SampledValues) -> Mask:
         found: Mask = (v.temperature < limits.t_cell_min) & (v.temperature != T_MISSING)
         return found
 
@@ -229,7 +231,9 @@ def _sign(sign: Sign, limits: Limits, healthy: Values) -> Callable[[Values], int
             return whole(lambda v: max(v.current) > limits.i_disc_max or min(v.current) < limits.i_disc_min)
 
 
-def _latency_s(sign: Sign, limits: Limits, cycles: Cycles, looks: Sequence[Look], cell: int | None) -> float:
+def _latency_s(
+    sign: Sign, limits: ConfiguredLimits, cycles: Cycles, looks: Sequence[MasterSample], cell: int | None
+) -> float:
     """Return how long a violation may have stood before the master's struct shows it [s]."""
     if sign.startswith("temperature"):
         return cycles.temperature_s + cycles.pass_s
@@ -257,7 +261,9 @@ def _filter_passes(before: float, after: float, limit: float, alpha: float) -> i
     return max(1, math.floor(math.log(max(left, 1e-6)) / math.log1p(-alpha)) + 1)
 
 
-def _figures(sign: Sign, limits: Limits, values: Values, cell: int | None) -> tuple[float | None, float | None]:
+def _figures(
+    sign: Sign, limits: ConfiguredLimits, values: SampledValues, cell: int | None
+) -> tuple[float | None, float | None]:
     """Return the value that violated and its limit, in units."""
     if sign.startswith("current"):
         counts = max(values.current, key=abs)

@@ -12,18 +12,18 @@ from app.estimation.arrays import FloatArray
 from app.estimation.prediction.laps import lap_period_s
 
 GRID_S: Final = 0.2
-DRIVING_SHARE: Final = 0.1  # of the highest usual power: less is standing
+DRIVING_SHARE: Final = 0.1  # share of the highest usual power; less is standing
 DRIVING_MIN_W: Final = 1000.0
 STOP_S: Final = 15.0  # without power for longer: the car stood, and what follows is another stint
 STINT_MIN_S: Final = 30.0
-PERIOD_FROM_S: Final = 900.0  # of a stint, to find its period
-CORRELATION_MIN: Final = 0.3  # of a whole stint; the pattern is followed from lap to lap afterwards
-SEARCH: Final = (0.8, 1.25)  # of the period, where the next lap may begin
+PERIOD_FROM_S: Final = 900.0  # length of a stint that shows its period
+CORRELATION_MIN: Final = 0.3  # correlation of a whole stint; the pattern is followed from lap to lap afterwards
+SEARCH: Final = (0.8, 1.25)  # bounds of the next lap's length, in periods
 LEARN: Final = 0.3  # weight of the newest lap in what a lap looks like
 UNUSUAL: Final = 4.0  # taken off the correlation, times the square of how far a lap is off the usual time
 MATCH_MIN: Final = 0.2  # correlation below which the pattern is lost and the period alone counts
-LAST_LAP: Final = (0.85, 1.2)  # of the period: a stint that ends within ended on the line, or a little before it
-LINE: Final = 0.02  # of the period, within which the pattern places the line
+LAST_LAP: Final = (0.85, 1.2)  # in periods: a stint that ends within them ended on the line, or a little before it
+LINE: Final = 0.02  # in periods: the pattern places the line this precisely
 GAP_S: Final = 5.0  # without a sample after the last power: whether the car stopped is not known
 
 

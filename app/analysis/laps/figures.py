@@ -42,7 +42,7 @@ class LapFigures:
     power_min_w: float | None  # strongest regeneration, negative
     current_rms_a: float | None
     soc_used: float | None
-    temperature_rise_k: float | None  # of the mean
+    temperature_rise_k: float | None  # rise of the mean temperature
     temperature_max_degc: float | None
     temperature_max_cell: int | None
     voltage_min_v: float | None

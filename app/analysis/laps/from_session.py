@@ -28,7 +28,7 @@ LAP_KINDS = ("lap", "laps")
 DRIVER_KIND = "driver"  # and kinds that begin with it
 TOTALS = {"power_w": "W", "current_a": "A", "voltage_v": "V", "v_min_v": "V", "t_max_degc": "degC", "soc": "1"}
 MAX_LAPS = 2000
-SAMPLES_A_PART = 2  # of laps laid over each other: a part without a sample would be a gap; by way the double
+SAMPLES_A_PART = 2  # samples a part of overlaid laps: a part without one is a gap; by distance the double
 MAX_TEXT = 200
 
 
@@ -42,14 +42,14 @@ class CanCounter:
 
 
 @dataclass(frozen=True)
-class Counts:
+class CounterSamples:
     """A number that goes up when a lap begins, as somebody decoded it: (n,) rising unix times [s] and values."""
 
     time_s: FloatArray
     values: FloatArray
 
 
-Counter = CanCounter | Counts | str  # the name of a signal of the session that goes up in the same way
+Counter = CanCounter | CounterSamples | str  # the name of a signal of the session that goes up in the same way
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def find_laps(
     if source == "can":
         if isinstance(counter, CanCounter):
             counter = _counted(session, counter)
-        if not isinstance(counter, Counts):
+        if not isinstance(counter, CounterSamples):
             raise ConfigError("can_id", None, Message("name-lap-frame"))
         marks = rises_s(counter.time_s, counter.values)
     elif source == "signal":
@@ -247,22 +247,22 @@ def _from_note(rows: Any, session: SessionFile) -> list[Lap]:
         raise NotASession(session.info.id, Message("laps-damaged", error=str(error))) from error
 
 
-def _counted(session: SessionFile, counter: CanCounter) -> Counts:
+def _counted(session: SessionFile, counter: CanCounter) -> CounterSamples:
     times, values = [], []
     for frame in session.can_frames():
         if frame.can_id == counter.can_id and counter.byte < len(frame.data):
             times.append(session.unix_s(frame.t_mono_ns))
             values.append(frame.data[counter.byte] & counter.mask)
-    return Counts(np.array(times), np.array(values, dtype=np.float64))
+    return CounterSamples(np.array(times), np.array(values, dtype=np.float64))
 
 
-def _sampled(session: SessionFile, name: str) -> Counts:
+def _sampled(session: SessionFile, name: str) -> CounterSamples:
     signal = session.signals.find(name)
     (samples,) = session.samples([signal])
     values = signal.physical(samples.counts)
     known = np.isfinite(values)
     times_s = [session.unix_s(int(us) * 1000) for us in samples.track.times_us[known]]
-    return Counts(np.array(times_s), values[known])
+    return CounterSamples(np.array(times_s), values[known])
 
 
 def _driver_name(text: str) -> str:

@@ -37,7 +37,7 @@ def place_of(session: SessionFile, name: str, lap: Lap) -> tuple[FloatArray, Flo
     Args:
         session: that the lap is of.
         name: a signal of the session, `MESSAGE.SIGNAL` of the battery's DBC, or `can:ID:BYTE[:BYTES]`, an unsigned
-            little-endian number in a frame, of two bytes where it is not said.
+            little-endian number in a frame, of two bytes by default.
         lap: the span.
 
     Raises:

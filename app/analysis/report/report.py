@@ -8,12 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.analysis.cell_findings import CellJudge
 from app.analysis.incidents import is_trigger
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
 from app.analysis.limits import LimitsOverTime, MovingLimit, limits_over_time
-from app.analysis.report.findings import (
+from app.analysis.report.over_time import OverTime, over_time
+from app.analysis.report.summary import (
     LOWEST_ALLOWED,
     NEAR,
     CellChange,
@@ -26,15 +26,15 @@ from app.analysis.report.findings import (
     margin_of,
     margins,
     odd_cells,
+    recommended_checks,
     what_limited,
-    what_to_look_at,
 )
-from app.analysis.report.over_time import OverTime, over_time
 from app.analysis.root_cause.from_session import causes_of
 from app.analysis.root_cause.judge import UNEXPLAINED, Cause, trip_cause
 from app.analysis.session_cell import cell_of, judged_by, unlike
+from app.analysis.session_judge import CellJudge
 from app.analysis.session_survey import TotalsCollector, survey_session
-from app.analysis.survey import Histogram, Piece, Survey, keep_extreme
+from app.analysis.survey import Histogram, Survey, SurveyPiece, keep_extreme
 from app.analysis.totals import listed
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import Finding, agreeing, findings_in_words, sensors_of
@@ -61,7 +61,7 @@ class MarginWatch:
         self._nearest: dict[LimitName, Margin] = {}  # to those that signals carry
         self._spans = [_empty(n_cells) for _ in self._limits]
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: SurveyPiece) -> None:
         """Take the next piece."""
         edges = [0, *np.searchsorted(piece.time_s, self._since_s).tolist(), len(piece.time_s)]
         for span, first, last in zip(self._spans, edges[:-1], edges[1:], strict=True):
@@ -87,7 +87,7 @@ class MarginWatch:
         return sorted(found.values(), key=lambda each: each.margin / NEAR[each.limit])
 
 
-def _nearest_to(moving: MovingLimit, limit: LimitName, piece: Piece) -> Margin | None:
+def _nearest_to(moving: MovingLimit, limit: LimitName, piece: SurveyPiece) -> Margin | None:
     """How near a piece came to a limit that moves: the instant at which the value was nearest, not the extreme."""
     allowed = moving.at(piece.time_s)
     tables = {"v_min": piece.voltage_v, "v_max": piece.voltage_v, "t_max": piece.temperature_degc}
@@ -112,7 +112,7 @@ def _empty(n_cells: int) -> Survey:
     )
 
 
-def _keep(span: Survey, piece: Piece, rows: slice) -> None:
+def _keep(span: Survey, piece: SurveyPiece, rows: slice) -> None:
     time_s, volts, degc = piece.time_s[rows], piece.voltage_v[rows], piece.temperature_degc[rows]
     keep_extreme(span.voltage_min_v, span.voltage_min_at_s, volts, time_s, lowest=True)
     keep_extreme(span.temperature_max_degc, span.temperature_max_at_s, degc, time_s, lowest=False)
@@ -137,13 +137,13 @@ class ReportedSession:
 
 
 @dataclass(frozen=True)
-class Findings:
+class ReportSummary:
     """The findings of a session, as codes with arguments; `why`: which cell failed, and why."""
 
     headline: RenderedMessage
     why: list[RenderedMessage]
     limited: list[RenderedMessage]
-    look_at: list[RenderedMessage]
+    recommended_checks: list[RenderedMessage]
     judged: list[RenderedMessage]  # what of then judges it, and what of today
 
 
@@ -169,7 +169,7 @@ class Report:
 
     session: ReportedSession
     segments: list[int]
-    findings: Findings
+    findings: ReportSummary
     causes: list[Cause]
     margins: list[Margin]
     odd: list[Odd]
@@ -215,7 +215,7 @@ def report_of(session: SessionFile) -> Report:
     limits_then = limits_over_time(session)
     watch = MarginWatch(session.battery.n_cells, limits_then)
 
-    def watched(piece: Piece) -> None:
+    def watched(piece: SurveyPiece) -> None:
         judge.add(piece)
         watch.add(piece)
 
@@ -234,12 +234,12 @@ def report_of(session: SessionFile) -> Report:
     segments = session.battery.segments
     why = [*_cause_findings(causes), *_verdicts(agreeing(found, [trip_cause(each) for each in causes]))]
     warnings = [*_ended(ended), *_event_arguments(warned, segments)]
-    look_at = what_to_look_at(survey, odd, warnings, session.bad_frames())
-    findings = Findings(
+    checks = recommended_checks(survey, odd, warnings, session.bad_frames())
+    findings = ReportSummary(
         sentence(headline(survey, sum(not lap.is_partial for lap in found_laps)), segments),
         [sentence(each, segments) for each in why],
         [sentence(each, segments) for each in what_limited(near, _event_arguments(trips, segments))],
-        [sentence(each, segments) for each in look_at],
+        [sentence(each, segments) for each in checks],
         judged_by(session),
     )
     return Report(

@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Hypothesis, Recording
+from app.analysis.root_cause.recording import Hypothesis, SessionStretch
 from app.estimation.arrays import FloatArray, median, row_mean
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
 
 EMPTY_SOC: Final = 0.12
-NEAR_V: Final = 0.25  # of the median cell above the limit
+NEAR_V: Final = 0.25  # volts of the median cell above the limit
 LOW_V: Final = 0.45
 LOW_CELLS: Final = 8  # that near the limit together are an empty accumulator, not a weak cell
 COLD_DEGC: Final = 0.0
@@ -23,12 +23,12 @@ AIR_WINDOW_S: Final = 90.0
 COOLING_FROM_K: Final = 1.5  # duty times kelvin above the air: less shows nothing of the fans
 COOLING_LEAST_S: Final = 150.0
 COOLING_SOC: Final = 0.3  # below, the reaction itself takes up heat
-EMPTY_WEIGHT: Final = 36.0  # of an empty pack small differences of cells are large
+EMPTY_WEIGHT: Final = 36.0  # an empty pack has large differences of cells from small ones in SOC
 HOT_K: Final = 10.0  # below the limit: cooler, nobody needs the fans
-COOLING_W_PER_K: Final = 0.6  # of a cell at full duty: what moving air takes away at least
+COOLING_W_PER_K: Final = 0.6  # cooling of a cell at full fan duty, at least
 
 
-def pack_hypotheses(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
+def pack_hypotheses(recording: SessionStretch, model: CellModel) -> Iterator[Hypothesis]:
     """Yield what all cells do together."""
     if recording.time_s.size < 20:
         return
@@ -73,7 +73,7 @@ def _cold(degc: float) -> Message:
     return Message("seen-cold", temperature=Quantity(float(degc), "degC", 0))
 
 
-def _air(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
+def _air(recording: SessionStretch, model: CellModel) -> Iterator[Hypothesis]:
     """The boards are light and follow the air; the cells follow their own heat."""
     boards = recording.boards
     own = row_mean(boards.own_degc)
@@ -99,7 +99,7 @@ def _air(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
     yield from _cooling(recording, model, float(min(own[:10].mean(), cells[:10].mean())))
 
 
-def _cooling(recording: Recording, model: CellModel, air_degc: float) -> Iterator[Hypothesis]:
+def _cooling(recording: SessionStretch, model: CellModel, air_degc: float) -> Iterator[Hypothesis]:
     """C dT/dt = loss - b duty (T - air): b is what the fans take away; loss = i (OCV - v) of the median cell."""
     ocv = model.ocv.voltage(np.clip(recording.soc, -0.05, 1.05))
     loss_w = recording.steady_a * (ocv - recording.median_v)

@@ -16,7 +16,7 @@ from app.analysis.root_cause.judge import UNEXPLAINED, Cause, Judgement, cause_o
 from app.analysis.root_cause.kept_verdict import keep_verdict, kept_verdicts
 from app.analysis.root_cause.links import board_hypotheses, charger_hypotheses, link_hypotheses
 from app.analysis.root_cause.read_stretch import read_stretch
-from app.analysis.root_cause.recording import Hypothesis, Recording
+from app.analysis.root_cause.recording import Hypothesis, SessionStretch
 from app.analysis.root_cause.relays import current_hypotheses, relay_hypotheses
 from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.circuit import CellModel
@@ -37,7 +37,7 @@ OF_CHARGE, SURE_OF_CHARGE = ("capacity-low", "cell-imbalance", "self-discharge-h
 FINDING, FINDING_ENDED = "finding-", "finding-ended"  # codes of events
 FOUND_LIVE = 5.0  # log odds: the verdict over the stretch, where there is one, weighs more
 FOUND_WITHIN_S = 6.0  # it takes the judge so long to be sure
-MOST_TRIPS = 12  # of a session; more are the same again
+MOST_TRIPS = 12  # trips of a session; more are repetitions
 
 
 def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause]:
@@ -215,7 +215,7 @@ def _edges(start_s: float, end_s: float) -> list[float]:
     return [start_s + k * (end_s - start_s) / n for k in range(n)] + [end_s + 1.0]
 
 
-def _hypotheses(recording: Recording, model: CellModel, at_s: float) -> list[Hypothesis]:
+def _hypotheses(recording: SessionStretch, model: CellModel, at_s: float) -> list[Hypothesis]:
     """Return everything that may be wrong; `at_s` is the instant that is asked about, unix time."""
     reported = [event.cell for event in recording.events if event.cell is not None]
     return [
@@ -230,7 +230,7 @@ def _hypotheses(recording: Recording, model: CellModel, at_s: float) -> list[Hyp
     ]
 
 
-def found_live(recording: Recording) -> Iterator[Hypothesis]:
+def found_live(recording: SessionStretch) -> Iterator[Hypothesis]:
     """What the judge had found of cells while the session was recorded, by its events, and evidence has not ended."""
     found: dict[int, Trigger] = {}
     for event in recording.events:

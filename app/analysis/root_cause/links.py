@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Hypothesis, Recording, pack_of_event
+from app.analysis.root_cause.recording import Hypothesis, SessionStretch, pack_of_event
 from app.estimation.arrays import BoolArray, FloatArray
 from app.words import Message, Pack, Quantity
 from firmware_protocol.elcon import ChargerFlags
@@ -15,8 +15,8 @@ from firmware_protocol.memory_map import CHARGER_STATES
 
 SETTLED_S: Final = 4.0  # a boot this soon after the start is the start
 SILENT_S: Final = 2.0
-BUS_SILENT_S: Final = 3.0  # a service that is held up hears one link later than the other
-CUT_LENGTH: Final = 0.85  # of a good frame's: shorter damaged frames broke off
+BUS_SILENT_S: Final = 3.0  # a service that is held up receives one link later than the other
+CUT_LENGTH: Final = 0.85  # share of a good frame's length; shorter damaged frames broke off
 FLOOD_PER_S: Final = 1500.0  # frames of one foreign identifier
 BOOTS: Final = {
     "boot-watchdog": "master-watchdog-reset",
@@ -25,7 +25,7 @@ BOOTS: Final = {
 }
 
 
-def link_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
+def link_hypotheses(recording: SessionStretch) -> Iterator[Hypothesis]:
     """Yield what restarts, silences and damaged frames show."""
     yield from _restarts(recording)
     yield from _memory(recording)
@@ -33,7 +33,7 @@ def link_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
     yield from _bus(recording)
 
 
-def _restarts(recording: Recording) -> Iterator[Hypothesis]:
+def _restarts(recording: SessionStretch) -> Iterator[Hypothesis]:
     for event in recording.events:
         if event.code != "boot" or event.at_s - recording.start_s < SETTLED_S or isinstance(event.message, str):
             continue
@@ -43,7 +43,7 @@ def _restarts(recording: Recording) -> Iterator[Hypothesis]:
             yield Hypothesis(code, event.at_s - 6.0, 80.0, (Message("seen-boot", cause=cause),))
 
 
-def _memory(recording: Recording) -> Iterator[Hypothesis]:
+def _memory(recording: SessionStretch) -> Iterator[Hypothesis]:
     off = np.flatnonzero(recording.bit("i2c1") == 0.0)
     if off.size >= 5:
         yield Hypothesis("eeprom-worn", float(recording.time_s[off[0]]), 40.0, (Message("seen-eeprom-flag"),))
@@ -56,7 +56,7 @@ def _gaps(times_s: FloatArray, from_s: float, to_s: float, least_s: float) -> li
     return [(float(edges[k]), float(edges[k + 1])) for k in wide]
 
 
-def _line(recording: Recording) -> Iterator[Hypothesis]:
+def _line(recording: SessionStretch) -> Iterator[Hypothesis]:
     line, bus = recording.line, recording.bus
     total = line.good_s.size + line.bad_s.size
     if line.bad_s.size >= 3 and line.bad_s.size / max(total, 1) > 1e-3:
@@ -84,7 +84,7 @@ def _line(recording: Recording) -> Iterator[Hypothesis]:
             return
 
 
-def _bus(recording: Recording) -> Iterator[Hypothesis]:
+def _bus(recording: SessionStretch) -> Iterator[Hypothesis]:
     bus, line = recording.bus, recording.line
     if not bus.times_s:
         return
@@ -121,7 +121,7 @@ def _bus(recording: Recording) -> Iterator[Hypothesis]:
         yield Hypothesis("can-noise", errors[0].at_s, 30.0, (Message("seen-can-errors"),))
 
 
-def _silence_of_master(recording: Recording) -> tuple[float, float] | None:
+def _silence_of_master(recording: SessionStretch) -> tuple[float, float] | None:
     """The first silence of a message that the master sends by its tables while RS232 says that it runs."""
     bus, line = recording.bus, recording.line
     for can_id, period_s in bus.master_period_s.items():
@@ -139,7 +139,7 @@ CONVERTER_BITS: Final = 1 | 2 | 4  # cells, auxiliary, status: what is converted
 MULTIPLEXER_BIT: Final = 8
 
 
-def board_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
+def board_hypotheses(recording: SessionStretch) -> Iterator[Hypothesis]:
     """Yield what the boards' own tests, their silence and their damaged packets show."""
     noisy = list(_isospi(recording))
     yield from noisy
@@ -147,7 +147,7 @@ def board_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
     yield from _silent(recording, is_noisy=bool(noisy))
 
 
-def _isospi(recording: Recording) -> Iterator[Hypothesis]:
+def _isospi(recording: SessionStretch) -> Iterator[Hypothesis]:
     damaged = np.nan_to_num(recording.boards.damaged)
     rows = np.flatnonzero((damaged > 0).sum(axis=1) >= 2)
     if rows.size < 2 and not (rows.size and damaged[rows].sum() > 20):
@@ -157,7 +157,7 @@ def _isospi(recording: Recording) -> Iterator[Hypothesis]:
     yield Hypothesis("isospi-noise", float(recording.boards.time_s[rows[0]]) - 2.0, 30.0 + rows.size, evidence)
 
 
-def _self_tests(recording: Recording) -> Iterator[Hypothesis]:
+def _self_tests(recording: SessionStretch) -> Iterator[Hypothesis]:
     boards = recording.boards
     failed = np.nan_to_num(boards.failed_tests).astype(np.int64)
     for pack in np.flatnonzero(failed.any(axis=0)):
@@ -172,7 +172,7 @@ def _self_tests(recording: Recording) -> Iterator[Hypothesis]:
         yield Hypothesis(code, at_s, 60.0, (seen,), pack=int(pack))
 
 
-def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Hypothesis]:
+def _silent(recording: SessionStretch, *, is_noisy: bool) -> Iterator[Hypothesis]:
     if not recording.time_s.size:
         return
     lost = [event for event in recording.events if event.code == "trip-slave-lost"]
@@ -192,7 +192,7 @@ def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Hypothesis]:
 
 FAULT: Final = CHARGER_STATES.index("fault")
 ACTIVE: Final = tuple(CHARGER_STATES.index(name) for name in ("constant_current", "constant_voltage", "balancing"))
-NOT_HEARD: Final = 255
+NOT_RECEIVED: Final = 255
 BEFORE_S: Final = 3.0
 BY_FLAG: Final = (
     (ChargerFlags.HARDWARE, "charger-hardware-fault", Message("seen-charger-broken")),
@@ -202,14 +202,14 @@ BY_FLAG: Final = (
 )
 
 
-def charger_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
+def charger_hypotheses(recording: SessionStretch) -> Iterator[Hypothesis]:
     """Yield why charging ended by itself."""
     state = recording.charger_state
     ended = np.flatnonzero((state[1:] == FAULT) & np.isin(state[:-1], ACTIVE)) + 1
     for row in ended:
         at_s = float(recording.time_s[row])
         near = recording.near(at_s - BEFORE_S, at_s + 1.0)
-        flags = [value for value in recording.charger_flags[near].tolist() if value not in (-1, NOT_HEARD)]
+        flags = [value for value in recording.charger_flags[near].tolist() if value not in (-1, NOT_RECEIVED)]
         fault = next(((code, seen) for flag, code, seen in BY_FLAG if any(value & flag for value in flags)), None)
         if fault is not None:
             code, seen = fault

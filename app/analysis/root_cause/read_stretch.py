@@ -9,7 +9,7 @@ import numpy as np
 
 from app.analysis.incidents import Trigger, trigger_of_event
 from app.analysis.limits import limits_over_time
-from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording
+from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, SessionStretch
 from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray, latest_at, row_median
 from app.sessions.reading.reader import SessionFile
@@ -25,13 +25,13 @@ _BOARD_FIELDS = tuple(f"slave[{pack}].{name}" for pack in range(N_PACKS) for nam
 _FAST = ("i_fs", "i_fc", "v", "t", "estimate.soc", "status.flags")
 _CHARGER = ("charger.state", "charger.flags", "charger.fan_duty")
 _FIELDS = (*_FAST, *_CHARGER, *_BOARD_FIELDS)
-AT_ONCE = 0.5  # of the cells measured in the same period: they are compared with each other
+AT_ONCE = 0.5  # share of cells measured in one period: these are compared with each other
 _DIE_V_PER_K = 7.5e-3  # LTC6804 data sheet: internal die temperature
 _KELVIN = 273.0
 _CODE_V = 1e-4
 
 
-def read_stretch(session: SessionFile, from_s: float, to_s: float) -> Recording:
+def read_stretch(session: SessionFile, from_s: float, to_s: float) -> SessionStretch:
     """Return what a session holds between two unix times."""
     found: dict[str, list[FieldSamples]] = defaultdict(list)
     battery, is_team = session.battery, session.loaded_battery.has_memory_map
@@ -49,7 +49,7 @@ def read_stretch(session: SessionFile, from_s: float, to_s: float) -> Recording:
 
     configs = [config for config in session.configs() if session.unix_s(config.t_mono_ns) <= to_s]
     image = configs[-1].image if configs else None
-    return Recording(
+    return SessionStretch(
         time_s=time_s,
         current_a=column("i_fs"),
         steady_a=column("i_fc" if is_team else "i_fs"),

@@ -16,7 +16,7 @@ from app.estimation.health.stretch import Stretch
 from app.words import Message, Pack
 
 IntArray = NDArray[np.int64]
-UNKNOWN = -1  # of a byte that was not received
+UNKNOWN = -1  # value of a byte that was not received
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class BusTraffic:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording(Stretch):
+class SessionStretch(Stretch):
     """A stretch of a session; NaN and UNKNOWN = not measured.
 
     Attributes:

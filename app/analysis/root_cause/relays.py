@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Hypothesis, Recording
+from app.analysis.root_cause.recording import Hypothesis, SessionStretch
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
@@ -24,7 +24,7 @@ INRUSH_COULOMB: Final = 0.1  # less than half of what fills the capacitor of a c
 REOPENED_S: Final = 8.0  # within so long the link may still hold its charge
 
 
-def relay_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
+def relay_hypotheses(recording: SessionStretch) -> Iterator[Hypothesis]:
     """Yield why the relays opened or did not close without a trip."""
     load, fit = recording.bit("load"), recording.bit("fit")
     if recording.time_s.size < 20 or not np.isfinite(load).any():
@@ -35,7 +35,7 @@ def relay_hypotheses(recording: Recording) -> Iterator[Hypothesis]:
     yield from _not_discharged(recording, load)
 
 
-def _zero(recording: Recording, load: np.ndarray) -> float:
+def _zero(recording: SessionStretch, load: np.ndarray) -> float:
     """What the sensor shows without current [A]."""
     is_open = (load == 0.0) & (recording.charger_state <= 0)
     still = recording.steady_a[is_open & np.isfinite(recording.steady_a)]
@@ -46,7 +46,7 @@ def _measured(amps: FloatArray) -> FloatArray:
     return amps[np.isfinite(amps)]
 
 
-def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator[Hypothesis]:
+def _opened(recording: SessionStretch, load: np.ndarray, fit: np.ndarray) -> Iterator[Hypothesis]:
     for row in np.flatnonzero((load[:-1] == 1.0) & (load[1:] == 0.0)) + 1:
         at_s = float(recording.time_s[row])
         before, after = recording.near(at_s - BEFORE_S, at_s - 0.01), recording.near(at_s, at_s + 1.5)
@@ -61,7 +61,7 @@ def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator
             yield Hypothesis("external-shutdown", at_s - 1.0, 40.0, evidence)
 
 
-def _tries(recording: Recording, load: np.ndarray, zero_a: float) -> list[float]:
+def _tries(recording: SessionStretch, load: np.ndarray, zero_a: float) -> list[float]:
     """Instants in the middle of currents with open relays that last as long as a pre-charge that gives up."""
     is_open = (load == 0.0) & (recording.charger_state <= 0)
     amps = np.where(is_open, recording.steady_a - zero_a, np.nan)
@@ -76,7 +76,7 @@ def _tries(recording: Recording, load: np.ndarray, zero_a: float) -> list[float]
     return [] if not rows.size else [float(recording.time_s[rows[int(flows[rows].argmax())]])]
 
 
-def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_a: float) -> Iterator[Hypothesis]:
+def _never_closed(recording: SessionStretch, load: np.ndarray, fit: np.ndarray, zero_a: float) -> Iterator[Hypothesis]:
     for at_s in _tries(recording, load, zero_a):
         after = recording.near(at_s, at_s + 4.0)
         if (load[after] == 1.0).any() or (fit[after] != 1.0).any():
@@ -95,7 +95,7 @@ def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_
             yield Hypothesis("contactors-not-closed", event.at_s - 20.0, 20.0, (Message("seen-cleared-without-trip"),))
 
 
-def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Hypothesis]:
+def _not_discharged(recording: SessionStretch, load: np.ndarray) -> Iterator[Hypothesis]:
     closed = np.flatnonzero((load[:-1] == 0.0) & (load[1:] == 1.0)) + 1
     for row in closed:
         at_s = float(recording.time_s[row])
@@ -116,12 +116,12 @@ def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Hypothes
 
 OFFSET_A: Final = 1.5  # beyond the sensor's own zero
 STILL_A: Final = 1.5
-SAGS: Final = 0.5  # of what the current would make the cells sag: more is a real current
+SAGS: Final = 0.5  # share of the expected voltage drop: more is a real current
 BACK_S: Final = 20.0
 HELD: Final = 2  # samples for which a current that has ended may still be shown
 
 
-def current_hypotheses(recording: Recording, model: CellModel) -> Iterator[Hypothesis]:
+def current_hypotheses(recording: SessionStretch, model: CellModel) -> Iterator[Hypothesis]:
     """Yield what current, cells and relays say of each other."""
     load = recording.bit("load")
     amps = recording.steady_a
@@ -134,7 +134,7 @@ def current_hypotheses(recording: Recording, model: CellModel) -> Iterator[Hypot
             yield from _beyond(recording, event.at_s, ohm)
 
 
-def _resistance(recording: Recording, usual_ohm: float) -> float:
+def _resistance(recording: SessionStretch, usual_ohm: float) -> float:
     """Of the median cell, by what its voltage does when the current moves; the cell file's where it hardly moves."""
     step_a, step_v = recording.steady_a[3:] - recording.steady_a[:-3], recording.median_v[3:] - recording.median_v[:-3]
     known = np.isfinite(step_a) & np.isfinite(step_v) & (np.abs(step_a) > 5.0) & (np.abs(step_a) < 200.0)
@@ -143,7 +143,7 @@ def _resistance(recording: Recording, usual_ohm: float) -> float:
     return float(np.clip(np.median(-step_v[known] / step_a[known]), 2e-4, 2e-2))
 
 
-def _offset(recording: Recording, load: np.ndarray, amps: np.ndarray) -> Iterator[Hypothesis]:
+def _offset(recording: SessionStretch, load: np.ndarray, amps: np.ndarray) -> Iterator[Hypothesis]:
     open_now = (load == 0.0) & (recording.charger_state <= 0) & np.isfinite(amps)
     since = np.concatenate(([False], open_now[:-1])) & open_now
     off = np.abs(amps) > OFFSET_A
@@ -159,7 +159,7 @@ def _offset(recording: Recording, load: np.ndarray, amps: np.ndarray) -> Iterato
     yield Hypothesis("current-sensor-offset", _jump(recording, amps, level), 40.0, evidence)
 
 
-def _jump(recording: Recording, amps: np.ndarray, level: float) -> float:
+def _jump(recording: SessionStretch, amps: np.ndarray, level: float) -> float:
     """When the current stepped by about this much while the cells did not follow; else the start of the stretch."""
     step_a = np.diff(amps)
     step_v = np.diff(recording.median_v)
@@ -169,7 +169,7 @@ def _jump(recording: Recording, amps: np.ndarray, level: float) -> float:
     return float(recording.time_s[rows[0]]) if rows.size else recording.start_s
 
 
-def _beyond(recording: Recording, at_s: float, ohm: float) -> Iterator[Hypothesis]:
+def _beyond(recording: SessionStretch, at_s: float, ohm: float) -> Iterator[Hypothesis]:
     """A trip by current: the cells sag with a real one."""
     rows = recording.near(at_s - 1.0, at_s + 0.2)
     earlier = recording.near(at_s - BACK_S, at_s - 1.0)

@@ -1,7 +1,7 @@
 """Accounts of people and tokens of programs: one file in the data folder that only its owner may read.
 
 Passwords are kept as argon2id, tokens as SHA-256 (they are random, not chosen). The file is written whole or not at
-all, also by the command beside a running service, which notices.
+all, also by a command during a running service, which notices.
 """
 
 import hashlib
@@ -81,7 +81,7 @@ class Accounts:
         self._lock = threading.Lock()
         self._held = _Held()
         self._is_broken = False
-        self._seen: tuple[int, int, int] | None = None  # of the file: time, size, inode
+        self._seen: tuple[int, int, int] | None = None  # the file's time, size, inode
         self._read(strict=True)
 
     @property
@@ -174,7 +174,7 @@ class Accounts:
         return self._change(change)
 
     def make_token(self, name: str, role: Role, days: float, made_by: str, now_s: float) -> tuple[Token, str]:
-        """Return a token and its secret, which is told this once.
+        """Return a token and its secret, which is shown only this once.
 
         Raises:
             ConfigError: a value is not allowed.

@@ -23,7 +23,7 @@ from app.words import Message
 
 CERTIFICATE, KEY = "tls-certificate.pem", "tls-key.pem"
 LASTS = timedelta(days=397)  # browsers refuse more than 398
-RENEWED_BEFORE = timedelta(days=90)  # of its end
+RENEWED_BEFORE = timedelta(days=90)  # time before its end
 DAY_S = 86400.0
 WARNED_BEFORE_DAYS = 14
 MADE_BEFORE = timedelta(days=1)  # for clients whose clock is behind

@@ -93,10 +93,10 @@ def bus(
     clock: ClockPart,
 ) -> dict[str, Any]:
     """Every id: name, period measured and configured, last bytes, signals; what is configured and never received."""
-    if battery.speaks_dbc is not None:
+    if battery.dbc_mapping is not None:
         names = {can_id: message.name for can_id, message in battery.definitions.by_id().items()}
-        told_rate = battery.speaks_dbc.bit_rate or bit_rate_of(None if links.can is None else links.can.url)
-        return bus_json(trace, None, live.snapshot, clock, names, told_rate)
+        known_bit_rate = battery.dbc_mapping.bit_rate or bit_rate_of(None if links.can is None else links.can.url)
+        return bus_json(trace, None, live.snapshot, clock, names, known_bit_rate)
     if not battery.has_memory_map:
         return bus_json(trace, None, live.snapshot, clock, {}, None)
     return bus_json(trace, in_force.image() or default_image(), live.snapshot, clock)
@@ -142,7 +142,7 @@ def _status(links: LinksPart) -> dict[str, Any]:
         "sent": status.sent,
         "total": status.total,
         "error": rendered_or_none(status.error),
-        "hindrance": rendered_or_none(reason),
+        "block_reason": rendered_or_none(reason),
     }
 
 

@@ -81,7 +81,7 @@ def names(live: LivePart, settings: SettingsPart) -> dict[str, Any]:
     reasons = _block_reasons(live, settings)
     return {
         "commands": [*COMMANDS, "balance-cells", *STREAM],
-        "hindrances": {name: rendered(why) for name, why in reasons.items()},
+        "block_reasons": {name: rendered(why) for name, why in reasons.items()},
     }
 
 

@@ -28,10 +28,10 @@ from app.api.web.paging import CursorQuery, page_of
 from app.api.web.problems import Problem, not_found
 from app.api.web.request_body import Body
 from app.configuration.config_sources import NAMES
+from app.configuration.configuration_store import NoSavedConfiguration
 from app.configuration.history import CONFIG_ACTIONS, Record
-from app.configuration.profile import Profile, profile_of, profile_text
-from app.configuration.profile_store import NoProfile
 from app.configuration.safe_write import Draft
+from app.configuration.saved_configuration import SavedConfiguration, profile_of, profile_text
 from app.errors import ConfigError
 from app.words import Message, render
 from firmware_protocol.config_image import difference, image_hash
@@ -59,7 +59,7 @@ class RollbackIn(Body):
     reason: str = Field("", max_length=500)
 
 
-def _profile_json(profile: Profile) -> dict[str, Any]:
+def _profile_json(profile: SavedConfiguration) -> dict[str, Any]:
     return {
         "name": profile.name,
         "version": profile.version,
@@ -79,7 +79,7 @@ def profiles(profiles: ProfilesPart) -> dict[str, Any]:
     for name in profiles.names():
         try:
             profile = profiles.load(name)
-        except (ConfigError, NoProfile) as error:
+        except (ConfigError, NoSavedConfiguration) as error:
             broken.append(f"{name}: {error}")
             continue
         found.append(_profile_json(profile) | {"name": name, "versions": profiles.versions(name)})

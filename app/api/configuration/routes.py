@@ -12,8 +12,8 @@ from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InFor
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body, RawBody
 from app.configuration.config_sources import ConfigSources
-from app.configuration.profile import is_profile, profile_of
 from app.configuration.safe_write import ConfigurationWriter, Draft, Written
+from app.configuration.saved_configuration import is_profile, profile_of
 from app.words import Message, rendered_or_none
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
@@ -21,7 +21,7 @@ from firmware_protocol.older_maps import FIRST_MAP, is_first_image, present_imag
 
 router = APIRouter(prefix="/config", tags=["config"])
 OCTETS = "application/octet-stream"
-MOST_FIELDS = 1000  # of a configuration; it has fewer
+MOST_FIELDS = 1000  # fields in a request; a configuration has fewer
 
 
 class ConfigEdit(Body):
@@ -59,7 +59,7 @@ async def _expected_hash(if_match: Annotated[str | None, Header()] = None) -> st
     return "" if tag.startswith("W/") else tag.strip('"')  # a weak one never matches: RFC 9110, 13.1.1
 
 
-ExpectedHash = Annotated[str, Depends(_expected_hash)]  # of the image that the client's draft started from
+ExpectedHash = Annotated[str, Depends(_expected_hash)]  # hash of the image that the client's draft started from
 
 
 @router.get("/schema", response_model=SchemaOut)
@@ -158,7 +158,7 @@ def write_response(configuration: ConfigurationWriter, written: Written, *, dry_
         "verified": not dry_run,  # without a difference it was read and found equal
         "hash": image_hash(written.image),
         "warnings": [finding_json(found) for found in written.findings],
-        "hindrance": rendered_or_none(written.block_reason),
+        "block_reason": rendered_or_none(written.block_reason),
     }
     etag = quoted(configuration.show(shown))
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})

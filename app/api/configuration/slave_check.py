@@ -12,7 +12,15 @@ from app.api.web.paging import CursorQuery, page_of
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
-from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, SlaveCheck, Verdict, judge, read_slave
+from app.configuration.slave_check import (
+    QUANTITIES,
+    CellReading,
+    QuantityName,
+    SlaveCheck,
+    SlaveVerdict,
+    judge,
+    read_slave,
+)
 from app.telemetry import Severity
 from app.words import Message, Pack
 
@@ -33,7 +41,7 @@ class SlaveCheckOut(BaseModel):
     meter: str
     meter_error: float
     note: str
-    verdict: Verdict
+    verdict: SlaveVerdict
 
 
 class SlaveLimitsOut(BaseModel):
@@ -47,7 +55,7 @@ class SlaveLimitsOut(BaseModel):
 class SlaveCheckResultOut(BaseModel):
     """What was read; with a meter's readings also the check, and the one before it."""
 
-    readings: list[Reading]
+    readings: list[CellReading]
     limits: SlaveLimitsOut
     check: SlaveCheckOut | None
     before: SlaveCheckOut | None
@@ -121,7 +129,7 @@ def _keep(
     events: EventsPart,
     clock: ClockPart,
     body: SlaveCheckIn,
-    readings: list[Reading],
+    readings: list[CellReading],
     who: str,
 ) -> SlaveCheck:
     verdict = judge(readings, body.reference or [], body.quantity, body.meter_error)
@@ -135,7 +143,7 @@ def _keep(
     return kept
 
 
-def _check_message(body: SlaveCheckIn, verdict: Verdict) -> Message:
+def _check_message(body: SlaveCheckIn, verdict: SlaveVerdict) -> Message:
     unit = QUANTITIES[body.quantity].unit
     compared = [cell for cell in verdict.cells if cell.error is not None]
     largest = max(compared, key=lambda cell: abs(cell.error or 0.0))

@@ -21,14 +21,14 @@ from firmware_protocol.can_tables import (
     tx_messages,
     worst_case_bits,
 )
-from firmware_protocol.dbc import Signal, decode, message_name, signals
+from firmware_protocol.dbc import MapSignal, decode, message_name, signals
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG
 
 RECENT_NS = 2_000_000_000
 LATE_PERIODS = 3
 
 
-def _signal_json(signal: Signal) -> dict[str, Any]:
+def _signal_json(signal: MapSignal) -> dict[str, Any]:
     body = asdict(signal)
     del body["values"]
     return body | {"length": signal.length, "byte_order": signal.byte_order}
@@ -106,11 +106,11 @@ def bus_json(
     snapshot: Snapshot | None,
     clock: Clock,
     names: Mapping[int, str] = MappingProxyType({}),
-    told_rate: int | None = None,
+    known_bit_rate: int | None = None,
 ) -> dict[str, Any]:
     """The bus monitor; `image` is the configuration in force.
 
-    Without a master it is None; then `names` are those of messages, `told_rate` is the bit rate if anybody told it.
+    Without a master it is None; then `names` are those of messages, `known_bit_rate` is that of the bus, or None.
     """
     now_ns, wall_ns = clock.monotonic_ns(), clock.wall_ns()
     messages: list[TxMessage | RxMessage] = [] if image is None else [*rx_messages(image), *tx_messages(image)]
@@ -118,8 +118,8 @@ def bus_json(
     cyclic = {} if image is None else {wire_id(tx_messages(image)[i]): m for i, m in cyclic_messages(image).items()}
     seen = trace.by_id()
     if image is not None:
-        told_rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
-    rate = told_rate or DEFAULT_BIT_RATE
+        known_bit_rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
+    rate = known_bit_rate or DEFAULT_BIT_RATE
     ids = [
         {"name": names.get(can_id)} | _id_json(can_id, seen.get(can_id), tables.get(can_id), cyclic.get(can_id), now_ns)
         for can_id in sorted(seen.keys() | tables.keys())
@@ -133,7 +133,7 @@ def bus_json(
     return {
         "ids": ids,
         "bit_rate": rate,
-        "bit_rate_known": told_rate is not None,
+        "bit_rate_known": known_bit_rate is not None,
         "load": load,
         "errors": None if can is None else can.errors,
         "tx_errors": None if can is None else can.tx_errors,

@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Any
 
-from app.configuration.finding import Finding
+from app.configuration.issue import ConfigIssue
 from app.words import rendered
 from firmware_protocol.config_image import Change, image_hash, limit_text, raw_value, unit_value
 from firmware_protocol.memory_map import CONFIG_FIELDS, FIELDS, MAP_HASH, Field
@@ -68,7 +68,7 @@ def change_json(change: Change) -> dict[str, Any]:
     }
 
 
-def finding_json(found: Finding) -> dict[str, Any]:
+def finding_json(found: ConfigIssue) -> dict[str, Any]:
     """One thing that the rules say."""
     error = found.error
     return {

@@ -65,8 +65,8 @@ def signed_log(
     """
     records = config_history.records()
     manages = user.role == "chief" or (user.role == "engineer" and not authentication.accounts.has_chief)
-    told = [record for record in reversed(records) if manages or record.action not in ABOUT_PEOPLE]
-    shown, following = page_of(told, lambda record: (record.number, ""), limit, cursor)
+    visible = [record for record in reversed(records) if manages or record.action not in ABOUT_PEOPLE]
+    shown, following = page_of(visible, lambda record: (record.number, ""), limit, cursor)
     return {
         "records": [
             {

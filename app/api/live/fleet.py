@@ -11,7 +11,7 @@ from app.api.web.dependencies import FleetPart
 from app.words import RenderedMessage, rendered, rendered_or_none
 
 router = APIRouter(tags=["fleet"])
-alone = APIRouter(tags=["fleet"])  # of a service that has no car of its own
+alone = APIRouter(tags=["fleet"])  # routes of a service without a car of its own
 
 
 class CarLinkOut(BaseModel):
@@ -22,7 +22,7 @@ class CarLinkOut(BaseModel):
 
 
 class CarAlarmOut(BaseModel):
-    """An alarm as the car told it; the cell's index counts from 0."""
+    """An alarm as the car published it; the cell's index counts from 0."""
 
     severity: Severity
     message: RenderedMessage
@@ -40,7 +40,7 @@ class LastOut(BaseModel):
 
 
 class CarOut(BaseModel):
-    """A car as it was last heard; `since` is the unix time of its last values, null and missing are never 0."""
+    """A car as it was last received; `since` is the unix time of its last values, null and missing are never 0."""
 
     name: str
     state: Literal["live", "late", "silent", "vanished"]
@@ -67,7 +67,7 @@ class CarOut(BaseModel):
 
 
 class FleetOut(BaseModel):
-    """All cars of a broker, by name; `problem` says why none is heard, `notice` that messages were left out."""
+    """All cars of a broker, by name; `problem` says why none is received, `notice` that messages were left out."""
 
     broker: str
     problem: RenderedMessage | None

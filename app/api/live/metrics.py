@@ -63,7 +63,7 @@ class SnapshotCollector:
         built = GaugeMetricFamily("voltwall_build_info", "1; what runs is in its labels", labels=["version", "python"])
         built.add_metric([__version__, platform.python_version()], 1)
         yield built
-        snapshot = self._live.snapshot  # of the car, also while a replay is shown
+        snapshot = self._live.snapshot  # the car's snapshot, also during a replay
         if snapshot is not None:
             snapshot = aged(snapshot, self._clock.monotonic_ns())  # a service that stands has old values
             yield from _ages(snapshot)

@@ -49,7 +49,7 @@ class DriverCanOut(BaseModel):
     target_wh: float | None
     sent: int
     error: RenderedMessage | None
-    hindrance: RenderedMessage | None
+    block_reason: RenderedMessage | None
 
 
 class RacePlanIn(Body):
@@ -89,7 +89,7 @@ class DriverCanIn(Body):
 
 
 class DriverMessageIn(Body):
-    """What the driver is told."""
+    """The message to the driver."""
 
     message: DriverMessage
 
@@ -116,7 +116,7 @@ def end_plan(live: LivePart, events: EventsPart, signed: SignedPart, user: UserD
 @router.get("/driver-can", response_model=DriverCanOut)
 def driver_can(display: DriverDisplayPart, links: LinksPart) -> dict[str, Any]:
     """Which frames the driver's display is sent, what stands in them now, and why none can be sent."""
-    hindrance = None if links.can is not None else Message("no-can")
+    block_reason = None if links.can is not None else Message("no-can")
     return {
         "target": _frame_json(display.target),
         "message": _frame_json(display.message),
@@ -124,7 +124,7 @@ def driver_can(display: DriverDisplayPart, links: LinksPart) -> dict[str, Any]:
         "target_wh": display.target_wh,
         "sent": display.sent,
         "error": rendered_or_none(display.error),
-        "hindrance": rendered_or_none(hindrance),
+        "block_reason": rendered_or_none(block_reason),
     }
 
 
@@ -149,7 +149,7 @@ def map_driver_can(
 
 
 @router.post("/driver-can/message", response_model=DriverCanOut)
-def tell_driver(
+def message_driver(
     body: DriverMessageIn,
     display: DriverDisplayPart,
     links: LinksPart,

@@ -21,7 +21,7 @@ from app.api.web.dependencies import (
     FanOutPart,
     HealthPart,
     LivePart,
-    hindrance,
+    block_reason,
 )
 from app.api.web.fan_out import Reader
 from app.api.web.problems import Problem, invalid
@@ -71,7 +71,7 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
 def battery(battery: BatteryPart, live: LivePart) -> dict[str, Any]:
     """Shape, drawing, sensors and limits of the battery, and whether its configuration can be written."""
     limits = None if live.snapshot is None else live.snapshot.limits
-    return battery_json(battery.battery, battery.kind, hindrance(battery), limits)
+    return battery_json(battery.battery, battery.kind, block_reason(battery), limits)
 
 
 @router.get("/history", responses={200: {"model": HistoryOut}})

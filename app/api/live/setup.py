@@ -63,7 +63,7 @@ class PluggedOut(BaseModel):
     can: list[FoundOut]
 
 
-class LookOut(BaseModel):
+class LinkCheckOut(BaseModel):
     """What arrived, and what to do where that is not right."""
 
     seconds: float
@@ -87,7 +87,7 @@ class ConnectionsIn(Body):
     battery: Url = None
 
 
-class LookIn(Body):
+class LinkCheckIn(Body):
     """One of the two, and the battery that is on it; None: the one that is read."""
 
     serial: Url = None
@@ -133,8 +133,8 @@ def plugged() -> dict[str, Any]:
     return {"serial": [asdict(each) for each in serial_ports()], "can": [asdict(each) for each in can_adapters()]}
 
 
-@router.post("/look", response_model=LookOut)
-def look(body: LookIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
+@router.post("/check-link", response_model=LinkCheckOut)
+def look(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
     """Open a port or a bus for a moment and count what arrives; of one that is read already, what its link counts."""
     if (body.serial is None) == (body.can is None):
         raise invalid("serial", body.serial, Message("one-of-two", names=("serial", "can")))

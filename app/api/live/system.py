@@ -10,7 +10,7 @@ from app.api.web.fan_out import Reader
 from app.service.host import addresses_of, disk_of
 
 router = APIRouter(tags=["live"])
-_LEAST_S = 10.0  # of recording, before its rate says anything
+_LEAST_S = 10.0  # recording time before its rate means anything
 
 
 class ReaderOut(BaseModel):
@@ -54,7 +54,7 @@ class SystemOut(BaseModel):
     addresses: list[str]
     certificate: CertificateOut | None
     disk: DiskOut | None
-    commit_delay_s: float | None  # of the recording: from a frame's arrival to its commit, the longest of a minute
+    commit_delay_s: float | None  # longest time from a frame's arrival to its commit within a minute
     clock: ClockOut
     readers: list[ReaderOut]
 

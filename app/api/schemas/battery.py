@@ -37,7 +37,7 @@ def battery_json(
 
     Args:
         battery: drawn on the pages.
-        source: how it is heard.
+        source: how it is received.
         why_not: why nothing can be written to it; None where it can.
         limits: in force, for those that the profile does not state as numbers.
     """
@@ -66,7 +66,7 @@ def _limit(battery: Battery, name: str, limits: ProtectionLimits | None) -> floa
 
 
 def in_force(limits: ProtectionLimits) -> dict[str, float]:
-    """Return protection limits by the names that profiles use; NaN where one is not told."""
+    """Return protection limits by the names that profiles use; NaN where missing."""
     return {
         "cell_voltage_min_v": limits.cell_voltage_min_v,
         "cell_voltage_max_v": limits.cell_voltage_max_v,

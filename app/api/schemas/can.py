@@ -52,7 +52,7 @@ class CanBusOut(BaseModel):
     ids: list[CanIdOut]
     bit_rate: int
     bit_rate_known: bool  # else it is a guess: neither the profile nor the bus tells it
-    load: float  # of what was received lately, worst-case frames
+    load: float  # bus load of recent frames, each at its worst-case length
     errors: int | None  # null: the adapter does not say
     tx_errors: int | None
     rx_errors: int | None
@@ -73,7 +73,7 @@ class TransmitOut(BaseModel):
     """Whether frames may be sent, and what is being sent, or was last."""
 
     allowed: bool
-    hindrance: RenderedMessage | None
+    block_reason: RenderedMessage | None
     running: bool
     what: str | None
     who: str | None

@@ -44,7 +44,7 @@ class SchemaOut(BaseModel):
     struct: list[StructFieldOut]
 
 
-class FindingOut(BaseModel):
+class ConfigIssueOut(BaseModel):
     """What the rules say about one element: errors block, warnings need a reason unless they stand already.
 
     A notice is for people: the page asks for a reason, a program may write without one.
@@ -69,9 +69,9 @@ class ConfigOut(BaseModel):
     age_s: Number
     values: dict[str, Any]
     raw: dict[str, RawValue]
-    findings: list[FindingOut]
+    findings: list[ConfigIssueOut]
     allowed: dict[str, tuple[int, int]] = Field(
-        description="lowest and highest raw count of a field that is written without an error beside the others"
+        description="lowest and highest raw count of a field that is written without an error, given the other values"
     )
 
 
@@ -103,8 +103,8 @@ class WriteResultOut(BaseModel):
     dry_run: bool
     verified: bool
     difference: list[DifferenceOut]
-    warnings: list[FindingOut]
-    hindrance: RenderedMessage | None  # why it would be refused now
+    warnings: list[ConfigIssueOut]
+    block_reason: RenderedMessage | None  # why it would be refused now
 
 
 class StoreResultOut(BaseModel):
@@ -127,7 +127,7 @@ class SourceOut(BaseModel):
     hash: str
     values: dict[str, Any]
     raw: dict[str, RawValue]
-    findings: list[FindingOut]
+    findings: list[ConfigIssueOut]
 
 
 class SavedProfileOut(BaseModel):
@@ -158,7 +158,7 @@ class ProfilesOut(BaseModel):
 class CheckedProfileOut(SavedProfileOut):
     """A profile that was saved, and what the rules say about it."""
 
-    findings: list[FindingOut]
+    findings: list[ConfigIssueOut]
 
 
 class ComparedOut(BaseModel):
@@ -237,7 +237,7 @@ class CanTxOut(CanMessageOut):
 
 
 class CanRxOut(CanMessageOut):
-    """What the master listens for; `active` null while the master has not said."""
+    """What the master listens for; `active` null before the master reports it."""
 
     timeout_ms: int
     response: int | None

@@ -112,7 +112,7 @@ class CommandsOut(BaseModel):
     """The names of the commands, and why some would be refused now."""
 
     commands: list[str]
-    hindrances: dict[str, RenderedMessage]
+    block_reasons: dict[str, RenderedMessage]
 
 
 class DoneOut(BaseModel):

@@ -170,7 +170,7 @@ class FetchStateOut(BaseModel):
 
 
 class RecordingPlanOut(BaseModel):
-    """What the next sessions are called; empty where nothing was said."""
+    """Names of the next sessions; empty by default."""
 
     event: str
     driver: str
@@ -204,7 +204,7 @@ class ReplayChoicesOut(BaseModel):
     cells: list[str]
 
 
-class ImportProfileOut(BaseModel):
+class ImportMappingOut(BaseModel):
     """Which column is what; empty: not there."""
 
     time: str
@@ -231,7 +231,7 @@ class UploadOut(BaseModel):
     filename: str
     is_can: bool
     columns: list[str]
-    guessed: ImportProfileOut | None
+    guessed: ImportMappingOut | None
 
 
 class ColumnOut(BaseModel):
@@ -249,7 +249,7 @@ class CellColumnOut(BaseModel):
 
 
 class UnderstoodOut(BaseModel):
-    """The first rows in our units, current positive on discharge; `soc` and temperatures empty where not told."""
+    """The first rows in our units, current positive on discharge; `soc` and temperatures empty where missing."""
 
     rows: int
     length_s: float
@@ -265,7 +265,7 @@ class UnderstoodOut(BaseModel):
 class PreviewOut(BaseModel):
     """What is in an upload, and what the profile makes of it; `understood` is null where `error` says why."""
 
-    profile: ImportProfileOut
+    profile: ImportMappingOut
     columns: list[ColumnOut]
     cells: list[CellColumnOut]
     understood: UnderstoodOut | None

@@ -11,7 +11,7 @@ from app.api.schemas.sessions import ImportsOut, ImportStateOut, PreviewOut, Upl
 from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
 from app.sessions.transfer.import_jobs import ImportState
-from app.sources.recordings.profile import ImportProfile, profile_of
+from app.sources.recordings.import_mapping import ImportMapping, profile_of
 from app.words import Message, rendered, rendered_or_none
 
 BINARY = {"type": "string", "format": "binary"}
@@ -99,8 +99,8 @@ async def upload(
     }
 
 
-def _profile(body: ReadingIn, imports: ImportsPart) -> ImportProfile:
-    profile = imports.profiles.load(body.profile_name) if body.profile_name else ImportProfile()
+def _profile(body: ReadingIn, imports: ImportsPart) -> ImportMapping:
+    profile = imports.profiles.load(body.profile_name) if body.profile_name else ImportMapping()
     return profile_of({**asdict(profile), **body.profile}) if body.profile else profile
 
 

@@ -75,7 +75,7 @@ class NewMarker(Body):
     )
 
 
-class Replay(Body):
+class ReplayIn(Body):
     """Which session, how fast."""
 
     session_id: str = Field(max_length=200)
@@ -324,7 +324,7 @@ def replay_state(replay: ReplayPart, pipelines: PipelinesPart) -> dict[str, Any]
 
 @router.post("/replay", response_model=ReplayStateOut)
 def replay(
-    body: Replay, replay: ReplayPart, events: EventsPart, catalogue: CataloguePart, user: UserDep
+    body: ReplayIn, replay: ReplayPart, events: EventsPart, catalogue: CataloguePart, user: UserDep
 ) -> dict[str, Any]:
     """Show a session instead of the live source; recording goes on."""
     path = catalogue.path(body.session_id)

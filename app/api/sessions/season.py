@@ -40,7 +40,7 @@ class SeasonAnswerOut(BaseModel):
 
     columns: list[str]
     rows: list[list[Any]]
-    is_cut: bool = Field(description="there are more rows than are told")
+    is_cut: bool = Field(description="there are more rows than these")
     seconds: float
 
 

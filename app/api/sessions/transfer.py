@@ -37,12 +37,12 @@ router = APIRouter(tags=["sessions"])
 
 
 class RecorderFollowedOut(BaseModel):
-    """A recorder whose sessions are copied; `heard_s` is the unix time of its last answer."""
+    """A recorder whose sessions are copied; `last_contact_s` is the unix time of its last answer."""
 
     url: str
     is_reached: bool
     error: RenderedMessage | None
-    heard_s: Number
+    last_contact_s: Number
 
 
 class CopyOut(BaseModel):
@@ -204,7 +204,7 @@ def offers(
 
 @router.get("/sessions/{session_id}/head", response_model=HeadOut)
 def head(session_id: str, catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]:
-    """What there is to know of a session beside its rows."""
+    """Metadata of a session."""
     with catalogue.open(session_id) as session:
         is_recording = recorder.session is not None and recorder.session.id == session_id
         return head_of(session, session.info, is_recording=is_recording)

@@ -20,7 +20,7 @@ from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.access.accounts import TOKEN_PREFIX, Accounts
-from app.api.access.guesses import Guesses
+from app.api.access.login_attempts import LoginAttempts
 from app.api.access.login_log import LoginLog, log_without_car
 from app.api.access.roles import Role
 from app.api.web.problems import Problem
@@ -29,7 +29,7 @@ from app.service.settings import Settings
 from app.words import Message
 
 SESSION_S = 24 * 3600.0
-MAX_SESSIONS = 1000  # of each role: viewers cannot log the engineer out
+MAX_SESSIONS = 1000  # sessions of each role: viewers cannot log the engineer out
 MAX_PROVEN = 1000  # passwords of HTTP Basic that need not be checked again
 OPEN_PATHS = ("/api/v1/health", "/api/v1/login", "/api/v1/me")
 _OF_EVERYBODY = ("/api/v1/logout", "/api/v1/logins/", "/api/v1/me/password")  # a viewer may write this, too
@@ -51,7 +51,7 @@ class Login:
 
     id: str
     user: User
-    stamp: str | None  # of the account
+    stamp: str | None  # the account's stamp
     address: str
     agent: str
     since_s: float
@@ -70,7 +70,7 @@ class Authentication:
         self.accounts = accounts or Accounts(settings.data)
         self._clock = clock
         self._logins: dict[str, Login] = {}  # by the digest of the token
-        self._guesses = Guesses(clock)
+        self._guesses = LoginAttempts(clock)
         self._proven: dict[bytes, tuple[User, str | None]] = {}  # by name and password; with the account's stamp
         self._proof_key = secrets.token_bytes(32)
         self._lock = threading.Lock()

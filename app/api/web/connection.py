@@ -25,9 +25,9 @@ from uvicorn.server import ServerState
 from app.api.web.connection_limits import ClientConnections
 from app.api.web.transport import TlsTransport, UpperTransport
 
-HANDSHAKE_S = 5.0  # of TLS, from the connection to its end
+HANDSHAKE_S = 5.0  # time limit of the TLS handshake
 REQUEST_S = 20.0  # from the connection, or the answer before, to the last byte of a request's headers
-BODY_S = 10.0  # of waiting for a body, in which BODY_BYTES have to come
+BODY_S = 10.0  # time in which BODY_BYTES of a body have to come
 BODY_BYTES = 5_000
 ANSWER_S = 60.0  # in which some of what waits for the client has to be taken: the system takes UNSENT_BYTES / 2 at once
 UNSENT_BYTES = 1 << 16  # in the system, of one connection: what waits there is old when it arrives
@@ -37,7 +37,7 @@ LATE_S = 0.1  # a timer; from then on that is time of the service, not of the cl
 MOST_HANDSHAKES = 256  # at once; half of them from one address
 HELLO_BYTES = 1 << 14  # OpenSSL accepts 128 KiB, and sets aside what the header names
 CONNECTION = "connection"  # in the state of a scope
-_HEADER_BYTES = 9  # of a record, then of its first message: type, version, length; type, length
+_HEADER_BYTES = 9  # header of a TLS record and of its first message: type, version, length; type, length
 _HANDSHAKE, _CLIENT_HELLO = 22, 1
 _LATE = b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\nretry-after: 5\r\ncontent-length: 0\r\n\r\n"
 
@@ -69,8 +69,8 @@ class Connection(asyncio.Protocol):
     is_behind = False  # some of what was written waits for the client
     on_drained: Callable[[], None] | None = None  # called when nothing waits any more
     _upper: UpperTransport | None = None
-    _timer: asyncio.TimerHandle | None = None  # of what is awaited from the client: handshake, request, body
-    _stall: asyncio.TimerHandle | None = None  # of what waits for it
+    _timer: asyncio.TimerHandle | None = None  # deadline of the client's handshake, request or body
+    _stall: asyncio.TimerHandle | None = None  # deadline of the client's reading
     _first = b""
     _is_shaking = False
     _n_taken = 0  # bytes, since the last look
@@ -204,7 +204,7 @@ class Connection(asyncio.Protocol):
     def await_body(self) -> None:
         """Begin to wait for more of a body."""
         self._body_since_s = self._loop.time()
-        self._wait(max(LATE_S, BODY_S - self._body_waited_s), self._look_at_body)
+        self._wait(max(LATE_S, BODY_S - self._body_waited_s), self._check_body)
 
     def got_body(self) -> None:
         """End to wait."""
@@ -263,7 +263,7 @@ class Connection(asyncio.Protocol):
             self._upper.write(_LATE)
         cast(UpperTransport, self._upper).close()
 
-    def _look_at_body(self) -> None:
+    def _check_body(self) -> None:
         if self._n_taken < BODY_BYTES:
             self.cut()
             return
@@ -272,9 +272,9 @@ class Connection(asyncio.Protocol):
 
     def _watch_answer(self) -> None:
         n_taken = cast(UpperTransport, self._upper).n_taken
-        self._stall = self._loop.call_later(ANSWER_S, self._look_at_answer, n_taken)
+        self._stall = self._loop.call_later(ANSWER_S, self._check_answer, n_taken)
 
-    def _look_at_answer(self, before: int) -> None:
+    def _check_answer(self, before: int) -> None:
         if cast(UpperTransport, self._upper).n_taken > before:
             self._watch_answer()
         else:

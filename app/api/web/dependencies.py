@@ -16,8 +16,8 @@ from app.api.web.fan_out import FanOut
 from app.api.web.problems import Problem
 from app.clock import Clock
 from app.configuration.config_sources import ConfigSources
+from app.configuration.configuration_store import ConfigurationStore
 from app.configuration.history import ConfigHistory
-from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check import SlaveCheckLog
 from app.configuration.write_log import WriteLog
@@ -28,7 +28,7 @@ from app.season.season_lake import SeasonLake
 from app.service.events import Events
 from app.service.health.checks import Health
 from app.service.host import ClockWatch
-from app.service.links import Links
+from app.service.links import ServiceLinks
 from app.service.master import ConfigurationInForce, MasterCommands, Rules
 from app.service.mqtt.fleet import Fleet
 from app.service.pipeline_thread import PipelineThread
@@ -60,8 +60,8 @@ class WebParts:
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
     setup: Setup
-    certificate: Certificate | None = None  # of HTTPS
-    fleet: Fleet | None = None  # of a page of several cars, which has no service
+    certificate: Certificate | None = None  # certificate of HTTPS
+    fleet: Fleet | None = None  # the fleet of a page without a service
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +106,12 @@ async def _fleet(connection: HTTPConnection) -> Fleet:
 
 
 async def _writable(connection: HTTPConnection) -> None:
-    why_not = hindrance(_web(connection).service.battery)
+    why_not = block_reason(_web(connection).service.battery)
     if why_not is not None:
         raise Problem(409, "battery-not-writable", why_not)
 
 
-def hindrance(battery: LoadedBattery) -> Message | None:
+def block_reason(battery: LoadedBattery) -> Message | None:
     """Why the configuration of a battery cannot be written; None where it can."""
     return None if battery.has_memory_map else Message("battery-not-writable")
 
@@ -121,7 +121,7 @@ async def _user(connection: HTTPConnection) -> User:
     return cast(User, connection.state.user)
 
 
-NEEDS_MASTER = Depends(_writable)  # of a route that reads or writes a master's configuration, or commands it
+NEEDS_MASTER = Depends(_writable)  # dependency of routes that read or write a master's configuration, or command it
 
 BatteryPart = Annotated[LoadedBattery, _part(lambda web: web.service.battery)]
 BlackBoxesPart = Annotated[BlackBoxRecorder, _part(lambda web: web.service.black_boxes)]
@@ -141,10 +141,10 @@ FetchesPart = Annotated[FetchJobs, _part(lambda web: web.service.fetches)]
 HealthPart = Annotated[Health, _part(lambda web: web.service.health)]
 ImportsPart = Annotated[ImportJobs, _part(lambda web: web.service.imports)]
 InForcePart = Annotated[ConfigurationInForce, _part(lambda web: web.service.configuration.in_force)]
-LinksPart = Annotated[Links, _part(lambda web: web.service.links)]
+LinksPart = Annotated[ServiceLinks, _part(lambda web: web.service.links)]
 LivePart = Annotated[PipelineThread, _part(lambda web: web.service.live)]
 PipelinesPart = Annotated[PipelineFactory, _part(lambda web: web.service.pipelines)]
-ProfilesPart = Annotated[Profiles, _part(lambda web: web.service.configuration.profiles)]
+ProfilesPart = Annotated[ConfigurationStore, _part(lambda web: web.service.configuration.profiles)]
 RecorderPart = Annotated[AutoRecorder, _part(lambda web: web.service.recorder)]
 ReplayPart = Annotated[ReplayPlayer, _part(lambda web: web.service.replay)]
 RulesPart = Annotated[Rules, _part(lambda web: web.service.configuration.rules)]

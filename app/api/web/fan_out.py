@@ -70,7 +70,7 @@ class FanOut:
         self._readers: dict[Reader, None] = {}
         self._rates: dict[float, _Rate] = {}
         self._body = b""
-        self._text = ""  # of the body
+        self._text = ""  # text of the body
         hub.listen(self._publish)
 
     @property

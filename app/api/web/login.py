@@ -15,7 +15,7 @@ from app.words import Message
 router = APIRouter(tags=["login"])
 
 
-class Login(Body):
+class LoginIn(Body):
     """A person's own password, or the shared one of a role under any name that is no person's; both go into the log."""
 
     name: str = Field("", max_length=40)
@@ -38,7 +38,7 @@ async def me(request: Request, authentication: AuthenticationPart) -> dict[str, 
 
 
 @router.post("/login", response_model=MeOut)
-def login(body: Login, request: Request, response: Response, authentication: AuthenticationPart) -> dict[str, Any]:
+def login(body: LoginIn, request: Request, response: Response, authentication: AuthenticationPart) -> dict[str, Any]:
     """Exchange a password for a cookie."""
     address = request.client.host if request.client else ""
     user = (

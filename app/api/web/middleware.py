@@ -15,7 +15,7 @@ MAX_BODY_BYTES = 1 << 20  # a configuration is 420 bytes, all CAN tables as JSON
 
 
 UPLOAD_PATH = "/api/v1/imports"
-_DIGITS = 15  # of a length; beyond them every limit is exceeded
+_DIGITS = 15  # digits of a length; more exceed every limit
 MAX_UPLOAD_BYTES = 1 << 31  # a recording of another system; it goes to the disk piece by piece
 
 

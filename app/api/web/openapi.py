@@ -52,8 +52,8 @@ _BY_NAME = {  # where method and path say too little
     ("post", "/imports"): "upload_recording",
     ("post", "/imports/{upload_id}"): "start_import",
     ("post", "/setup/batteries"): "upload_battery",
-    ("post", "/setup/learn"): "learn_profile",
-    ("post", "/setup/learn/{lesson_id}"): "correct_learned_profile",
+    ("post", "/setup/profile-drafts"): "draft_profile",
+    ("post", "/setup/profile-drafts/{draft_id}"): "correct_profile_draft",
     ("post", "/can/dbc"): "import_dbc",
     ("post", "/can/transmit"): "start_transmitting",
     ("delete", "/can/transmit"): "stop_transmitting",
@@ -84,7 +84,7 @@ _BY_NAME = {  # where method and path say too little
     ("put", "/me/password"): "set_own_password",
     ("post", "/tokens"): "create_token",
     ("get", "/setup/plugged"): "list_plugged_adapters",
-    ("post", "/setup/look"): "look_at_setup",
+    ("post", "/setup/check-link"): "check_setup_link",
     ("put", "/copies/order"): "set_copy_order",
     ("delete", "/sessions/{session_id}/laps"): "forget_session_laps",
 }
@@ -152,7 +152,7 @@ def _completed(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _add_examples(document: dict[str, Any]) -> None:
-    """Show an example beside every schema that has one in `app/api/schemas/examples.json`, by the schema's name."""
+    """Add an example to every schema that has one in `app/api/schemas/examples.json`, by the schema's name."""
     examples = json.loads(EXAMPLES.read_text(encoding="utf-8"))
     schemas = dict(document["components"]["schemas"])
     for methods in document["paths"].values():

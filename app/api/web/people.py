@@ -49,7 +49,7 @@ class AccountOut(BaseModel):
 
 
 class TokenOut(BaseModel):
-    """A program; unix times. `secret` is told once, when it is made."""
+    """A program; unix times. `secret` is shown once, when it is made."""
 
     id: str
     name: str
@@ -147,7 +147,7 @@ def put_password(body: PasswordIn, request: Request, authentication: Authenticat
 
 @router.post("/tokens")
 def make_token(body: TokenIn, authentication: AuthenticationPart, user: UserDep) -> TokenOut:
-    """Make a token for a program; its `secret` is told in this answer alone."""
+    """Make a token for a program; its `secret` is in this answer alone."""
     _need_chief(user)
     now_s = authentication.wall_s()
     with authentication.log.changed(user.name, f"token {body.name}: {body.role}, {body.days:g} days"):

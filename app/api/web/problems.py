@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from app.analysis.document import NotBuilt
 from app.api.encoding.configuration import change_json, finding_json
 from app.configuration.config_sources import NoSource
-from app.configuration.profile_store import NoProfile
+from app.configuration.configuration_store import NoSavedConfiguration
 from app.configuration.safe_write import Busy, HashMismatch, ReasonRequired, Rejected, Unverified
 from app.errors import (
     AppError,
@@ -114,7 +114,7 @@ _KINDS = {
     "command": Message("a-command"),
     "event": Message("an-event"),
     "file": Message("a-file"),
-    "lesson": Message("a-lesson"),
+    "profile-draft": Message("a-profile-draft"),
     "reaction test": Message("a-reaction-test"),
     "login": Message("a-login"),
     "record": Message("a-record"),
@@ -159,7 +159,7 @@ def _of_app_error(error: AppError) -> Problem:
             return Problem(504, "no-reply", error.message)
         case LinkLost() | LinkError():
             return Problem(503, "link-lost", error.message)
-        case NoProfile() | NoSource() | SessionNotFound():
+        case NoSavedConfiguration() | NoSource() | SessionNotFound():
             return Problem(404, "not-found", error.message)
         case ImportFailed():
             return Problem(422, "not-importable", error.message)

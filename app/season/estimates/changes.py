@@ -1,4 +1,4 @@
-"""What estimating again has changed: two results of each session beside each other."""
+"""Changes by estimating again: two results of each session compared."""
 
 from __future__ import annotations
 

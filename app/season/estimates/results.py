@@ -1,4 +1,4 @@
-"""Results of sessions that were estimated again: one JSON file a session and set, beside the sessions.
+"""Results of sessions that were estimated again: one JSON file a session and set, next to the sessions.
 
     DATA/estimates/SET/set.json           what all results of the set have in common
     DATA/estimates/SET/SESSION.json       one session

@@ -14,7 +14,7 @@ from typing import Any
 
 from app.errors import ConfigError, ExtraMissing
 from app.season.estimates.results import EstimateSet, Results
-from app.season.estimates.session import Job, estimate_session
+from app.season.estimates.session import EstimateJob, estimate_session
 from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
@@ -24,7 +24,7 @@ Wanted = Sequence[tuple[EstimateSet, str | None]]  # each set with the text of i
 
 
 @dataclass(frozen=True)
-class Progress:
+class EstimateProgress:
     """After each session: `done` of `total`, with `left_s` still to go, None before anything is known."""
 
     session: str
@@ -51,7 +51,7 @@ def estimate_season(
     filter_name: str,
     results: Results,
     engine: Engine,
-    tell: Callable[[Progress], None] = lambda _: None,
+    tell: Callable[[EstimateProgress], None] = lambda _: None,
     again: bool = False,
 ) -> Outcome:
     """Estimate every session of which a result is missing, and keep each result as soon as it is there.
@@ -62,7 +62,7 @@ def estimate_season(
         filter_name: of the filter.
         results: where they go.
         engine: what runs the tasks.
-        tell: is told after each session.
+        tell: called after each session.
         again: also those of which there is a result.
     """
     began_s, outcome = time.monotonic(), Outcome()
@@ -73,7 +73,7 @@ def estimate_season(
         content = None if again else _content(info)
         lacking = [pair for pair in wanted if content is None or not results.has(pair[0], info.id, content)]
         if lacking:
-            job = Job(str(info.path.resolve()), tuple(text for _, text in lacking), filter_name)
+            job = EstimateJob(str(info.path.resolve()), tuple(text for _, text in lacking), filter_name)
             tasks.append(_Task(info, [made for made, _ in lacking], job))
         else:
             outcome.kept.append(info.id)
@@ -93,7 +93,7 @@ def estimate_season(
         spent_s = time.monotonic() - began_s
         left_s = spent_s * (all_bytes - done_bytes) / done_bytes if done_bytes else None
         done = len(outcome.estimated) + len(outcome.failed)
-        tell(Progress(task.info.id, done, len(tasks), error, left_s))
+        tell(EstimateProgress(task.info.id, done, len(tasks), error, left_s))
 
     _run(tasks, engine, settle)
     outcome.took_s = time.monotonic() - began_s
@@ -104,7 +104,7 @@ def estimate_season(
 class _Task:
     info: SessionInfo
     sets: list[EstimateSet]
-    job: Job
+    job: EstimateJob
 
 
 def _content(info: SessionInfo) -> str | None:

@@ -23,7 +23,7 @@ import numpy as np
 from app import __version__
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
-from app.analysis.survey import Piece
+from app.analysis.survey import SurveyPiece
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR, listed
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import format_cell, parse_cell
@@ -45,7 +45,7 @@ EVERY: Final = 10  # rows of the master's stream are a second; means need no mor
 
 
 @dataclass(frozen=True)
-class Job:
+class EstimateJob:
     """What a worker is sent; `cells` are texts of cell files, None is the session's own."""
 
     path: str
@@ -53,7 +53,7 @@ class Job:
     filter_name: str = "fused"
 
 
-def estimate_session(job: Job) -> list[dict[str, Any]]:
+def estimate_session(job: EstimateJob) -> list[dict[str, Any]]:
     """Return what each cell file makes of the session, in order, as plain JSON values; it is read once.
 
     Raises:
@@ -117,7 +117,7 @@ class SessionEstimate:
         self._last_s: float | None = None
         self._last_a = 0.0
         self._factor = np.ones(n_cells)
-        self._sums = np.zeros((4, n_cells))  # of x x, x y, y y [V^2 s], and the time they stand for [s]
+        self._sums = np.zeros((4, n_cells))  # sums of x x, x y, y y [V^2 s], and the time of them [s]
         self._warm = np.zeros((2, n_cells))  # sum of temperatures, count
         self._off = np.zeros((2, n_cells))  # innovation squared, count
         self._apart = np.zeros(2)  # new less recorded SOC squared, count
@@ -126,14 +126,14 @@ class SessionEstimate:
         self._first, self._soc, self._sigma, self._recorded = (nan.copy() for _ in range(4))
         self._samples = 0
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: SurveyPiece) -> None:
         """Take the next minute; a gap begins a new stretch, of which nobody knows what flowed."""
         breaks = np.flatnonzero(np.diff(piece.time_s) > MAX_STEP_S) + 1
         for rows in np.split(np.arange(len(piece.time_s)), breaks):
             if rows.size:
                 self._stretch(piece, slice(int(rows[0]), int(rows[-1]) + 1))
 
-    def _stretch(self, piece: Piece, rows: slice) -> None:
+    def _stretch(self, piece: SurveyPiece, rows: slice) -> None:
         time_s, current_a = piece.time_s[rows], piece.current_a[rows]
         voltage_v, temperature_degc = piece.fresh_voltage_v[rows], piece.temperature_degc[rows]
         if self._last_s is None:
@@ -192,7 +192,7 @@ class SessionEstimate:
         self._estimator.use_resistance(self._factor)
 
     def resistance(self) -> tuple[FloatArray, FloatArray]:
-        """Return (n_cells,) resistance over that of the cell model, and its sigma; NaN and inf where it is not told."""
+        """Return (n_cells,) resistance over that of the cell model, and its sigma; NaN and inf where unknown."""
         xx, xy, yy, lasted_s = self._sums
         with np.errstate(divide="ignore", invalid="ignore"):
             factor = xy / xx

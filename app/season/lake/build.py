@@ -9,7 +9,7 @@ from typing import Final
 
 from app.errors import AppError, message_of
 from app.season.lake.facts import Facts, Where, facts_of, where_of
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from app.season.lake.schema import LAKE_VERSION, MARK, SAMPLES, TABLES, pyarrow_or_error
 from app.season.lake.tables import (
     STATE_KEY,
@@ -53,7 +53,7 @@ def session_files(places: Iterable[Path]) -> list[Path]:
 
 
 def build_lake(
-    lake: Place,
+    lake: LakeFolder,
     paths: Sequence[Path],
     *,
     again: bool = False,
@@ -67,7 +67,7 @@ def build_lake(
         paths: of session files.
         again: make those too that are up to date.
         judge_anew: judge every cell again instead of taking what was found while recording.
-        progress: is told how many are done, of how many, and which comes next.
+        progress: called with how many are done, of how many, and which comes next.
 
     Raises:
         OSError: the lake cannot be written.
@@ -84,12 +84,12 @@ def build_new(lake: str, data: Path) -> list[Message]:
     Raises:
         OSError: the lake cannot be written.
     """
-    built = build_lake(Place(lake), session_files([data / "sessions"]))
+    built = build_lake(LakeFolder(lake), session_files([data / "sessions"]))
     return [Message("of-source", source=session, reason=why) for session, why in built.failed]
 
 
 def _build(
-    lake: Place, paths: Sequence[Path], *, again: bool, judge_anew: bool, progress: Callable[[int, int, str], None]
+    lake: LakeFolder, paths: Sequence[Path], *, again: bool, judge_anew: bool, progress: Callable[[int, int, str], None]
 ) -> Built:
     known = {} if again else states(lake)
     built = Built()
@@ -111,7 +111,7 @@ def _build(
     return built
 
 
-def write_session(lake: Place, session: SessionFile, facts: Facts, state: str) -> None:
+def write_session(lake: LakeFolder, session: SessionFile, facts: Facts, state: str) -> None:
     """Write the files of one session, the one that says that it is there last."""
     metadata = about(facts.where, state)
     folder = folder_of(facts.where)
@@ -139,7 +139,7 @@ def state_of(path: Path) -> str:
     return f"{stat.st_mtime_ns}-{stat.st_size}"
 
 
-def states(lake: Place) -> dict[Where, str]:
+def states(lake: LakeFolder) -> dict[Where, str]:
     """Return of every session in a lake that this version has made: the state of its file then."""
     from pyarrow import ArrowInvalid, parquet
 

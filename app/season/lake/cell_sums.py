@@ -1,4 +1,4 @@
-"""What a stretch of a session asked of every cell, beside what the survey tells: sums over time."""
+"""Load of every cell in a stretch of a session: sums over time that the survey does not have."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.analysis.report.findings import NEAR
-from app.analysis.survey import REST_A, Piece
+from app.analysis.report.summary import NEAR
+from app.analysis.survey import REST_A, SurveyPiece
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
@@ -35,7 +35,7 @@ class CellSums:
         self._means = {name: np.zeros((2, n_cells)) for name in ("temperature_degc", "soc")}  # integral and seconds
         self._near: dict[str, FloatArray] = {}
 
-    def add(self, piece: Piece, limits: Mapping[str, float]) -> None:
+    def add(self, piece: SurveyPiece, limits: Mapping[str, float]) -> None:
         """Take the next piece, which `limits` were in force in, by name."""
         if not len(piece.time_s):
             return
@@ -59,11 +59,11 @@ class CellSums:
             seconds += dt_s @ known
         self._add_near(piece, dt_s, limits)
 
-    def _add_near(self, piece: Piece, dt_s: FloatArray, limits: Mapping[str, float]) -> None:
+    def _add_near(self, piece: SurveyPiece, dt_s: FloatArray, limits: Mapping[str, float]) -> None:
         for column, (kind, limit, of, side) in _NEAR_COLUMNS.items():
             if limit in limits:
                 edge = limits[limit] - side * NEAR[kind]  # type: ignore[index]
-                is_near = side * getattr(piece, of) > side * edge  # of what was not measured: false
+                is_near = side * getattr(piece, of) > side * edge  # missing values compare as False
                 so_far = self._near.get(column, np.zeros(self._n))
                 self._near[column] = so_far + dt_s @ is_near
 
@@ -126,7 +126,7 @@ class RestCounter:
         self._rests = CapacityBetweenRests(cell, self._tracker)
         self._last_s: float | None = None
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: SurveyPiece) -> None:
         """Take the next piece."""
         for at_s, current_a, volts in zip(
             piece.time_s.tolist(), piece.current_a.tolist(), piece.voltage_v, strict=True

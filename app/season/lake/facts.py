@@ -13,15 +13,15 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from app import __version__
-from app.analysis.cell_findings import cell_findings
 from app.analysis.laps.figures import Lap, figures_of
 from app.analysis.laps.from_session import find_laps
 from app.analysis.limits import limits_of, limits_of_profile
 from app.analysis.root_cause.from_session import incidents_of
 from app.analysis.root_cause.kept_verdict import kept_verdicts
 from app.analysis.session_cell import cell_of
+from app.analysis.session_judge import cell_findings
 from app.analysis.session_survey import read_pieces, read_totals
-from app.analysis.survey import Piece, Rest, Survey, Surveyor
+from app.analysis.survey import Rest, Survey, Surveyor, SurveyPiece
 from app.battery.battery import Battery
 from app.battery.library import file_name_of
 from app.estimation.arrays import FloatArray
@@ -66,7 +66,7 @@ def where_of(session: SessionFile) -> Where:
     info = session.info
     year = str(_time(info.started_wall_ns / 1e9).year)
     season = file_name_of(str(info.metadata.get("season") or year))
-    car = file_name_of(str(info.metadata.get("car") or session.battery.name))  # what `serve --car` said
+    car = file_name_of(str(info.metadata.get("car") or session.battery.name))  # by `serve --car`
     if info.metadata.get("source") == "simulator":
         car += "-simulated"
     return Where(car, season, info.id)
@@ -75,7 +75,7 @@ def where_of(session: SessionFile) -> Where:
 def facts_of(session: SessionFile, *, judge_anew: bool = False) -> Facts:
     """Read a session and return what is to be known of it in a season.
 
-    Findings are those that were told while it was recorded; with `judge_anew` all cells are judged again, which takes
+    Findings are those of the recording; with `judge_anew` all cells are judged again, which takes
     about ten times as long and finds in old sessions what only newer versions know.
 
     Raises:
@@ -132,7 +132,7 @@ class _Stretch:
         self.surveyor = Surveyor(battery.n_cells, in_turns=in_turns)
         self.sums = CellSums(battery.n_cells, battery.bleed_ohm)
 
-    def add(self, piece: Piece, limits: Mapping[str, float]) -> None:
+    def add(self, piece: SurveyPiece, limits: Mapping[str, float]) -> None:
         self.surveyor.add(piece)
         self.sums.add(piece, limits)
 
@@ -156,7 +156,7 @@ class _Stretches:
         edges = {edge for lap in laps for edge in (lap.start_s, lap.end_s)}
         self._edges_s = sorted(edges | {since_s for since_s, _ in self._in_force})
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: SurveyPiece) -> None:
         """Take the next piece, cut where a lap or another configuration begins."""
         self._rests.add(piece)
         self._estimate.add(piece)
@@ -166,7 +166,7 @@ class _Stretches:
             if last > first:
                 self._add_part(piece.rows(slice(first, last)))
 
-    def _add_part(self, part: Piece) -> None:
+    def _add_part(self, part: SurveyPiece) -> None:
         at_s = float(part.time_s[0])
         config = bisect_right(self._in_force, at_s, key=lambda each: each[0]) - 1
         limits = self._in_force[max(config, 0)][1]
@@ -251,7 +251,7 @@ class _Findings:
         self._findings += [(cause.since or cause.at, cell, cause.code) for cell, cause in tripped.items()]
 
     def by_cell(self, from_s: float | None, to_s: float | None) -> dict[int, str]:
-        """Return the codes of each cell that were first told in a range of unix time."""
+        """Return the codes of each cell that first came in a range of unix time."""
         found: dict[int, dict[str, None]] = {}
         for at_s, cell, code in self._findings:
             if (from_s is None or at_s >= from_s) and (to_s is None or at_s < to_s):

@@ -15,7 +15,7 @@ from app.errors import ConfigError, ExtraMissing
 from app.words import Message
 
 
-class Place:
+class LakeFolder:
     """A folder by path or URL. Files are put into it whole: a reader meets the old one or the new one."""
 
     def __init__(self, url: str | Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from app import __version__
 from app.season.lake.facts import Row, Where
-from app.season.lake.schema import LAKE_VERSION, TABLES, WHERE, Column, arrow_schema, pyarrow_or_error
+from app.season.lake.schema import LAKE_VERSION, TABLES, WHERE, LakeColumn, arrow_schema, pyarrow_or_error
 from app.sessions.export.table import SignalTable
 from app.sessions.reading.reader import SessionFile
 
@@ -39,7 +39,7 @@ def write_facts(path: Path, name: str, rows: Sequence[Row], metadata: dict[str, 
     parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd")
 
 
-def _array(pa: Any, values: list[Any], column: Column, wanted: Any) -> Any:
+def _array(pa: Any, values: list[Any], column: LakeColumn, wanted: Any) -> Any:
     if column.type == "number":  # NaN is null
         return pa.array(np.array(values, dtype=np.float64), wanted, from_pandas=True)
     if column.type == "count":

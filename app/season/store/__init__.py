@@ -1,5 +1,5 @@
 """The season's store: a lake that answers in SQL."""
 
-from app.season.store.store import Answer, Limits, QueryFailed, SeasonError, SeasonStore
+from app.season.store.store import Answer, QueryFailed, QueryLimits, SeasonError, SeasonStore
 
-__all__ = ["Answer", "Limits", "QueryFailed", "SeasonError", "SeasonStore"]
+__all__ = ["Answer", "QueryFailed", "QueryLimits", "SeasonError", "SeasonStore"]

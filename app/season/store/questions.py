@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import ConfigError
-from app.season.lake.place import Place
-from app.season.store.store import Answer, Limits, QueryFailed, SeasonStore, Value
+from app.season.lake.place import LakeFolder
+from app.season.store.store import Answer, QueryFailed, QueryLimits, SeasonStore, Value
 from app.words import Message
 
 FILE: Final = Path(__file__).with_suffix(".sql")
@@ -65,7 +65,7 @@ def parameters_of(question: Question) -> str:
     return "".join(f"; --set {each.name}={each.default}" for each in question.parameters)
 
 
-def ask(store: SeasonStore, question: str, limits: Limits = Limits(), /, **given: str) -> Answer:  # noqa: B008
+def ask(store: SeasonStore, question: str, limits: QueryLimits = QueryLimits(), /, **given: str) -> Answer:  # noqa: B008
     """Answer one of the questions by its name, or one SELECT.
 
     Raises:
@@ -87,13 +87,13 @@ def json_of(answer: Answer) -> str:
     return json.dumps(found, default=str)
 
 
-def answer_at(lake: str, question: str, given: Mapping[str, str], limits: Limits, most_mb: int) -> str:
+def answer_at(lake: str, question: str, given: Mapping[str, str], limits: QueryLimits, most_mb: int) -> str:
     """Return the answer of a service's lake, which may be empty, as JSON of at most `most_mb` megabytes.
 
     Raises:
         ConfigError, QueryFailed: as `ask`; the answer is longer.
     """
-    Place(lake).make()
+    LakeFolder(lake).make()
     text = json_of(ask(SeasonStore(lake), question, limits, **given))
     if len(text) > most_mb << 20:
         raise QueryFailed(Message("answer-too-large", megabytes=most_mb))

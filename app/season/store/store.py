@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from app.errors import AppError, ConfigError, ExtraMissing
-from app.season.lake.place import Place
-from app.season.lake.schema import MARK, SAMPLES, TABLES, WHERE, Column, arrow_schema, name_of_table
+from app.season.lake.place import LakeFolder
+from app.season.lake.schema import MARK, SAMPLES, TABLES, WHERE, LakeColumn, arrow_schema, name_of_table
 from app.words import Message, Text
 
 Value = str | int | float
@@ -38,17 +38,17 @@ class QueryFailed(SeasonError):
 
 
 @dataclass(frozen=True)
-class Limits:
+class QueryLimits:
     """What a question may cost."""
 
     seconds: float = 60.0
     memory_mb: int = 1024
-    rows: int | None = None  # of the answer; what is beyond is cut
+    rows: int | None = None  # rows of an answer; the rest is cut
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The rows of an answer as an Arrow table, and whether there were more than `Limits.rows`."""
+    """The rows of an answer as an Arrow table, and whether there were more than `QueryLimits.rows`."""
 
     table: Any
     is_cut: bool = False
@@ -87,10 +87,12 @@ class SeasonStore:
         except ImportError as error:
             raise ExtraMissing(Message("the-season-lake"), "duckdb", "season") from error
         self._duckdb = duckdb
-        self._lake = Place(lake)
+        self._lake = LakeFolder(lake)
         self._lock = threading.Lock()
 
-    def query(self, sql: str, parameters: Mapping[str, Value] | None = None, limits: Limits = Limits()) -> Answer:
+    def query(
+        self, sql: str, parameters: Mapping[str, Value] | None = None, limits: QueryLimits = QueryLimits()
+    ) -> Answer:
         """Answer one SELECT.
 
         Args:
@@ -123,7 +125,7 @@ class SeasonStore:
                 stopper.cancel()
                 connection.close()
 
-    def _connect(self, limits: Limits) -> Any:
+    def _connect(self, limits: QueryLimits) -> Any:
         """Return a database in memory that reaches the lake and no other file, address or extension."""
         settings: dict[str, str | bool | int | float | list[str]] = {
             "temp_directory": "",
@@ -167,7 +169,7 @@ class SeasonStore:
         pattern = self._url(f"car=*/season=*/session=*/{file}").replace("'", "''")
         return f"FROM read_parquet('{pattern}', hive_partitioning = false, union_by_name = {str(union).lower()})"
 
-    def _answer(self, connection: Any, text: str, limits: Limits) -> Answer:
+    def _answer(self, connection: Any, text: str, limits: QueryLimits) -> Answer:
         relation = connection.sql(text)
         if limits.rows is None:
             return Answer(relation.to_arrow_table())
@@ -180,9 +182,9 @@ class SeasonStore:
         return path if self._lake.is_local else str(self._lake.fs.unstrip_protocol(path))
 
 
-def columns_of(table: str) -> tuple[Column, ...]:
+def columns_of(table: str) -> tuple[LakeColumn, ...]:
     """Return the columns of a table that are always there."""
-    return TABLES[table] if table in TABLES else (*WHERE, Column("time", "time", "", ""))
+    return TABLES[table] if table in TABLES else (*WHERE, LakeColumn("time", "time", "", ""))
 
 
 def mentions(sql: str, table: str) -> bool:
@@ -205,7 +207,7 @@ def with_parameters(sql: str, parameters: Mapping[str, Value]) -> str:
         if found["quote"]:
             return '"' + str(value).replace('"', '""') + '"'
         if isinstance(value, str):
-            if "\\" in value:  # of which engines think differently
+            if "\\" in value:  # engines differ in how they escape it
                 raise ConfigError(name, value, Message("no-backslash"))
             return "'" + value.replace("'", "''") + "'"
         if value != value or abs(value) == float("inf"):

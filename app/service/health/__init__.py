@@ -1,1 +1,1 @@
-"""Whether the service does its work, and who is told."""
+"""Health of the service: checks, probe and watchdog."""

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app.clock import Clock
-from app.live.load import Load
+from app.live.load_shedding import LoadShedding
 from app.service.events import Events
-from app.service.links import Links
+from app.service.links import ServiceLinks
 from app.service.mqtt.publisher import MqttPublisher
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -49,12 +49,12 @@ class Health:
     def __init__(
         self,
         live: PipelineThread,
-        links: Links,
+        links: ServiceLinks,
         recorder: AutoRecorder,
         events: Events,
         mqtt: MqttPublisher | None,
         clock: Clock,
-        load: Load,
+        load: LoadShedding,
         damaged: DamagedFiles,
     ) -> None:
         self._damaged = damaged

@@ -13,11 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 from app.words import Message, render
 
 log = logging.getLogger(__name__)
-SHARE = 1 / 3  # of the watchdog's time, between two signs of life
+SHARE = 1 / 3  # share of the watchdog's time between two signs of life
 
 
 def notify(text: str, environment: Mapping[str, str] = os.environ) -> None:
-    """Send one message to systemd; who does not listen is not told."""
+    """Send one message to systemd; without a listener nothing is sent."""
     address = environment.get("NOTIFY_SOCKET", "")
     if not address:
         return

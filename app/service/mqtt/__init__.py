@@ -1,1 +1,1 @@
-"""MQTT: publish this car's state to a broker, and hear all cars of a broker for the fleet's page."""
+"""MQTT: publish this car's state to a broker, and receive all cars of a broker for the fleet's page."""

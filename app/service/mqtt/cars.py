@@ -17,14 +17,14 @@ State = Literal["live", "late", "silent", "vanished"]
 LIVE_S = 3.0  # a car tells its state once a second
 SILENT_S = 10.0  # values as old as this are no state of a car any more
 SETTLED_S = 2.5  # after its first message: until then nothing tells how long that one was on its way
-DRIFT = 500e-6  # of two clocks against each other, at most
-NAME_CONFLICT_S = 60.0  # for so long it is told that two services speak under one name
+DRIFT = 500e-6  # relative drift of two clocks, at most
+NAME_CONFLICT_S = 60.0  # how long two services under one name are reported [s]
 MOST_RUNS = 20
 MOST_ALARMS = 50
-MOST_BYTES = 1 << 18  # of a message
+MOST_BYTES = 1 << 18  # bytes of a message
 MOST_KEPT_BYTES = 8 << 20  # as JSON, of what all cars' messages leave; of a car with ten alarms it is 5 kB
 _MOST_TEXT = 200  # characters
-_MOST_MESSAGE_BYTES = 1000  # of an alarm's code and arguments
+_MOST_MESSAGE_BYTES = 1000  # bytes of an alarm's code and arguments
 TOPICS = frozenset({"status", "about", "accumulator", "links", "master", "alarms"})
 _NUMBERS = ("soc", "soc_min", "voltage_v", "voltage_at_least_v", "current_a", "voltage_min_v", "temperature_max_degc")
 _CELLS = ("soc_min_cell", "voltage_min_cell", "temperature_max_cell")
@@ -53,18 +53,18 @@ class CarClock:
 
 @dataclass
 class Car:
-    """What was heard of one car; times in seconds of our monotonic clock."""
+    """What was received of one car; times in seconds of our monotonic clock."""
 
     name: str
-    is_online: bool | None = None  # None: it never said
-    kept: dict[str, Any] = field(default_factory=dict)  # of each topic, what is shown of its newest message
-    kept_bytes: int = 0  # of all of them, as JSON
+    is_online: bool | None = None  # None: unknown
+    kept: dict[str, Any] = field(default_factory=dict)  # shown part of each topic's newest message
+    kept_bytes: int = 0  # total bytes of `kept` as JSON
     _bytes_of: dict[str, int] = field(default_factory=dict)
-    heard_s: float | None = None  # the newest message that was no retained one
+    last_contact_s: float | None = None  # the newest message that was no retained one
     waited_s: float = 0.0  # the newest values, on their way
     values_s: float | None = None  # when they came; None: they are retained ones, of whenever
     clock: CarClock = field(default_factory=CarClock)
-    runs: list[object] = field(default_factory=list)  # that were heard, the newest last
+    runs: list[object] = field(default_factory=list)  # that were received, the newest last
     conflict_s: float | None = None  # when an earlier run spoke again
 
     def take(
@@ -80,7 +80,7 @@ class Car:
             room_bytes: by which what is kept may grow.
         """
         if not is_retained:
-            self.heard_s = now_s
+            self.last_contact_s = now_s
         if topic == "status":
             self.is_online = body == b"online"
             return True
@@ -111,7 +111,7 @@ class Car:
         self.values_s = now_s
 
     def _note_run(self, run: object, now_s: float) -> None:
-        """A service that starts again has a new run for good; one that comes back is of another that speaks, too."""
+        """Note the run of a service: a restart has a new one for good, one that comes back is a second service's."""
         if self.runs and run == self.runs[-1]:
             return
         if run in self.runs:
@@ -128,7 +128,7 @@ class Car:
 
     def state(self, now_s: float) -> State:
         """Whether its values may be taken for the present."""
-        if self.is_online is False or self.heard_s is None or now_s - self.heard_s >= SILENT_S:
+        if self.is_online is False or self.last_contact_s is None or now_s - self.last_contact_s >= SILENT_S:
             return "vanished"
         age_s = self.age_s("voltage", now_s)
         if age_s is None or age_s >= SILENT_S:
@@ -176,7 +176,7 @@ class Car:
         return [{"severity": "warning", "message": message, "cell": None, "active": True}]
 
     def _measured_unix_s(self) -> float | None:
-        """By the car's own clock: nothing was heard by which ours could tell."""
+        """By the car's own clock: nothing was received by which ours could tell."""
         return _number(self._values.get("time"))
 
 
@@ -236,7 +236,7 @@ def _document(topic: str, body: bytes) -> Any:
 
 def _sent_s(document: Mapping[str, Any]) -> float | None:
     sent = document.get("sent")
-    return _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # of an earlier version
+    return _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # an earlier version has `time`
 
 
 def _last_known(document: object) -> dict[str, Any]:

@@ -37,12 +37,12 @@ class Fleet:
 
     @property
     def broker(self) -> str:
-        """Where the cars are heard, for people."""
+        """Where the cars are received, for people."""
         return str(self._broker)
 
     @property
     def problem(self) -> Message | None:
-        """Why no car is heard, None while the broker answers."""
+        """Why no car is received, None while the broker answers."""
         return None if self._problem is None else Message("mqtt", broker=str(self._broker), problem=self._problem)
 
     @property

@@ -23,11 +23,11 @@ from app.service.settings import Settings
 from app.telemetry import Event, Snapshot, Source
 from app.telemetry.encoding import aged, encode, is_stale, plain
 from app.telemetry.fields import Part
-from app.telemetry.service_state import Recording
+from app.telemetry.service_state import RecordingState
 from app.words import Message, Text, rendered
 
 PERIOD_S = 1.0
-NAME_CONFLICT_S = 60.0  # for so long it is told that another service publishes here
+NAME_CONFLICT_S = 60.0  # how long another service under this name is reported [s]
 MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
 PER_CELL: dict[str, Part] = {
     "voltage_v": "voltage",
@@ -44,7 +44,7 @@ class MqttPublisher:
     def __init__(
         self,
         broker: Broker,
-        recording: Callable[[], Recording | None],
+        recording: Callable[[], RecordingState | None],
         clock: Clock,
         *,
         source: Source = "serial",
@@ -140,7 +140,7 @@ class MqttPublisher:
         self._client.publish(self._topic("status"), b"online", qos=1, retain=True)
         if self._about is not None:
             self._client.publish(self._topic("about"), self._about, qos=1, retain=True)
-        self._client.subscribe(self._topic("accumulator"), qos=0)  # to hear whether somebody else speaks there
+        self._client.subscribe(self._topic("accumulator"), qos=0)  # to detect another service under this name
         self._is_connected.set()
 
     def _on_own_topic(self, _client: Any, _data: Any, message: Any) -> None:
@@ -190,10 +190,12 @@ class MqttPublisher:
                 self._client.publish(self._topic(name), body, qos=0, retain=True)
 
 
-def messages(snapshot: Snapshot, recording: Recording | None, sent: Mapping[str, object] | None = None) -> Messages:
+def messages(
+    snapshot: Snapshot, recording: RecordingState | None, sent: Mapping[str, object] | None = None
+) -> Messages:
     """Yield the state's topics and bodies; null is missing. Every object says whether the car is a simulated one.
 
-    `sent` is when, by a clock that never steps: whoever hears it knows by it how long the message was on its way.
+    `sent` is when, by a clock that never steps: whoever receives it knows by it how long the message was on its way.
     """
     car = car_of(snapshot.source)
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source} | car
@@ -206,13 +208,13 @@ def messages(snapshot: Snapshot, recording: Recording | None, sent: Mapping[str,
     for name, part in PER_CELL.items():
         of_cells = {"age_s": ages[part], "stale": stale[part], "values": cells[name], "last_known": last.get(name)}
         yield f"cells/{name}", encode(stamp | of_cells)
-    said = {
+    body = {
         "state": master.state,
         "why": rendered(master.why, snapshot.segments),
         "fit": master.fit,
         "flags": master.flags,
     }
-    yield "master", encode(said | {"stale": stale["status"]} | car)
+    yield "master", encode(body | {"stale": stale["status"]} | car)
     links = {name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()}
     yield "links", encode(links | car)
     yield "alarms", encode([plain(alarm, snapshot.segments) | car for alarm in snapshot.alarms])
@@ -230,7 +232,7 @@ def event_body(event: Event, source: Source, segments: Sequence[int] = ()) -> by
 
 
 def configured_publisher(
-    settings: Settings, recording: Callable[[], Recording | None], clock: Clock, source: Source, battery: Battery
+    settings: Settings, recording: Callable[[], RecordingState | None], clock: Clock, source: Source, battery: Battery
 ) -> MqttPublisher | None:
     """Return a publisher to the broker of the settings, None where they name none.
 

@@ -14,7 +14,7 @@ ID_BITS = 0x1FFFFFFF
 CHANNEL = "can0"
 SIMULATED_CHANNEL = "simulated0"  # the one place that a candump log has for it
 SIMULATED_MARK = "simulated car"
-TOLD_EVERY = 1000  # frames
+PROGRESS_EVERY = 1000  # frames
 Writer = can.CanutilsLogWriter | can.ASCWriter | can.BLFWriter
 
 
@@ -97,6 +97,6 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
             channel=_channel(channel, frame.bus),
         )
         writer.on_message_received(message)
-        if number % TOLD_EVERY == 0:
+        if number % PROGRESS_EVERY == 0:
             table.on_progress(min(number, n_frames), n_frames)
     table.on_progress(n_frames, n_frames)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
 from app.sessions.export.table import SignalTable
-from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
+from app.sources.recordings.import_mapping import EXPORT_STAMP, EXPORT_TIMES
 
 _RUNS = ("=", "+", "-", "@", "\t", "\r", "\n")  # what a formula begins with, also behind what is skipped
 _NUMBER = re.compile(r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
@@ -54,7 +54,7 @@ def csv_parts(table: SignalTable) -> Iterator[bytes]:
 
 def texts_of(values: FloatArray, scale: float) -> Bytes:
     """The texts of (n, k) counts of one scale, each after a comma; NaN is empty. Each distinct text is made once."""
-    decimals = max(0, math.ceil(-math.log10(scale) - 1e-9))  # as many as one count can be told from the next with
+    decimals = max(0, math.ceil(-math.log10(scale) - 1e-9))  # enough to distinguish one count from the next
     is_known = np.isfinite(values)
     found, places = _distinct(np.rint(values[is_known] / scale).astype(np.int64))
     texts = np.array([",", *[f",%.{decimals}f" % value for value in (found * scale).tolist()]], "S")

@@ -14,7 +14,7 @@ from app.sessions.export.mcap_file import write_mcap
 from app.sessions.export.mf4_file import write_mf4
 from app.sessions.export.table import Rows, SignalTable, source_of
 from app.sessions.reading.reader import SessionFile
-from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
+from app.sources.recordings.import_mapping import EXPORT_STAMP, EXPORT_TIMES
 from app.words import Message
 
 ROW_GROUP_S = 600.0
@@ -86,7 +86,7 @@ def export(
 ) -> None:
     """Write signals of a range, both ends in unix time and included, as a file.
 
-    It appears whole or not at all: an export that is cut off leaves what was there before. `on_progress` is told how
+    It appears whole or not at all: an export that is cut off leaves what was there before. `on_progress` gets how
     much of how much is read.
 
     Raises:

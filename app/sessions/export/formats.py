@@ -49,7 +49,7 @@ FORMATS: Final = {
     "mf4": Format(".mf4", _BYTES, "MDF 4", "ASAM, for CANape, asammdf", ("asammdf",), has_laps=True),
     "mcap": Format(".mcap", _BYTES, "MCAP", "for Foxglove and Lichtblick", _MCAP, has_names=False),
     "motec": Format(".zip", "application/zip", "MoTeC", _MOTEC, has_laps=True),
-    "ld": Format(".ld", _BYTES, "MoTeC", "for i2: one rate; laps beside it as .ldx", has_laps=True, is_part=True),
+    "ld": Format(".ld", _BYTES, "MoTeC", "for i2: one rate; laps in an .ldx", has_laps=True, is_part=True),
     "ldx": Format(".ldx", "application/xml", "MoTeC", _LDX, has_laps=True, is_part=True),
     "candump": Format(".log", "text/plain", "candump", "the CAN frames as text", has_signals=False, has_names=False),
     "asc": Format(

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.sessions.export.table import AGE, FILLED, SIMULATED, SignalTable
-from app.sessions.reading.series import Samples, find_gaps
+from app.sessions.reading.series import SeriesSamples, find_gaps
 from app.sessions.storage.chunks import Track
-from app.sessions.storage.signals import Signal
+from app.sessions.storage.signals import StoredSignal
 from app.words import Message
 
 _HEADER = struct.Struct("<I4xII20xI24x3HI8sHHI4x16s16x16s16x64s64s64x64s64x1024xI66x64s126x64s64s")
@@ -60,18 +60,18 @@ def write_ld(table: SignalTable, path: Path) -> None:
             table.on_progress(i, 1 + len(signals))
 
 
-def _channels(table: SignalTable) -> list[Signal]:
+def _channels(table: SignalTable) -> list[StoredSignal]:
     """Without AGE: a value that is held has no age of its own."""
     return [signal for signal in table.signals if signal is not AGE]
 
 
-def _samples(table: SignalTable) -> dict[Signal, Samples]:
+def _samples(table: SignalTable) -> dict[StoredSignal, SeriesSamples]:
     """The samples of each signal of the session, packed as they are stored until they are asked for."""
     recorded = [signal for signal in _channels(table) if signal not in _CONSTANT]
     return dict(zip(recorded, table.session.samples(recorded, table.t_from_s, table.t_to_s), strict=True))
 
 
-def _extent(table: SignalTable, samples: Iterable[Samples]) -> tuple[tuple[float, float] | None, int]:
+def _extent(table: SignalTable, samples: Iterable[SeriesSamples]) -> tuple[tuple[float, float] | None, int]:
     """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up."""
     first, last, rate_hz = [], [], 1
     for times_us in {id(each.track): each.track.times_us for each in samples}.values():
@@ -84,7 +84,9 @@ def _extent(table: SignalTable, samples: Iterable[Samples]) -> tuple[tuple[float
     return ((min(first), max(last)) if first else None), rate_hz
 
 
-def _resampled(table: SignalTable, samples: dict[Signal, Samples], grid_s: FloatArray) -> Iterator[FloatArray]:
+def _resampled(
+    table: SignalTable, samples: dict[StoredSignal, SeriesSamples], grid_s: FloatArray
+) -> Iterator[FloatArray]:
     """Each channel's (n,) last value before each grid time, NaN before the first one and in gaps; `samples` empties."""
     track: Track | None = None
     for signal in _channels(table):
@@ -162,7 +164,7 @@ def _channel(i: int, n: int, name: str, unit: str, data_at: int, n_samples: int,
 
 
 def write_motec(table: SignalTable, path: Path) -> None:
-    """Write a zip with the .ld and, where the range has laps, the .ldx beside it, both named as the session."""
+    """Write a zip with the .ld and, where the range has laps, the .ldx, both named as the session."""
     with TemporaryDirectory() as folder, ZipFile(path, "w", ZIP_DEFLATED) as archive:
         data, laps = (Path(folder, table.info.id + suffix) for suffix in (".ld", ".ldx"))
         write_ld(table, data)
@@ -173,7 +175,7 @@ def write_motec(table: SignalTable, path: Path) -> None:
 
 
 def write_ldx(table: SignalTable, path: Path) -> None:
-    """Write where laps begin and end as the .ldx file that i2 looks for beside a .ld of the same name.
+    """Write where laps begin and end as the .ldx file that i2 opens with a .ld of the same name.
 
     Raises:
         ConfigError: there is no lap in the table's range.

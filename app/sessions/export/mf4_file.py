@@ -13,7 +13,7 @@ from app.sessions.errors import ExportUnavailable
 from app.sessions.export.table import Rows, SignalTable, log_lines
 
 _PROPERTIES = {"driver": "author", "vehicle": "subject", "event": "project"}  # what ASAM calls them
-_SAME_NS = 1_000_000  # a lap's time is told as a float
+_SAME_NS = 1_000_000  # a lap's time is a float
 
 
 def write_mf4(table: SignalTable, path: Path) -> None:

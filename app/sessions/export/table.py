@@ -19,14 +19,14 @@ from app.sessions.export.formats import Names
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.chunks import ESTIMATES
-from app.sessions.storage.signals import Signal, Signals
+from app.sessions.storage.signals import Signals, StoredSignal
 from app.sources.master.uptime_clock import UptimeClock
 
 _INDEX = re.compile(r"\[(\d+)\]")
 _NOT_OF_CELLS = "sensor"  # its elements are sensors, also where there are as many as cells
 
 
-def export_name(signal: Signal, names: Names, signals: Signals, segments: Sequence[int]) -> str:
+def export_name(signal: StoredSignal, names: Names, signals: Signals, segments: Sequence[int]) -> str:
     """Return a signal's name without its unit.
 
     Args:
@@ -46,7 +46,7 @@ def export_name(signal: Signal, names: Names, signals: Signals, segments: Sequen
     return _word(_INDEX.sub(lambda found: f"_{int(found[1]) + 1:03d}", signal.name))
 
 
-def _is_of_a_cell(signal: Signal, signals: Signals, n_cells: int) -> bool:
+def _is_of_a_cell(signal: StoredSignal, signals: Signals, n_cells: int) -> bool:
     is_one_of_many = signal.field in signals.order and signal.name != signal.field
     return is_one_of_many and signal.field != _NOT_OF_CELLS and signals.of_field(signal.field)[1] == n_cells
 
@@ -63,12 +63,12 @@ def column_name(name: str, unit: str) -> str:
 _Instants = tuple[NDArray[np.int64], NDArray[np.int64]]  # times [us] and instants of a track
 PIECE_S = 240.0
 MARGIN_US = 1_000_000  # what belongs to one instant arrives within this time
-_UPTIME = 0xFFFFFFFF  # of an instant; the rest is how often the master had started
-_SAME_S = 1e-4  # a span is told to the millisecond
-# What every row is told besides its signals, in this order behind them.
-FILLED = Signal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
-SIMULATED = Signal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
-AGE = Signal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
+_UPTIME = 0xFFFFFFFF  # mask of uptime in an instant; above it is the count of starts
+_SAME_S = 1e-4  # resolution of a span: 1 ms
+# Columns of every row behind its signals, in this order.
+FILLED = StoredSignal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
+SIMULATED = StoredSignal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
+AGE = StoredSignal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
 
 
 def source_of(table: "SignalTable") -> dict[str, str]:
@@ -109,7 +109,7 @@ class SignalTable:
     ) -> None:
         """Choose signals and range, both ends included; `lap_times_s` are where laps meet, for formats with laps.
 
-        `names` are what `export_name` knows; `on_progress` is told how much of how much is read.
+        `names` are what `export_name` knows; `on_progress` gets how much of how much is read.
 
         Raises:
             UnknownSignal: a name means nothing.
@@ -142,7 +142,7 @@ class SignalTable:
             self.columns = [column_name(s.name, s.unit) for s in self.signals]
 
     def rows(self, piece_s: float | None = None, dtype: DTypeLike = np.float64) -> Iterator[Rows]:
-        """Yield the rows, PIECE_S at a time unless told otherwise; values as `dtype`."""
+        """Yield the rows, PIECE_S at a time by default; values as `dtype`."""
         piece_us = round((PIECE_S if piece_s is None else piece_s) * 1e6)
         start_us = self.info.started_mono_ns // 1000
         first_us, last_us = self._range_us(start_us)
@@ -189,7 +189,7 @@ class SignalTable:
             last_us = min(last_us, self.session.mono_us(self.t_to_s))
         return first_us, last_us
 
-    def constant(self, signal: Signal, time_s: FloatArray) -> FloatArray:
+    def constant(self, signal: StoredSignal, time_s: FloatArray) -> FloatArray:
         """Return (n,) values of FILLED or SIMULATED."""
         return self.is_filled(time_s) if signal is FILLED else np.ones(len(time_s))
 
@@ -296,7 +296,7 @@ class LogLine:
     """An event or a marker."""
 
     t_mono_ns: int
-    severity: str  # of an event; "" of a marker
+    severity: str  # severity of an event; "" of a marker
     name: str  # an event's code, or a marker's kind
     text: str
 

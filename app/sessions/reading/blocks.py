@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.serial import SerialMapping
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.session_info import meta_of
 from app.sessions.recording.session_writer import IDS_PER_CHUNK
@@ -30,7 +30,7 @@ _ALWAYS_US = 1 << 50
 ElementArray = NDArray[np.intp]
 
 
-class Column:
+class BlockColumn:
     """Samples of k elements of a field. Columns sampled together share one track, of (n,) ascending times."""
 
     def __init__(
@@ -45,7 +45,7 @@ class Column:
         self.elements = elements  # (k,) ascending
         self.track = track
         self._decode = decode
-        self._keep = keep  # of the samples that `decode` returns
+        self._keep = keep  # which samples `decode` returns
 
     @cached_property
     def counts(self) -> CountArray:
@@ -53,16 +53,16 @@ class Column:
         counts: CountArray = self._decode()[self._keep]
         return counts
 
-    def cut(self, track: Track, keep: Any) -> "Column":
+    def cut(self, track: Track, keep: Any) -> "BlockColumn":
         """Return the column with some of its samples."""
-        return Column(self.field, self.elements, track, self._decode, keep)
+        return BlockColumn(self.field, self.elements, track, self._decode, keep)
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
     """All samples of the wanted elements in about a minute."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[BlockColumn, ...]
 
     @property
     def first_us(self) -> int:
@@ -117,7 +117,7 @@ class BlockReader:
             names = {row[0] for row in self._stored.rows("SELECT DISTINCT field FROM series")}
             return names | {key.field for key in self._build_tail().columns}
 
-    def _from_chunk(self, chunk_id: int, wanted: Mapping[str, ElementArray]) -> list[Column]:
+    def _from_chunk(self, chunk_id: int, wanted: Mapping[str, ElementArray]) -> list[BlockColumn]:
         rows = self._stored.rows(
             "SELECT c.id, c.track, c.ends, s.field, s.first_element, s.elements, s.dtype FROM series s"
             f" JOIN columns c ON c.id = ? + s.id WHERE s.field IN ({','.join('?' * len(wanted))}) ORDER BY s.id",
@@ -138,7 +138,7 @@ class BlockReader:
                 streams = [data[low - start : high - start] for low, high in ranges]
                 track = tracks[track_id]
                 decode = partial(self._decode, streams, dtype, len(track.times_us))
-                columns.append(Column(field, elements, track, decode))
+                columns.append(BlockColumn(field, elements, track, decode))
         return columns
 
     def _decode(self, streams: list[bytes], dtype: str, n_samples: int) -> CountArray:
@@ -151,14 +151,14 @@ class BlockReader:
         times_us, of_master = (unpack_streams([each], "<i8", n)[:, 0].astype(np.int64) for each in (times, instants))
         return Track(times_us, of_master)
 
-    def _from_tail(self, wanted: Mapping[str, ElementArray]) -> list[Column]:
+    def _from_tail(self, wanted: Mapping[str, ElementArray]) -> list[BlockColumn]:
         tail = self._build_tail()
         columns = []
         for key, (number, counts) in tail.columns.items():
             if key.field in wanted:
                 elements = _within(wanted[key.field], key.first_element, key.elements)
                 choose = partial(np.take, counts, elements - key.first_element, axis=1)
-                columns.append(Column(key.field, elements, tail.tracks[number], choose))
+                columns.append(BlockColumn(key.field, elements, tail.tracks[number], choose))
         return columns
 
     def _build_tail(self) -> Chunk:
@@ -199,7 +199,7 @@ class BlockReader:
             self._tail = (state, builder.build())
         return self._tail[1]
 
-    def _from_configs(self, wanted: Mapping[str, ElementArray]) -> list[Column]:
+    def _from_configs(self, wanted: Mapping[str, ElementArray]) -> list[BlockColumn]:
         """Fields of the images in force, each from its time on, to the end of the session."""
         names = [name for name in wanted if name.startswith("conf.")]
         rows = self._stored.rows("SELECT t_mono_ns, image FROM configs ORDER BY id") if names else []
@@ -217,7 +217,7 @@ class BlockReader:
             if name not in sampled:
                 with self._stored.sound():
                     values = np.array([fields[name].unpack(image) for _, image in (*rows, rows[-1])], np.int64)
-                columns.append(Column(name, wanted[name], track, partial(np.take, values, wanted[name], axis=1)))
+                columns.append(BlockColumn(name, wanted[name], track, partial(np.take, values, wanted[name], axis=1)))
         return columns
 
 
@@ -225,7 +225,7 @@ def _within(elements: ElementArray, first: int, count: int) -> ElementArray:
     return elements[(elements >= first) & (elements < first + count)]
 
 
-def _cut(columns: list[Column], first_us: int, last_us: int) -> tuple[Column, ...]:
+def _cut(columns: list[BlockColumn], first_us: int, last_us: int) -> tuple[BlockColumn, ...]:
     """Columns in order of time and without what is out of range; those that had a track in common still have."""
     tracks: dict[int, tuple[Track, Any]] = {}
     cut = []
@@ -243,14 +243,14 @@ def _cut(columns: list[Column], first_us: int, last_us: int) -> tuple[Column, ..
     return tuple(cut)
 
 
-CARRIED_US = round(UNKNOWN_AGE_S * 1e6)  # what was told longer before a range is not known in it
+CARRIED_US = round(UNKNOWN_AGE_S * 1e6)  # longest age at the start of a range; older values are missing in it
 
 
 def in_rows(
     blocks: Iterable[Block],
     wanted: Mapping[str, ElementArray],
     signals: Signals,
-    source: SpeaksDbc | SerialMapping,
+    source: DbcMapping | SerialMapping,
     first_us: int,
 ) -> Iterator[Block]:
     """Yield blocks in which all wanted elements share one track; rows in which nothing is known are left out.
@@ -259,7 +259,7 @@ def in_rows(
         blocks: in order of time, from CARRIED_US before the range.
         wanted: fields with their elements, ascending.
         signals: of the battery.
-        source: how it speaks: the period of the rows, and from what age on a value is missing.
+        source: gives the period of the rows, and the age from which a value is missing.
         first_us: start of the range.
     """
     ages_s = ages_of(source)
@@ -288,7 +288,7 @@ def in_rows(
         track = Track(grid_us[is_known], -grid_us[is_known])
         yield Block(
             tuple(
-                Column(name, wanted[name], track, partial(np.asarray, values[is_known]))
+                BlockColumn(name, wanted[name], track, partial(np.asarray, values[is_known]))
                 for name, values in rows.items()
                 if np.isfinite(values).any()
             )

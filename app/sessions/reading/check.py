@@ -39,7 +39,7 @@ def find_problems(stored: StoredSession, on_read: Callable[[int, int], None] | N
 
     Args:
         stored: the session.
-        on_read: told how many of its rows are read, and of how many.
+        on_read: called with how many of its rows are read, and of how many.
     """
     found: list[str] = []
     try:
@@ -107,7 +107,7 @@ def _all_frames(stored: StoredSession, first: int, last: int) -> Iterator[tuple[
 
 
 def _columns(stored: StoredSession, read: _Read) -> Iterator[str]:
-    """Every column can be unpacked; what the master told over its line is what its frames say."""
+    """Every column can be unpacked; the master's columns hold what its frames hold."""
     ((map_hash,),) = stored.rows("SELECT value FROM meta WHERE key = 'map_hash'")
     is_known_map = is_known(map_hash)
     series = {row[0]: SeriesKey(*row[1:]) for row in stored.rows("SELECT * FROM series")}
@@ -154,7 +154,7 @@ def _differences(
         if ranges[-1][1] != len(data):
             yield key.field
         if expected is None or key.field.startswith("estimate.") or key.field not in fields:
-            continue  # a field of our own map was taken down until the master told which it has
+            continue  # a field of our own map was recorded until the master named its map
         by_line = instants >= 0
         left.discard(key)
         if key not in expected.columns:

@@ -17,17 +17,17 @@ from app.errors import ConfigError, ExtraMissing, ImportFailed, LimitExceeded, W
 from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
-from app.sessions.reading.blocks import CARRIED_US, Block, BlockReader, Column, ElementArray
+from app.sessions.reading.blocks import CARRIED_US, Block, BlockColumn, BlockReader, ElementArray
 from app.sessions.reading.blocks import in_rows as rows_of
 from app.sessions.reading.check import find_problems
 from app.sessions.reading.parse import Parse, in_process
-from app.sessions.reading.series import FieldSamples, Samples, Series, joined, reduce_samples
+from app.sessions.reading.series import FieldSamples, SeriesSamples, SessionSeries, joined, reduce_samples
 from app.sessions.reading.session_info import filled_spans, info_of, meta_of, read_note, wall_offset_ns
 from app.sessions.reading.whole_totals import with_whole_totals
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.digests import KEY
 from app.sessions.storage.queries import StoredSession
-from app.sessions.storage.signals import Signal, Signals
+from app.sessions.storage.signals import Signals, StoredSignal
 from app.sources.items import TableItem
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
 from app.words import Message, condition_of
@@ -37,7 +37,7 @@ from firmware_protocol.older_maps import FIRST_MAP, fields_of, present_image
 MAX_POINTS = 100_000
 OnRead = Callable[[int, int], None]  # parts read, parts in all
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig | TableItem
-MOST_FILES = 50  # of a battery
+MOST_FILES = 50  # files of a battery
 MOST_FILE_BYTES = 32 << 20
 _ALWAYS_US = 1 << 62
 
@@ -54,7 +54,7 @@ class SessionFile:
 
         Args:
             path: of the file.
-            on_read: is told how far it is read by what reads fields from its begin to its end.
+            on_read: called with how far it is read, by what reads fields from begin to end.
             parse: how the texts that the file brings along, battery and cell file, are parsed.
 
         Raises:
@@ -224,7 +224,7 @@ class SessionFile:
         t_from_s: float | None = None,
         t_to_s: float | None = None,
         points: int = 2000,
-    ) -> dict[str, Series]:
+    ) -> dict[str, SessionSeries]:
         """Return each signal over a range with smallest and largest value per point.
 
         Raises:
@@ -242,10 +242,10 @@ class SessionFile:
         return result
 
     def samples(
-        self, signals: Sequence[Signal], t_from_s: float | None = None, t_to_s: float | None = None
-    ) -> list[Samples]:
+        self, signals: Sequence[StoredSignal], t_from_s: float | None = None, t_to_s: float | None = None
+    ) -> list[SeriesSamples]:
         """Return every sample of each signal in a range, ends included."""
-        parts: dict[tuple[str, int], list[tuple[Column, int]]] = defaultdict(list)
+        parts: dict[tuple[str, int], list[tuple[BlockColumn, int]]] = defaultdict(list)
         for block in self.blocks(signals, t_from_s, t_to_s):
             for column in block.columns:
                 for i, element in enumerate(column.elements.tolist()):
@@ -258,12 +258,12 @@ class SessionFile:
             if key not in tracks:
                 tracks[key] = joined([column.track for column, _ in found])
             track, order = tracks[key]
-            samples.append(Samples(track, found, order))
+            samples.append(SeriesSamples(track, found, order))
         return samples
 
     def blocks(
         self,
-        signals: Iterable[Signal],
+        signals: Iterable[StoredSignal],
         t_from_s: float | None = None,
         t_to_s: float | None = None,
         *,
@@ -296,7 +296,7 @@ class SessionFile:
         for block in self._read(wanted, t_from_s, t_to_s, in_rows=True):
             if self._on_read is not None and t_from_s is t_to_s is None:
                 self._tell(block, self._on_read)
-            found: dict[str, list[Column]] = defaultdict(list)
+            found: dict[str, list[BlockColumn]] = defaultdict(list)
             for column in block.columns:
                 found[column.field].append(column)
             yield {name: self._in_units(parts, *shapes[name]) for name, parts in found.items()}
@@ -306,19 +306,19 @@ class SessionFile:
     ) -> Iterator[Block]:
         first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
-        speaks = self.loaded_battery.mapping if in_rows else None
+        mapping = self.loaded_battery.mapping if in_rows else None
         if self.loaded_battery.has_memory_map:
             return with_whole_totals(lambda each: self._blocks.blocks(each, first_us, last_us), wanted, N_CELLS)
-        if speaks is None:
+        if mapping is None:
             return self._blocks.blocks(wanted, first_us, last_us)
         blocks = self._blocks.blocks(wanted, first_us - CARRIED_US, last_us)
-        return rows_of(blocks, wanted, self.signals, speaks, first_us)
+        return rows_of(blocks, wanted, self.signals, mapping, first_us)
 
     def _tell(self, block: Block, on_read: OnRead) -> None:
         start_us, end_us = (each // 1000 for each in (self.info.started_mono_ns, self.info.ended_mono_ns or 0))
         on_read(min(block.last_us, end_us) - start_us, end_us - start_us)
 
-    def _in_units(self, parts: Sequence[Column], signal: Signal, n_elements: int) -> FieldSamples:
+    def _in_units(self, parts: Sequence[BlockColumn], signal: StoredSignal, n_elements: int) -> FieldSamples:
         """Columns of one field as one table."""
         track, order = joined([part.track for part in parts])
         tables = []
@@ -355,7 +355,7 @@ class SessionFile:
         return find_problems(self._stored, self._on_read)
 
     def copy_to(self, path: Path) -> None:
-        """Write the session as one file without a log beside it, complete up to now."""
+        """Write the session as one file without a log, complete up to now."""
         self._stored.backup(path)
 
     def _meta(self) -> dict[str, str]:

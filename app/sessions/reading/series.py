@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
-from app.sessions.reading.blocks import Column
+from app.sessions.reading.blocks import BlockColumn
 from app.sessions.storage.chunks import Track
 from app.sessions.storage.streams import CountArray
 
@@ -19,7 +19,7 @@ _GAP_PERIODS = 3.5  # samples missing in a row that make a gap
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class SessionSeries:
     """One signal over time: (n,) times [s since 1970 UTC], smallest and largest value in the unit.
 
     NaN in both is a gap, or not measured.
@@ -42,7 +42,7 @@ def find_gaps(times_s: FloatArray) -> NDArray[np.intp]:
     return np.flatnonzero(steps > max(_SHORTEST_GAP_S, _GAP_PERIODS * usual_s))
 
 
-def reduce_samples(name: str, unit: str, times_s: FloatArray, values: FloatArray, points: int) -> Series:
+def reduce_samples(name: str, unit: str, times_s: FloatArray, values: FloatArray, points: int) -> SessionSeries:
     """Return at most `points` buckets of equal duration, plus one NaN in every gap.
 
     Args:
@@ -71,13 +71,13 @@ def reduce_samples(name: str, unit: str, times_s: FloatArray, values: FloatArray
         time_s = np.insert(time_s, last_before + 1, middle)
         low = np.insert(low, last_before + 1, np.nan)
         high = np.insert(high, last_before + 1, np.nan)
-    return Series(name, unit, time_s, low, high, gaps)
+    return SessionSeries(name, unit, time_s, low, high, gaps)
 
 
-class Samples:
+class SeriesSamples:
     """The (n,) samples of a signal in order of time; signals that were sampled together share the same track."""
 
-    def __init__(self, track: Track, parts: Sequence[tuple[Column, int]], order: Any) -> None:
+    def __init__(self, track: Track, parts: Sequence[tuple[BlockColumn, int]], order: Any) -> None:
         self.track = track
         self._parts = parts
         self._order = order

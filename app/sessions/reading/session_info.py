@@ -19,12 +19,12 @@ from app.sessions.storage.queries import StoredSession
 from app.sources.data_file import parse_json, parse_object
 from app.words import Message
 
-MOST_BYTES = 1 << 20  # of one value
+MOST_BYTES = 1 << 20  # bytes of one value
 _BUSY_S = 5.0
 
 
 def read_note(stored: StoredSession, key: str) -> Any:
-    """Return the value of a key, None where nothing was said, or the file is older than notes and cannot be changed."""
+    """Return the value of a key, None where it has none, or the file is older than notes and cannot be changed."""
     if not stored.rows("SELECT 1 FROM sqlite_master WHERE name = 'notes'"):
         return None
     found = stored.rows("SELECT value FROM notes WHERE key = ? AND length(CAST(value AS BLOB)) <= ?", (key, MOST_BYTES))

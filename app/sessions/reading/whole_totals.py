@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from app.sessions.reading.blocks import Block, Column, ElementArray
+from app.sessions.reading.blocks import Block, BlockColumn, ElementArray
 from app.sessions.storage.streams import CountArray
 from firmware_protocol.memory_map import FIELDS, V_MISSING
 
@@ -29,18 +29,18 @@ def with_whole_totals(
             yield Block(columns)
 
 
-def _whole(column: Column, columns: Sequence[Column], n_cells: int) -> Column:
+def _whole(column: BlockColumn, columns: Sequence[BlockColumn], n_cells: int) -> BlockColumn:
     if column.field not in (SUM, MEAN):
         return column
     other = SUM if column.field == MEAN else MEAN
     for each in columns:
-        if each.field == other and each.track is column.track:  # of the same instants
+        if each.field == other and each.track is column.track:  # same instants
             decode = partial(_counts, column, each, n_cells)
-            return Column(column.field, column.elements, column.track, decode)
+            return BlockColumn(column.field, column.elements, column.track, decode)
     return column
 
 
-def _counts(column: Column, other: Column, n_cells: int) -> CountArray:
+def _counts(column: BlockColumn, other: BlockColumn, n_cells: int) -> CountArray:
     total, mean = (column, other) if column.field == SUM else (other, column)
     measured = total.counts * _SUM_OF_MEANS / np.maximum(mean.counts, 1)
     is_partial = (mean.counts != V_MISSING) & (measured < n_cells - 0.5)

@@ -48,7 +48,7 @@ class AutoRecorder:
         battery: LoadedBattery | None = None,
         car: str | None = None,
     ) -> None:
-        """Open the folder; what the page was told of the next sessions lies beside it.
+        """Open the folder; the plan of the next sessions lies next to it.
 
         `source` is kept in every session, so that a simulated car is never taken for a real one; the text of the cell
         file, so that the session is judged with it later, too; and the battery, whose profile explains the frames.
@@ -82,10 +82,10 @@ class AutoRecorder:
         self._last_clock_ns = 0
         self._retry_ns = 0
         self._config: bytes | None = None
-        self._map_hash: str | None = None  # of the master's memory map, as it told it
+        self._map_hash: str | None = None  # the master's memory map, by its IDENT
         self._status: tuple[float, RecorderStatus] | None = None
         self._reported: Message | str | None = None
-        self.start_failure: Message | None = None  # why nothing is recorded although the master speaks
+        self.start_failure: Message | None = None  # why nothing is recorded although the master sends
         self._failing_ns: int | None = None  # since when, wall clock
         self._session_id: str | None = None
 
@@ -207,17 +207,17 @@ class AutoRecorder:
             frame = item.frame
             good = isinstance(frame, Frame)
             if good:
-                self._master_spoke(item.t_mono_ns)
+                self._master_received(item.t_mono_ns)
             self._recorder.frame(item.t_mono_ns, item.t_wall_ns, SERIAL_LINK, frame.raw, good)
             if isinstance(frame, Frame) and item.t_mono_ns - self._last_clock_ns > CLOCK_S * 1e9:
                 self._last_clock_ns = item.t_mono_ns
                 self._recorder.clock(item.t_mono_ns, item.t_wall_ns, frame.uptime_ms)
         elif isinstance(item, SerialBytes):
-            self._master_spoke(item.t_mono_ns)
+            self._master_received(item.t_mono_ns)
             self._recorder.frame(item.t_mono_ns, item.t_wall_ns, SERIAL_LINK, item.data, True)
         elif isinstance(item, CanItem):
             if not item.sent:
-                self._master_spoke(item.t_mono_ns)
+                self._master_received(item.t_mono_ns)
             self._recorder.can_frame(item.t_mono_ns, item.t_wall_ns, item.can_id, item.data)
 
     def on_output(self, output: Output) -> None:
@@ -261,7 +261,7 @@ class AutoRecorder:
         self._map_hash = map_hash
         self._recorder.memory_map(map_hash)
 
-    def _master_spoke(self, t_mono_ns: int) -> None:
+    def _master_received(self, t_mono_ns: int) -> None:
         first = self._last_good_ns is None
         self._last_good_ns = t_mono_ns
         if self._held_back or t_mono_ns < self._retry_ns or not (first or self._recorder_is_idle()):

@@ -53,7 +53,7 @@ class CommitDelay:
 COMMIT_S = 0.3  # the time that the last commits took included; at most 0.5 s of a session are not on the disk
 DUE_S = 0.15  # what waits longer is committed next
 PAUSE_S = 0.05  # between two commits at least
-STUCK_S = 5.0  # a disk that has taken nothing for so long, and not said why
+STUCK_S = 5.0  # seconds without a commit and without an error
 MOST_ROWS = 2000  # in a commit: one that fails costs little, and after a stall others get their turn between two
 
 
@@ -67,7 +67,7 @@ class CommitQueue:
         self.delay = CommitDelay()
         self._clock = clock
         self._progress = threading.Condition(self.lock)
-        self.error: Message | None = None  # of the last commits
+        self.error: Message | None = None  # error of the last commits
         self._stalled_ns: int | None = None
         self._committed_s = self._began_s = time.monotonic()
         self._commits = 0  # begun

@@ -28,7 +28,7 @@ def free_bytes(folder: Path) -> int:
 
 def time_left(session: SessionInfo, usable_bytes: int) -> Message:
     """Return how long the disk lasts at the rate of a session."""
-    rate = session.size_bytes / max(session.duration_s, 60.0)  # of the first minute it says too little
+    rate = session.size_bytes / max(session.duration_s, 60.0)  # a shorter time gives no rate
     minutes = max(0.0, usable_bytes) / max(rate, 1.0) / 60
     return Message("disk-for-days") if minutes > 2880 else Message("disk-full-in", time=Quantity(minutes, "min", 0))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.sessions.storage.database import code_of
 
 READ_S = 1.0  # between two times that the content is read
-_SAYS_NOTHING = (  # of the content: busy, out of memory, the disk fails, no descriptor
+_TRANSIENT_ERRORS = (  # errors that are not the content's: busy, out of memory, the disk fails, no descriptor
     sqlite3.SQLITE_BUSY,
     sqlite3.SQLITE_LOCKED,
     sqlite3.SQLITE_NOMEM,
@@ -84,7 +84,7 @@ class FileWatch:
         except sqlite3.Error as error:
             with suppress(sqlite3.Error):
                 self.close()
-            return code_of(error) in _SAYS_NOTHING
+            return code_of(error) in _TRANSIENT_ERRORS
         return found == [(self._id,)]
 
 

@@ -57,7 +57,7 @@ class Recorder:
         """Start the thread; without `keeps_empty` a session that nothing came into is deleted when it ends."""
         self._folder = folder
         self._keeps_empty = keeps_empty
-        self._next_name = next_name  # of the session that goes on where one is split
+        self._next_name = next_name  # name of the session that continues a split one
         self._version = version
         self._cell_file = cell_file  # what the sessions are estimated with
         self._battery = battery or team_battery()
@@ -72,10 +72,10 @@ class Recorder:
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
-        self._map_hash: str | None = None  # of the master's memory map, once it told it
+        self._map_hash: str | None = None  # the master's memory map, None before its IDENT
         self._file_losses: dict[str, Message] = {}  # sessions whose file was taken away, by id
         self._free: int | None = None
-        self._size = 0  # of the session's file and log
+        self._size = 0  # bytes of the session's file and log
         self._writer: SessionWriter | None = None  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
@@ -234,10 +234,10 @@ class Recorder:
             raise NotNow(Message("nothing-recorded"))
         return self._session
 
-    def _new_file(self, *, beside: Path | None = None) -> Path:
+    def _new_file(self, *, neighbour: Path | None = None) -> Path:
         """Create a session's file; the lock is not held, since the disk may take its time."""
         try:
-            return new_file(self._folder, self._clock.wall_ns(), beside=beside)
+            return new_file(self._folder, self._clock.wall_ns(), neighbour=neighbour)
         except OSError as error:
             raise RecordingFailed(Message("of-source", source=str(self._folder), reason=error.strerror)) from error
 
@@ -336,7 +336,7 @@ class Recorder:
             return
         with self._lock:
             is_recorded = self._session is not None and self._session.path == writer.path
-        path = self._new_file(beside=writer.path) if is_recorded else None
+        path = self._new_file(neighbour=writer.path) if is_recorded else None
         with self._lock:
             session, lost = self._session, writer.path.stem
             self._waiting.take()

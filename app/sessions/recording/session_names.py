@@ -14,7 +14,7 @@ from app.words import Message
 
 log = logging.getLogger(__name__)
 
-CLOCK_IS_SET_NS = 1_704_067_200 * 10**9  # 2024-01-01: a wall clock before it has never been told the time
+CLOCK_IS_SET_NS = 1_704_067_200 * 10**9  # 2024-01-01: a wall clock before it was never set
 MAX_CHARACTERS = 60
 _PART = re.compile(r"(?P<name>.*), part (?P<number>\d+)$")
 

@@ -27,7 +27,7 @@ from app.words import render
 
 IDS_PER_CHUNK = 1 << 20
 CHUNK_NS = 60_000_000_000
-MEMORY_MAP = "memory_map"  # in place of a table: the master told it, (t_mono_ns, hash); it stands in `meta`
+MEMORY_MAP = "memory_map"  # in place of a table: (t_mono_ns, hash) from IDENT; kept in `meta`
 Row = tuple[Any, ...]
 TableRow = tuple[str, Row]  # table and values
 
@@ -115,7 +115,7 @@ class SessionWriter:
         self._chunk_start_ns: int | None = None
         self._chunks = 0
         self._frames = 0
-        self._bad_frames = 0  # of the chunk
+        self._bad_frames = 0  # bad frames of the chunk
         self._chunk_first_frame = 1
         self._series: dict[SeriesKey, int] = {}
         facts = {
@@ -172,9 +172,9 @@ class SessionWriter:
             rows[table].append(row)
         if rows["estimates"]:
             rows["estimates"] = _encoded(rows["estimates"])
-        told = rows.pop(MEMORY_MAP, [])
-        rows["meta"] += [("map_hash", map_hash) for _, map_hash in told]
-        if told and self._chunks:  # where digests stand in the file, they are of all that it says of itself
+        maps = rows.pop(MEMORY_MAP, [])
+        rows["meta"] += [("map_hash", map_hash) for _, map_hash in maps]
+        if maps and self._chunks:  # where digests stand in the file, they are of all that it says of itself
             digests = self._digests.copy()
             for table, of_table in rows.items():
                 digests.take(table, of_table)
@@ -184,8 +184,8 @@ class SessionWriter:
                 _insert(self._connection, table, of_table)
         for table, of_table in rows.items():
             self._digests.take(table, of_table)
-        if told:
-            self._builder.map_hash = told[-1][1]
+        if maps:
+            self._builder.map_hash = maps[-1][1]
         self._builder.add(
             [(row[0], row[4]) for row in rows["frames"] if row[3]],
             [(row[0], row[2], row[3]) for row in rows["can_frames"] if not row[4]],
@@ -250,7 +250,7 @@ class SessionWriter:
                 for table in sorted((names["main"] & names["other"]) - _RECEIVED):
                     if not table.startswith("sqlite_"):
                         about = self._connection.execute(f"PRAGMA other.table_info({table})")
-                        columns = ", ".join(row[1] for row in about)  # of an older file fewer than here
+                        columns = ", ".join(row[1] for row in about)  # an older file has fewer columns
                         self._connection.execute(f"DELETE FROM main.{table}")
                         self._connection.execute(
                             f"INSERT INTO main.{table} ({columns}) SELECT {columns} FROM other.{table}"

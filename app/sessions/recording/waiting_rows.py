@@ -6,11 +6,11 @@ from typing import Final
 
 from app.sessions.recording.session_writer import TableRow
 
-ROW_BYTES: Final = 250  # what a row costs in memory beside its payload
+ROW_BYTES: Final = 250  # memory of a row without its payload
 START, STOP = "start", "stop"  # in place of a table: a session begins, a session ends
 LEFT_OUT_FIRST: Final = ("estimates",)  # they are made again from the frames
 LEFT_OUT: Final = ("frames", "can_frames", "clock")
-ROOM: Final = 0.01  # of the limit, made at once: what waits is gone through seldom
+ROOM: Final = 0.01  # share of the limit that is freed at a time, so that waiting rows are rarely searched
 
 
 class WaitingRows:

@@ -1,6 +1,6 @@
 """What a battery without our memory map measured, as columns: by CAN frames and a DBC, or in rows of a table.
 
-Pure, no I/O. Each value is at its own time, beside what all cells make together. The columns of two chunks go on in
+Pure, no I/O. Each value is at its own time, and so is what all cells make together. The columns of two chunks go on in
 each other: what a frame carried last is held.
 """
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from app.battery.battery import Battery
 from app.battery.serial import SerialMapping
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.estimation.arrays import FloatArray
 from app.sessions.storage.battery_fields import EXTREMES, FIELD_OF_KIND, ages_of, has_sensor_a_cell
 from app.sources.dbc.assembly import LEAST_AGE_S, PERIODS_BRIDGED, UNKNOWN_AGE_S
-from app.sources.dbc.battery_decoder import BatteryDecoder, Values
+from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import TimedFrame, frames_of
 from app.sources.serial.decoder import SerialDecoder
@@ -31,7 +31,7 @@ class Holder:
     """Remembers the newest value of each element from one call to the next."""
 
     def __init__(self, n_elements: int, max_age_s: float | None = None) -> None:
-        """`max_age_s`: from then on a value is missing; None: three of its own periods as heard."""
+        """`max_age_s`: from then on a value is missing; None: three of its own periods as received."""
         self._value = np.full(n_elements, np.nan)
         self._t_us = np.full(n_elements, _NEVER_US)
         self._period_us = np.full(n_elements, np.nan)
@@ -105,7 +105,7 @@ class CanFrames:
         """Frames whose checksum does not fit."""
         return self._decoder.bad_checksums
 
-    def decode(self, frames: Sequence[TimedFrame]) -> dict[str, Values]:
+    def decode(self, frames: Sequence[TimedFrame]) -> dict[str, ChannelValues]:
         """Return what the frames hold, by kind."""
         return self._decoder.decode(frames_of(frames))
 
@@ -122,7 +122,7 @@ class FrameBytes:
         """Frames whose checksum does not fit."""
         return self._reader.bad_frames
 
-    def decode(self, pieces: Sequence[TimedFrame]) -> dict[str, Values]:
+    def decode(self, pieces: Sequence[TimedFrame]) -> dict[str, ChannelValues]:
         """Return what the bytes hold, by kind."""
         return self._decoder.decode(frame for t_ns, _, raw in pieces for frame in self._reader.feed(raw, t_ns))
 
@@ -130,7 +130,7 @@ class FrameBytes:
 class BatteryColumns:
     """Collects frames; `build` gives the columns."""
 
-    def __init__(self, battery: Battery, source: SpeaksDbc | SerialMapping, definitions: Definitions) -> None:
+    def __init__(self, battery: Battery, source: DbcMapping | SerialMapping, definitions: Definitions) -> None:
         self._battery = battery
         self._decoder = (
             FrameBytes(battery, source)
@@ -263,8 +263,8 @@ def _samples(columns: list[ColumnOfBattery]) -> Iterator[Samples]:
         yield np.arange(column.values.shape[1]) + column.first_element, column.times_us, column.values
 
 
-def _columns(field: str, values: Values) -> Iterator[ColumnOfBattery]:
-    """Values in the order of frames to a column for each run of elements that are told by the same frames."""
+def _columns(field: str, values: ChannelValues) -> Iterator[ColumnOfBattery]:
+    """Values in the order of frames to a column for each run of elements that the same frames carry."""
     order = np.argsort(values.index, kind="stable")
     index, times_us, value = values.index[order], values.t_ns[order] // 1000, values.value[order]
     elements, starts = np.unique(index, return_index=True)

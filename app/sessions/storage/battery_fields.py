@@ -1,4 +1,4 @@
-"""What is recorded of a battery that speaks by a DBC: names, units and numbers of elements of its fields.
+"""Recorded fields of a battery with a DBC: names, units and numbers of elements of its fields.
 
 A name of the team's memory map means the same here. Values are floating-point numbers in the unit, NaN where missing.
 """
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from app.battery.battery import Battery, each_cell
 from app.battery.serial import SerialMapping
-from app.battery.source import STATES, SpeaksDbc
+from app.battery.source import STATES, DbcMapping
 
 FIELD_OF_KIND = {
     "voltage": "v",
@@ -19,8 +19,8 @@ FIELD_OF_KIND = {
     "charger_voltage": "charger_voltage",
     "charger_current": "charger_current",
 }
-IS_NEW = "v.is_new"  # in rows: 1 where a cell's voltage was told within the row's period, 0 where it is held
-EXTREMES = (("v", "V"), ("t", "degC"))  # of whom the field's lowest, highest and mean are fields too
+IS_NEW = "v.is_new"  # in rows: 1 where a cell's voltage is new within the row's period, 0 where it is held
+EXTREMES = (("v", "V"), ("t", "degC"))  # fields that also have lowest, highest and mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ def has_sensor_a_cell(battery: Battery) -> bool:
     return battery.sensors == each_cell(battery.n_cells)
 
 
-def battery_fields(battery: Battery, source: SpeaksDbc | SerialMapping) -> dict[str, BatteryField]:
+def battery_fields(battery: Battery, source: DbcMapping | SerialMapping) -> dict[str, BatteryField]:
     """Return what a session of this battery may hold, by name, in the order in which people want to read it."""
     n = battery.n_cells
     found = [
@@ -62,7 +62,7 @@ def battery_fields(battery: Battery, source: SpeaksDbc | SerialMapping) -> dict[
     return {field.name: field for field in found}
 
 
-def ages_of(source: SpeaksDbc | SerialMapping) -> dict[str, float | None]:
+def ages_of(source: DbcMapping | SerialMapping) -> dict[str, float | None]:
     """Return from what age on a field's values are missing, where the profile gives it [s]."""
     ages = source.ages
     temperature = ages.pop("temperature", None)

@@ -104,9 +104,9 @@ def statements(script: str) -> list[str]:
     return found
 
 
-QUERY_S = 20.0  # of one query; those of the service take milliseconds
-LENGTH_BYTES = 256 << 20  # of one value
-_LOOK_AFTER = 100_000  # instructions of the virtual machine
+QUERY_S = 20.0  # time limit of a query; the service's take milliseconds
+LENGTH_BYTES = 256 << 20  # bytes of one value
+_CHECK_AFTER = 100_000  # instructions of the virtual machine
 
 
 @cache
@@ -168,7 +168,7 @@ class Watch:
         connection.execute("PRAGMA trusted_schema = OFF")
         connection.execute("PRAGMA cell_size_check = ON")
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LENGTH_BYTES)
-        connection.set_progress_handler(self._look, _LOOK_AFTER)
+        connection.set_progress_handler(self._look, _CHECK_AFTER)
         self._until_s = float("inf")
 
     @contextmanager
@@ -201,7 +201,7 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
     """
     connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
-        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # of a new file: its end can be cut off where it is free
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # a new file's end can be cut off where it is free
         for _ in range(2):  # a fault of the disk leaves the mode as it was, without an error
             if connection.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",):
                 break

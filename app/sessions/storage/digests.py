@@ -28,7 +28,7 @@ COLUMNS = {
 META = "meta"
 _AT_ONCE = 1000  # values and lengths: the hash is given pieces of some size, and no table is in memory
 _SHORT = 64
-_LENGTHS = [length.to_bytes(4, "little") for length in range(_SHORT)]  # of short values, as they stand before them
+_LENGTHS = [length.to_bytes(4, "little") for length in range(_SHORT)]  # encoded lengths of short values
 Row = tuple[Any, ...]
 
 

@@ -12,14 +12,14 @@ SUFFIX = ".sqlite"
 FETCHED = ".fetched"  # behind the name of a session from another service: how long it was there
 
 
-def new_file(folder: Path, wall_ns: int, *, beside: Path | None = None) -> Path:
-    """Create an empty file named by UTC time, with a number behind it where that name is taken, or is `beside`'s."""
+def new_file(folder: Path, wall_ns: int, *, neighbour: Path | None = None) -> Path:
+    """Create an empty file named by UTC time, with a number where that name is taken, or is `neighbour`."""
     folder.mkdir(parents=True, exist_ok=True)
     stem = datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
     number = 1
     while True:
         path = folder / (f"{stem}{SUFFIX}" if number == 1 else f"{stem}-{number}{SUFFIX}")
-        if path == beside:
+        if path == neighbour:
             number += 1
             continue
         try:

@@ -22,7 +22,7 @@ def nobody_asks(path: Path, kept: Path) -> None:
 
 
 class OwnDatabase:
-    """One thread at a time changes it; any thread reads beside it, and never waits for what the disk does not take."""
+    """One thread at a time changes it; any thread reads meanwhile, and never waits for what the disk does not take."""
 
     def __init__(self, path: Path, schema: Schema, on_set_aside: OnSetAside = nobody_asks) -> None:
         """Open or create the file; what is no such file is set aside.

@@ -132,7 +132,7 @@ class StoredSession:
             return blob.read(end - start)
 
     def backup(self, path: Path) -> None:
-        """Write all of it, as it is now, into one file without a log beside it."""
+        """Write all of it, as it is now, into one file without a log."""
         target = sqlite3.connect(path)
         try:
             with self._lock, self._translated():

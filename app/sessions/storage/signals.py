@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.sessions.errors import UnknownSignal
 from app.sessions.storage.battery_fields import IS_NEW, battery_fields
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMATES
@@ -21,19 +21,19 @@ from firmware_protocol.memory_map import CHIP_MISSING, T_MISSING, V_MISSING
 from firmware_protocol.older_maps import fields_of
 
 LONGEST_NAME = 100  # characters
-_DIGITS = 9  # of an index
+_DIGITS = 9  # digits of an index
 FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_max", "t_avg", "soc", "dod", "v", "t")
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class StoredSignal:
     """One recorded number over time."""
 
     name: str
     field: str
     element: int
     unit: str
-    scale: float  # of a count; of values in the unit, to what a text shows them
+    scale: float  # value of a count; values in the unit: resolution of their text
     missing: int | None = None  # the count that says: not measured
 
     def physical(self, counts: CountArray) -> NDArray[np.float64]:
@@ -66,11 +66,11 @@ def _fields_of(battery: LoadedBattery, map_hash: str | None) -> dict[str, _Field
     if battery.has_memory_map:
         fields = fields_of(map_hash).values()
         return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in fields}
-    speaks = battery.mapping
-    is_new = {} if speaks is None else {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
+    mapping = battery.mapping
+    is_new = {} if mapping is None else {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
     return is_new | {
         name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)
-        for name, field in battery_fields(battery.battery, speaks or SpeaksDbc(())).items()
+        for name, field in battery_fields(battery.battery, mapping or DbcMapping(())).items()
     }
 
 
@@ -83,9 +83,9 @@ class Signals:
         self._of_table = (
             (*FAST_FIELDS, *ESTIMATES) if battery.has_memory_map else tuple(n for n in self._fields if n != IS_NEW)
         )
-        self.order = {name: i for i, name in enumerate(self._fields)}  # of fields, as people want to read them
+        self.order = {name: i for i, name in enumerate(self._fields)}  # order of fields on pages
 
-    def find(self, name: str) -> Signal:
+    def find(self, name: str) -> StoredSignal:
         """Return the signal of this name.
 
         Raises:
@@ -98,7 +98,7 @@ class Signals:
             raise UnknownSignal(name)
         return self._signal(name, field, _element(name, indices, self._fields[field].shape))
 
-    def of_field(self, name: str) -> tuple[Signal, int]:
+    def of_field(self, name: str) -> tuple[StoredSignal, int]:
         """Return the first element of a field, which tells unit, scale and what is missing, and how many there are.
 
         Raises:
@@ -120,17 +120,17 @@ class Signals:
         indices = product(*(range(length) for length in self._fields[field].shape))
         return [field + "".join(f"[{i}]" for i in each) for each in indices]
 
-    def of_table(self) -> list[Signal]:
-        """Return what an export holds unless told otherwise: what is measured of all cells, and the estimates."""
+    def of_table(self) -> list[StoredSignal]:
+        """Return what an export contains by default: what is measured of all cells, and the estimates."""
         found = []
         for name in self._of_table:
             shape = self._fields[name].shape
             found += [f"{name}[{i}]" for i in range(shape[0])] if shape else [name]
         return [self.find(name) for name in found]
 
-    def _signal(self, name: str, field: str, element: int) -> Signal:
+    def _signal(self, name: str, field: str, element: int) -> StoredSignal:
         of = self._fields[field]
-        return Signal(name, field, element, of.unit, of.scale, of.missing)
+        return StoredSignal(name, field, element, of.unit, of.scale, of.missing)
 
 
 def _parts(name: str) -> tuple[str, list[int]]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_SAMPLES = 1 << 22  # of a chunk, which is about a minute
+MOST_SAMPLES = 1 << 22  # samples of a chunk, about a minute
 KINDS = frozenset(("|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f8"))  # as numpy calls them
 _LEVEL = 1  # higher levels take several times the time for a few percent
 IntArray = NDArray[np.signedinteger | np.unsignedinteger]

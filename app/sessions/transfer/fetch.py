@@ -28,8 +28,8 @@ PIECES_TIMEOUT_S = 60.0  # over a link that loses much: TCP tries again after 1,
 ATTEMPTS = 5  # in a row without a single byte
 PAUSE_S = 0.5  # before the second attempt; twice as long before each further one
 PIECE_BYTES = 1 << 16
-MOST_PIECES = 1_000_000  # of a session: 115 days
-LIST_BYTES = 32 << 20  # of a list of sessions; a season's has less than one
+MOST_PIECES = 1_000_000  # pieces of a session: 115 days
+LIST_BYTES = 32 << 20  # bytes of a list of sessions; a season's has less than 1 MB
 LIST_S = 120  # for all of an answer that is no session
 _HEAD = {  # what a head has to hold
     "id": str, "name": str, "voltwall": str, "map_hash": str, "metadata": dict, "start_mono_ns": int,
@@ -187,8 +187,8 @@ class Remote:
             raise self._failed(session, message_of(error)) from error
         if _is_another(path, began_ns, read_info):
             raise self._failed(session, Message("label-taken"))
-        for beside in ("-wal", "-shm"):
-            path.with_name(path.name + beside).unlink(missing_ok=True)
+        for suffix in ("-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
         part.replace(path)
         _etag_of(part).unlink(missing_ok=True)
         note.write_text(str(session.size_bytes))
@@ -208,7 +208,7 @@ class Remote:
             ]  # fmt: skip
 
     def head(self, session_id: str) -> dict[str, Any]:
-        """Return what there is to know of a session beside its rows.
+        """Return metadata of a session.
 
         Raises:
             FetchFailed: it does not answer, or not as a voltwall that does this.

@@ -33,16 +33,16 @@ NEAR = 25  # common frames on each side of a gap tell what the clocks' differenc
 MARGIN_NS = 3600 * 10**9  # the clocks of two machines in a paddock are not further apart, once they were set
 NEWEST = 10  # sessions looked at where a clock was never set
 BATCH = 2000
-PARTS = 1000  # of a filling, as its progress counts
-READING = 0.1  # of its time is the reading of both sessions
+PARTS = 1000  # steps of a filling's progress
+READING = 0.1  # share of its time for reading both sessions
 Progress = Callable[[int, int], None]  # parts done, parts in all
 
 
-class NothingInCommon(SessionError):
+class NoOverlap(SessionError):
     """The two sessions are not of the same run."""
 
 
-class HeardOnCanAlone(SessionError):
+class CanOnlySession(SessionError):
     """A session has no frames with a number of their own; frames of a bus repeat, byte for byte."""
 
 
@@ -114,7 +114,7 @@ def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Me
     for session in _candidates(catalogue, info):
         try:
             filled = fill_gaps(session.path, fetched, t_wall_ns=t_wall_ns, open_file=catalogue.open_file)
-        except NothingInCommon:
+        except NoOverlap:
             continue
         except AppError as error:
             done.append(Message("not-filled", session=session.id, error=error.message))
@@ -168,8 +168,8 @@ def _fill(
         _write(session, copy, items, result, f"the session {other.stem}", t_wall_ns, on_progress)
         shutil.copymode(path, copy)
         session.close()
-        for beside in ("-wal", "-shm"):
-            path.with_name(path.name + beside).unlink(missing_ok=True)
+        for suffix in ("-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
         copy.replace(path)
     return result
 
@@ -179,7 +179,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
     info = session.info
     for each in (session, source):
         if each.info.frames == 0 and each.info.can_frames:
-            raise HeardOnCanAlone(Message("heard-on-can-alone", session=each.path.stem))
+            raise CanOnlySession(Message("can-only-session", session=each.path.stem))
     n_here, of = info.frames, info.frames + source.info.frames
     of_session = _with_progress(session.frames(), 0, of, on_progress)
     here = {hash(frame.raw): frame.t_mono_ns for frame in of_session if frame.ok}
@@ -187,7 +187,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
     frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in of_source if frame.ok]
     common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]
     if not common:
-        raise NothingInCommon(Message("nothing-in-common", session=session.path.stem, other=source.path.stem))
+        raise NoOverlap(Message("nothing-in-common", session=session.path.stem, other=source.path.stem))
     found: list[_Missing] = []
     passed = 0  # common frames so far
     for there_ns, here_ns, raw in frames:
@@ -208,7 +208,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
 def _with_progress(
     frames: Iterable[RecordedFrame], before: int, of: int, on_progress: Progress
 ) -> Iterator[RecordedFrame]:
-    """The frames; how many of all are read is told."""
+    """The frames, with progress."""
     for k, frame in enumerate(frames, before):
         if k % BATCH == 0:
             on_progress(round(READING * PARTS * k / max(of, k, 1)), PARTS)
@@ -236,7 +236,7 @@ def _can_row(frame: RecordedCanFrame) -> TableRow:
 def _can_frames(
     session: SessionFile, source: SessionFile, missing: list[_Missing], spans: list[tuple[int, int]]
 ) -> list[TableRow]:
-    """The source's CAN frames within gaps in which the session has none: they cannot be told apart by their bytes."""
+    """The source's CAN frames within gaps in which the session has none: their bytes do not distinguish them."""
     found: list[TableRow] = []
     shift = {each.frame.t_mono_ns: each.frame.t_mono_ns - each.source_ns for each in missing}
     for first_ns, last_ns in spans:

@@ -39,7 +39,7 @@ class FollowState:
     url: str
     is_reached: bool = False
     error: Text | None = None
-    heard_s: float | None = None  # unix time of its last answer
+    last_contact_s: float | None = None  # unix time of its last answer
 
 
 class Follower:
@@ -63,7 +63,7 @@ class Follower:
             clock: of this machine.
             order: which of the missing pieces come first, at the start.
             live_age_s: of what is shown live [s]; where it is late, nothing else may use the link.
-            note: told of every session that is whole, and of what was filled from it.
+            note: called for every session that is whole, and of what was filled from it.
             catalogue: of that folder, which says how sessions are read; None: in this process.
         """
         self.remote = remote
@@ -90,7 +90,7 @@ class Follower:
                 self._at_once = 1
                 self._listed_s = None
                 reason = error.reason if isinstance(error, FetchFailed) else message_of(error)
-                self.state = FollowState(self.remote.url, False, reason, self.state.heard_s)
+                self.state = FollowState(self.remote.url, False, reason, self.state.last_contact_s)
                 ending.wait(pause_s)
                 pause_s = min(2 * pause_s, PAUSE_MAX_S)
                 continue

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from app.battery.library import bundled_profiles
 from app.errors import AppError, ImportFailed, NotNow, message_of
-from app.sessions.transfer.import_session import Imported, NewPipeline, import_file
+from app.sessions.transfer.import_session import ImportedSession, NewPipeline, import_file
 from app.sessions.worker import DEFINITIONS, INSPECTION, Workers, import_limits
 from app.sources.dbc.dbc_file import DEFINITION_ENDINGS
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.guess import guess
+from app.sources.recordings.import_mapping import ImportMapping, ImportMappingStore
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.preview import Preview, preview
-from app.sources.recordings.profile import ImportProfile, ProfileStore
 from app.sources.recordings.table import read_table
 from app.telemetry import Severity
 from app.words import Message, Text
@@ -38,7 +38,7 @@ class Upload:
     path: Path
     is_can: bool
     columns: tuple[str, ...] = ()
-    guessed: ImportProfile | None = None
+    guessed: ImportMapping | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class ImportState:
     error: Text | None = None
 
 
-def columns_of(path: Path) -> tuple[tuple[str, ...], ImportProfile] | None:
+def columns_of(path: Path) -> tuple[tuple[str, ...], ImportMapping] | None:
     """Return the columns of a table's file and what they seem to be; None of a CAN log.
 
     Raises:
@@ -84,7 +84,7 @@ class ImportJobs:
             new_pipeline: see `import_file`; goes to another process.
             note: into the event log.
             workers: read the files.
-            battery: whose frames a CAN log holds of which nothing is said; None: the team's own.
+            battery: default for a CAN log; None: the team's own.
         """
         self._workers = workers
         self._folder = data / "imports"
@@ -95,7 +95,7 @@ class ImportJobs:
         self._lock = threading.Lock()
         self._ids = itertools.count(1)
         self._uploads: dict[int, Upload] = {}
-        self.profiles = ProfileStore(data / "profiles")
+        self.profiles = ImportMappingStore(data / "profiles")
         self.state: ImportState | None = None
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -145,7 +145,7 @@ class ImportJobs:
             raise ImportFailed(str(number), Message("no-such-upload"))
         return upload.path
 
-    def preview(self, number: int, profile: ImportProfile, pick: Sequence[str], *, dbc: int | None) -> Preview:
+    def preview(self, number: int, profile: ImportMapping, pick: Sequence[str], *, dbc: int | None) -> Preview:
         """Return the beginning of an upload as it would be understood.
 
         Args:
@@ -163,7 +163,7 @@ class ImportJobs:
     def start(
         self,
         number: int,
-        profile: ImportProfile,
+        profile: ImportMapping,
         *,
         dbc: int | None,
         name: str,
@@ -231,7 +231,7 @@ class ImportJobs:
                     shutil.copy(path, folder)
             return self._workers.run(DEFINITIONS, load_battery, str(Path(folder) / paths[0].name), own_folder=True)
 
-    def _end(self, upload: Upload, started: ImportState, job: "Future[Imported]") -> None:
+    def _end(self, upload: Upload, started: ImportState, job: "Future[ImportedSession]") -> None:
         error = job.exception()
         if error is not None:  # whatever it is, the job ends and can be started again
             self.state = replace(started, is_running=False, error=message_of(error))

@@ -20,8 +20,8 @@ from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.recordings import can_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.battery_log import BatteryLog, battery_log
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import is_can_log
-from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, read_table
 from app.sources.table_source import battery_of_table, numbers_of_rows
 from app.words import Message
@@ -29,8 +29,8 @@ from firmware_protocol.memory_map import MAP_HASH
 
 START_MONO_NS = 10**9  # such a recording has no monotonic clock; its time axis begins here
 BATCH = 2000  # rows
-PARTS = 1000  # of an import, as its progress counts
-READING = 0.1  # of the time of an import is the reading of a log
+PARTS = 1000  # steps of an import's progress
+READING = 0.1  # share of an import's time for reading a log
 READING_TABLE = 0.02  # and that of a table
 DECODING = 0.2  # is over when a log's frames are decoded by a DBC, too
 LATEST_UNIX_S = 4_102_444_800  # 2100
@@ -40,7 +40,7 @@ NewPipeline = Callable[[LoadedBattery], Pipeline]
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedSession:
     """What was made; rows of a table, frames of a log."""
 
     info: SessionInfo
@@ -64,7 +64,7 @@ class _Recording:
 
 def import_file(
     path: Path,
-    profile: ImportProfile,
+    profile: ImportMapping,
     folder: Path,
     new_pipeline: NewPipeline,
     *,
@@ -74,7 +74,7 @@ def import_file(
     name: str = "",
     started_unix_s: float | None = None,
     on_progress: Progress = lambda done, of: None,
-) -> Imported:
+) -> ImportedSession:
     """Read a recording, run the filter over it and write it as a session into `folder`.
 
     Args:
@@ -126,7 +126,7 @@ def between(on_progress: Progress, start: float, end: float) -> Progress:
 
 def _read(
     path: Path,
-    profile: ImportProfile,
+    profile: ImportMapping,
     battery: LoadedBattery | None,
     dbc: Path | None,
     table: Table | None,
@@ -163,7 +163,7 @@ def _read(
 
 def _write(
     info: SessionInfo, recording: _Recording, spool: FrameSpool, pipeline: Pipeline, on_progress: Progress
-) -> Imported:
+) -> ImportedSession:
     """Write a session of frames and rows with what the pipeline makes of them."""
     writer = SessionWriter(info, format_cell(load_cell(pipeline.cell_name)), recording.battery)
     writing, log, done, written, newest_ns = between(on_progress, recording.begun, 1.0), recording.log, 0, 0, 0
@@ -196,8 +196,8 @@ def _write(
         writer.abandon()
     ended = replace(info, ended_mono_ns=end_ns, ended_wall_ns=end_wall_ns)
     if log is not None:
-        return Imported(ended, len(log.time_s), log.n_cells, recording.notes)
-    return Imported(ended, of, len(writer.cells), (*recording.notes, *_notes(info, recording.battery, writer)))
+        return ImportedSession(ended, len(log.time_s), log.n_cells, recording.notes)
+    return ImportedSession(ended, of, len(writer.cells), (*recording.notes, *_notes(info, recording.battery, writer)))
 
 
 def _frames(info: SessionInfo, spool: FrameSpool) -> Iterator[CanItem]:
@@ -232,12 +232,12 @@ def _notes(info: SessionInfo, battery: LoadedBattery, writer: SessionWriter) -> 
     if battery.mapping is None:
         yield Message("own-master")
         return
-    heard, n_cells = len(writer.cells), battery.battery.n_cells
-    if not heard:
+    received, n_cells = len(writer.cells), battery.battery.n_cells
+    if not received:
         raise ImportFailed(
             str(info.metadata["imported_from"]), Message("no-voltage-of-battery", name=battery.battery.name)
         )
-    if heard < n_cells:
-        yield Message("cells-not-heard", silent=n_cells - heard, cells=n_cells)
+    if received < n_cells:
+        yield Message("cells-not-received", silent=n_cells - received, cells=n_cells)
     if writer.bad_checksums:
         yield Message("wrong-checksums", frames=writer.bad_checksums)

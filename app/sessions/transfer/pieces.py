@@ -22,9 +22,9 @@ from app.sessions.storage.queries import StoredSession
 PIECE_NS = 10 * 10**9
 SETTLED_NS = 2 * 10**9  # the newest rows of a session that is being recorded may still be in the recorder's memory
 COUNTED = ("frames", "can_frames")  # tables whose rows are numbered through the session
-MOST_BYTES = 64 << 20  # of a piece, unpacked: the fullest stream is below 1 MB
+MOST_BYTES = 64 << 20  # bytes of a piece, unpacked; the fullest stream is below 1 MB
 _ALWAYS_NS = 1 << 62
-_COLUMNS = {  # of each table, and what each is: integer, string, bytes; upper case: or none
+_COLUMNS = {  # columns and types of each table: integer, string, bytes; upper case: or none
     "frames": ("t_mono_ns, t_wall_ns, link, ok, raw", "iiiib"),
     "can_frames": ("t_mono_ns, t_wall_ns, can_id | (bus << 29), data", "iiib"),  # as older versions send and take it
     "measurements": ("t_mono_ns, t_wall_ns, numbers", "iib"),
@@ -42,7 +42,7 @@ Row = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class SessionPiece:
     """The rows of a piece by table, and the id of the first row of each of COUNTED, also where it has none."""
 
     first_ids: Mapping[str, int]
@@ -86,7 +86,7 @@ def read_piece(session: SessionFile, stored: StoredSession, info: SessionInfo, n
     return zlib.compress(orjson.dumps({"first_ids": first_ids, **body}))
 
 
-def parse_piece(body: bytes) -> Piece:
+def parse_piece(body: bytes) -> SessionPiece:
     """Return what a piece holds.
 
     Raises:
@@ -108,7 +108,7 @@ def parse_piece(body: bytes) -> Piece:
         ]
     except (zlib.error, KeyError, TypeError, RecursionError, binascii.Error) as error:
         raise ValueError(f"no piece of a session: {error}") from error
-    return Piece(first_ids, rows)
+    return SessionPiece(first_ids, rows)
 
 
 def _checked(kind: str, value: object) -> Any:
@@ -117,7 +117,7 @@ def _checked(kind: str, value: object) -> Any:
     kind = kind.lower()
     if kind == "b":
         if not isinstance(value, str):
-            raise ValueError("bytes are told as base64")
+            raise ValueError("bytes are sent as base64")
         return base64.b64decode(value, validate=True)
     if not isinstance(value, _KINDS[kind]) or isinstance(value, bool):
         raise ValueError(f"{str(value)[:40]!r} where {kind} is expected")  # noqa: TRY004
@@ -127,7 +127,7 @@ def _checked(kind: str, value: object) -> Any:
 
 
 def head_of(session: SessionFile, info: SessionInfo, *, is_recording: bool) -> dict[str, Any]:
-    """What there is to know of a session beside its rows, as it travels."""
+    """Metadata of a session, as it is sent."""
     return {
         "id": info.id,
         "name": info.name,

@@ -1,6 +1,6 @@
 """A copy of another service's session, piece by piece: what is here, what is missing, and the session made of it.
 
-Pieces lie as files in `.copies/ID` beside the sessions until the copy is whole, each named by its number and the ids of
+Pieces are files in `.copies/ID` next to the sessions until the copy is whole, each named by its number and the ids of
 its frames; so a copy goes on after any interruption, and neighbours tell whether a frame is missing between them.
 """
 
@@ -25,7 +25,7 @@ from app.sessions.reading.parse import Parse, in_process
 from app.sessions.recording.session_writer import SessionWriter, TableRow
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE
 from app.sessions.storage.files import FETCHED, SUFFIX, merge_log
-from app.sessions.transfer.pieces import PIECE_NS, Piece, parse_piece
+from app.sessions.transfer.pieces import PIECE_NS, SessionPiece, parse_piece
 from app.sources.data_file import parse_object
 from app.sources.loaded_battery import battery_from_files
 
@@ -33,7 +33,7 @@ COPIES = ".copies"
 _HALF = ".copying-"  # folder in which a session is being written
 _LEFT_S = 600.0  # nothing of it has changed for so long: whoever wrote it is gone
 _NAME = re.compile(r"(\d{6,9})\.(\d+)-(\d+)\.(\d+)-(\d+)\.piece")
-_PARTIAL = "partial"  # in the note beside a session that lacks pieces: it is no whole file of the other service
+_PARTIAL = "partial"  # mark in the note of a session that lacks pieces
 Ids = tuple[int, int, int, int]
 Span = tuple[int, int]  # first and last number of pieces
 
@@ -55,7 +55,7 @@ class SessionCopy:
 
     @property
     def head(self) -> dict[str, Any]:
-        """What the other service said of the session; empty before that."""
+        """The other service's metadata of the session; empty before that."""
         try:
             return parse_object((self._pieces / "head.json").read_bytes())
         except (OSError, ValueError):
@@ -137,8 +137,8 @@ class SessionCopy:
             made = Path(folder) / self._path.name
             made.touch()
             self._write_session(replace(info, path=made), head, parse)
-            for beside in ("-wal", "-shm"):
-                self._path.with_name(self._path.name + beside).unlink(missing_ok=True)
+            for suffix in ("-wal", "-shm"):
+                self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
             made.replace(self._path)
         note = self._path.with_name(self._path.name + FETCHED)
         note.write_text(str(head["bytes"]) if is_whole else _PARTIAL)
@@ -162,7 +162,7 @@ class SessionCopy:
             writer.abandon()
         merge_log(info.path)
 
-    def _in_order(self) -> Iterator[Piece]:
+    def _in_order(self) -> Iterator[SessionPiece]:
         here = self.have()
         for number in sorted(here):
             yield parse_piece((self._pieces / _name(number, here[number])).read_bytes())
@@ -196,7 +196,7 @@ class SessionCopy:
 
 
 def remove_left_halves(folder: Path, now_s: float) -> None:
-    """Remove what interrupted copies left half written beside the sessions; `now_s` is unix time."""
+    """Remove what interrupted copies left half written next to the sessions; `now_s` is unix time."""
     for half in folder.glob(f"{_HALF}*"):
         with contextlib.suppress(OSError):  # whoever writes it may end meanwhile
             if max(each.stat().st_mtime for each in (half, *half.iterdir())) < now_s - _LEFT_S:
@@ -212,7 +212,7 @@ def _follows(before: Ids, after: Ids) -> bool:
     return (before[1], before[3]) == (after[0], after[2])
 
 
-def _table_rows(piece: Piece) -> Iterator[TableRow]:
+def _table_rows(piece: SessionPiece) -> Iterator[TableRow]:
     for table, rows in piece.rows.items():
         if table == "estimates":
             yield from ((table, (t, up, _estimate(soc), _estimate(sigma))) for t, up, soc, sigma in rows)

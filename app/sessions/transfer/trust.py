@@ -1,6 +1,6 @@
 """Whose certificate is believed: of whom the system believes, of a file, or one known by its fingerprint.
 
-A pit's certificate is signed by nobody. Whoever asks a service by HTTPS names it by VOLTWALL_TRUST, or as told.
+A pit's certificate is self-signed: a client of a service by HTTPS names it by VOLTWALL_TRUST or by an argument.
 """
 
 import hashlib

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from app.errors import AppError, LimitExceeded, rebuilt
-from app.sessions.worker.workers import MB, Limits, memory_limit
+from app.sessions.worker.workers import MB, JobLimits, memory_limit
 from app.words import Message, Quantity
 
 try:
@@ -24,7 +24,7 @@ except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
 NICENESS = 15
-Job = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], Limits, bool]
+Job = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], JobLimits, bool]
 
 
 class OutOfTime(BaseException):
@@ -57,7 +57,7 @@ def _listen(requests: BinaryIO, jobs: "queue.SimpleQueue[Job]") -> None:
 
 
 def _work(
-    function: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any], limits: Limits
+    function: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any], limits: JobLimits
 ) -> tuple[str, object]:
     memory = limits.memory_bytes or memory_limit()
     try:

@@ -43,12 +43,12 @@ _FOLDER: Final = Path(__file__).resolve().parents[3 + _ABOVE.count(".")]
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class JobLimits:
     """What a job may use of the machine.
 
     Attributes:
         cpu_s: processor time [s].
-        memory_bytes: beside what the program itself takes [bytes]; None: what `memory_limit` says.
+        memory_bytes: without what the program itself takes [bytes]; None: what `memory_limit` says.
         wall_s: time from its start [s]; None: by the processor time, on a machine that does much else.
     """
 
@@ -62,16 +62,16 @@ class Limits:
         return 60.0 + 6.0 * self.cpu_s if self.wall_s is None else self.wall_s
 
 
-DEFINITIONS = Limits(30)  # a DBC, a battery's profile
-INSPECTION = Limits(120)  # the table in a file
-REPORT = Limits(180)
-EXPORT = Limits(600)
-DAY: Final = Limits(86_400)  # a season built, or one session of it estimated
+DEFINITIONS = JobLimits(30)  # a DBC, a battery's profile
+INSPECTION = JobLimits(120)  # the table in a file
+REPORT = JobLimits(180)
+EXPORT = JobLimits(600)
+DAY: Final = JobLimits(86_400)  # a season built, or one session of it estimated
 
 
-def import_limits(size_bytes: int) -> Limits:
+def import_limits(size_bytes: int) -> JobLimits:
     """Return what the import of a file may use, by its size."""
-    return Limits(_IMPORT_S + _IMPORT_S_PER_MB * (size_bytes // MB))
+    return JobLimits(_IMPORT_S + _IMPORT_S_PER_MB * (size_bytes // MB))
 
 
 @cache
@@ -185,7 +185,7 @@ class Workers:
         self._sweeper: threading.Timer | None = None
         self._is_closed = False
 
-    def run(self, limits: Limits, function: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
+    def run(self, limits: JobLimits, function: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
         """Return what `function` returns.
 
         Raises:
@@ -198,7 +198,7 @@ class Workers:
 
     def start(
         self,
-        limits: Limits,
+        limits: JobLimits,
         function: Callable[..., T],
         *args: Any,
         on_progress: Callable[..., None] | None = None,

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from app.battery.battery import Battery
 from app.battery.serial import SerialMapping
-from app.battery.source import STATES, SpeaksDbc
+from app.battery.source import STATES, DbcMapping
 from app.estimation.arrays import BoolArray, FloatArray
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 
 PERIODS_BRIDGED = 3.0  # a value is old after so many of its own periods
 LEAST_AGE_S = 0.5
 FIRST_ROUND_S = 3.0  # messages of a battery that comes more often than this may differ in how often they come
-UNKNOWN_AGE_S = 60.0  # of a channel that was heard once only
+UNKNOWN_AGE_S = 60.0  # age limit of a channel that was received once only
 _SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 _ARRAYS = ("voltage", "temperature", "resistance", "balancing")
-PARTS = {  # of a measurement, which has an age each
+PARTS = {  # parts of a measurement with their own age
     "voltage": ("voltage",),
     "temperature": ("temperature",),
     "current": ("current",),
@@ -30,7 +30,7 @@ PARTS = {  # of a measurement, which has an age each
     "soc": ("soc",),
     "charger": ("charger_voltage", "charger_current"),
 }
-_KEPT = 0.95  # of a measured period, from one value to the next
+_KEPT = 0.95  # share of a new period in the kept one
 _SILENCE_NS = round(2 * UNKNOWN_AGE_S * 1e9)
 _NEVER = -(2**62)  # ns; older than any time
 
@@ -49,10 +49,10 @@ class BatteryMeasurement:
     current_a: float  # positive on discharge
     current_t_ns: int
     pack_voltage_v: float
-    soc: float  # of the BMS, 0..1
+    soc: float  # SOC of the BMS, 0..1
     charger_voltage_v: float
     charger_current_a: float
-    states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = not told
+    states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = unknown
     limits: Mapping[str, float]  # those that signals carry
     is_sample: bool  # the current is new since the measurement before, and a voltage is known
     newest_ns: Mapping[str, int]  # by a name of PARTS: the newest value of it that is not too old
@@ -64,20 +64,20 @@ class _Channels:
 
     value: FloatArray
     t_ns: NDArray[np.int64]
-    period_s: FloatArray  # as heard, NaN until a channel was heard twice
+    period_s: FloatArray  # as received, NaN until a channel was received twice
     max_age_s: float | None
 
     @classmethod
     def empty(cls, n: int, max_age_s: float | None) -> "_Channels":
         return cls(np.full(n, np.nan), np.full(n, _NEVER, np.int64), np.full(n, np.nan), max_age_s)
 
-    def take(self, values: Values, first: int, last: int) -> int:
+    def take(self, values: ChannelValues, first: int, last: int) -> int:
         """Take values of `first` up to `last`; return how many channels are new."""
         index, t_ns = values.index[first:last], values.t_ns[first:last]
         counts = np.bincount(index, minlength=len(self.value))
         channels = np.flatnonzero(counts)
         before = self.t_ns[channels]
-        self.value[index] = values.value[first:last]  # of several the last one stays
+        self.value[index] = values.value[first:last]  # the last one of several stays
         self.t_ns[index] = t_ns
         if self.max_age_s is None:
             known = before != _NEVER
@@ -107,7 +107,7 @@ class _Scalar:
     t_ns: int = _NEVER
     period_s: float = float("nan")
 
-    def take(self, values: Values, first: int, last: int) -> int:
+    def take(self, values: ChannelValues, first: int, last: int) -> int:
         """As `_Channels.take`."""
         t_ns = int(values.t_ns[last - 1])
         if self.t_ns != _NEVER:
@@ -133,7 +133,7 @@ class _Scalar:
 class Assembler:
     """Makes measurements of decoded values. Called from one thread; time comes with the values."""
 
-    def __init__(self, battery: Battery, source: SpeaksDbc | SerialMapping) -> None:
+    def __init__(self, battery: Battery, source: DbcMapping | SerialMapping) -> None:
         self._battery = battery
         self._period_ns = round(source.period_s * 1e9)
         ages = source.ages
@@ -144,11 +144,11 @@ class Assembler:
         self._scalars |= {name: _Scalar(ages.get(name)) for name in _SCALARS}
         self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
         self._next_ns: int | None = None
-        self._first_ns: int | None = None  # of all voltages
-        self._rest: dict[str, Values] = {}  # of the period that has not ended: taken when it does, as in one batch
+        self._first_ns: int | None = None  # time of the first voltage
+        self._rest: dict[str, ChannelValues] = {}  # values of the unfinished period: taken at its end, as in one batch
 
     def awaited(self, t_ns: int) -> BoolArray | None:
-        """(n_cells,) which cells were not heard yet while the first round of all may still go on; None: none."""
+        """(n_cells,) which cells were not received yet while the first round of all may still go on; None: none."""
         voltage = self._arrays["voltage"]
         is_unheard = voltage.t_ns == _NEVER
         if self._first_ns is None or not is_unheard.any():
@@ -159,7 +159,7 @@ class Assembler:
         is_over = waited_s > FIRST_ROUND_S and (is_second_round or waited_s > longest_s)
         return None if is_over else is_unheard
 
-    def feed(self, values: Mapping[str, Values], until_ns: int | None = None) -> list[BatteryMeasurement]:
+    def feed(self, values: Mapping[str, ChannelValues], until_ns: int | None = None) -> list[BatteryMeasurement]:
         """Take values and return the measurements of the periods that ended.
 
         Args:
@@ -189,13 +189,13 @@ class Assembler:
         self._rest = {kind: _from(each, first) for kind, each, first in rest if first < len(each.t_ns)}
         return found
 
-    def _after_silence(self, values: Mapping[str, Values], at: Mapping[str, int], end_ns: int) -> int:
+    def _after_silence(self, values: Mapping[str, ChannelValues], at: Mapping[str, int], end_ns: int) -> int:
         """The period with which to go on: none is made of a silence in which all values have become old."""
         next_ns = min((int(v.t_ns[at[k]]) for k, v in values.items() if at[k] < len(v.t_ns)), default=end_ns)
         is_silent = self._next_ns is not None and next_ns - self._next_ns > _SILENCE_NS
         return next_ns // self._period_ns * self._period_ns if is_silent else 0
 
-    def _take(self, values: Mapping[str, Values], at: dict[str, int], until_ns: int) -> dict[str, int]:
+    def _take(self, values: Mapping[str, ChannelValues], at: dict[str, int], until_ns: int) -> dict[str, int]:
         """Take what came up to an instant, from `at` on, which moves; return how many channels of each kind are new."""
         new = {}
         for kind, each in values.items():
@@ -237,11 +237,11 @@ class Assembler:
         )
 
 
-def _from(values: Values, first: int) -> Values:
-    return Values(values.t_ns[first:], values.index[first:], values.value[first:])
+def _from(values: ChannelValues, first: int) -> ChannelValues:
+    return ChannelValues(values.t_ns[first:], values.index[first:], values.value[first:])
 
 
-def _joined(before: Values | None, after: Values) -> Values:
+def _joined(before: ChannelValues | None, after: ChannelValues) -> ChannelValues:
     if before is None:
         return after
-    return Values(*(np.concatenate((getattr(before, n), getattr(after, n))) for n in ("t_ns", "index", "value")))
+    return ChannelValues(*(np.concatenate((getattr(before, n), getattr(after, n))) for n in ("t_ns", "index", "value")))

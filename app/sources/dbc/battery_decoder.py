@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.battery import Battery
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
+from app.sources.dbc.aligned_bindings import AlignedBindings
+from app.sources.dbc.bindings import SignalBinding, bind_signals, channel
 from app.sources.dbc.decoder import MessageFrames, by_message, physical_values, raw_values
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames
-from app.sources.dbc.lanes import Lane, channel, lanes_of
-from app.sources.dbc.plain_lanes import PlainLanes
 
 _ORION_ID = 0x7FF
 MANY_FRAMES = 2000  # from here on, each message has many frames: lane by lane is faster
 
 
 @dataclass(frozen=True, slots=True)
-class Values:
-    """What frames told of one kind, in their order. A value is NaN where the battery calls it invalid."""
+class ChannelValues:
+    """Values of one kind in frames, in their order. A value is NaN where the battery calls it invalid."""
 
     t_ns: NDArray[np.int64]  # (n,) time of the frame
     index: IntArray  # (n,) cell, sensor, or 0
@@ -31,16 +31,16 @@ class Values:
 class BatteryDecoder:
     """Decodes the frames of one battery; holds nothing between two calls but counts."""
 
-    def __init__(self, battery: Battery, source: SpeaksDbc, definitions: Definitions) -> None:
+    def __init__(self, battery: Battery, source: DbcMapping, definitions: Definitions) -> None:
         self.battery = battery
         self.source = source
-        self.lanes = lanes_of(battery, source, definitions)
-        self._plain = PlainLanes(self.lanes)
+        self.lanes = bind_signals(battery, source, definitions)
+        self._plain = AlignedBindings(self.lanes)
         self._remaining = {k: each for k, each in self.lanes.messages.items() if k not in set(self._plain.ids)}
         self.bad_checksums = 0
         self.beyond: dict[str, int] = defaultdict(int)  # values of numbers that no cell has, by signal
 
-    def decode(self, frames: Frames) -> dict[str, Values]:
+    def decode(self, frames: Frames) -> dict[str, ChannelValues]:
         """Return what the frames tell, by kind: `voltage`, `current`, `state.closed`, `limit.…`."""
         parts: dict[str, list[tuple[IntArray, IntArray, FloatArray]]] = defaultdict(list)
         messages = self.lanes.messages
@@ -62,7 +62,7 @@ class BatteryDecoder:
         return {kind: _in_order(frames, each) for kind, each in parts.items()}
 
     def _read(
-        self, lane: Lane, group: MessageFrames, here: BoolArray | None
+        self, lane: SignalBinding, group: MessageFrames, here: BoolArray | None
     ) -> tuple[IntArray | None, IntArray, FloatArray] | None:
         """Rows (None = all), channels and values of a lane."""
         data = group.frames.data
@@ -96,7 +96,7 @@ class BatteryDecoder:
             return rows, np.full(len(value), lane.index, np.intp), value
         return rows, index if rows is None else index[rows], value
 
-    def _channels(self, lane: Lane, group: MessageFrames) -> IntArray:
+    def _channels(self, lane: SignalBinding, group: MessageFrames) -> IntArray:
         assert lane.entry is not None
         n = len(group.frames)
         parts = {part: np.full(n, number) for part, number in lane.named_parts.items()}
@@ -109,7 +109,7 @@ class BatteryDecoder:
 
     def _drop_invalid(
         self,
-        lane: Lane,
+        lane: SignalBinding,
         group: MessageFrames,
         rows: IntArray | None,
         raw: NDArray[np.uint64] | NDArray[np.int64],
@@ -151,11 +151,11 @@ def _has_orion_checksum(group: MessageFrames) -> BoolArray:
     return found
 
 
-def _in_order(frames: Frames, parts: list[tuple[IntArray, IntArray, FloatArray]]) -> Values:
+def _in_order(frames: Frames, parts: list[tuple[IntArray, IntArray, FloatArray]]) -> ChannelValues:
     rows = np.concatenate([part[0] for part in parts])
     index = np.concatenate([part[1] for part in parts])
     value = np.concatenate([part[2] for part in parts])
     if len(parts) > 1:
         order = np.argsort(rows, kind="stable")
         rows, index, value = rows[order], index[order], value[order]
-    return Values(frames.t_ns[rows], index, value)
+    return ChannelValues(frames.t_ns[rows], index, value)

@@ -1,4 +1,4 @@
-"""Every doubt about a profile, its DBC, and what a log says of both."""
+"""Errors and warnings about a profile, its DBC, and what a log says of both."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -7,23 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.battery.battery import Battery
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.estimation.arrays import FloatArray
-from app.sources.dbc.battery_decoder import BatteryDecoder, Values
+from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
+from app.sources.dbc.bindings import SignalBindings
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames
-from app.sources.dbc.lanes import Lanes
 from app.words import Message, Quantity, Text
 
 BRIDGED_S = 10.0  # what the filter can go without a cell's voltage before its figures are not shown
-SUM_OFF = 0.02  # of the pack voltage
+SUM_OFF = 0.02  # share of the pack voltage
 _PLAUSIBLE_V = (1.0, 5.0)
 _ERRORS = ("no-signal-fits", "signal-not-in-dbc", "no-such-placeholder", "pattern-too-long")
 _SHOWN = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class ProfileIssue:
     """One thing to look at; `is_error` = the profile cannot work so."""
 
     file: str
@@ -33,14 +33,14 @@ class Doubt:
     is_error: bool = False
 
 
-def doubts_of(
-    battery: Battery, source: SpeaksDbc, definitions: Definitions, file: str, frames: Frames | None
-) -> list[Doubt]:
+def issues_of(
+    battery: Battery, source: DbcMapping, definitions: Definitions, file: str, frames: Frames | None
+) -> list[ProfileIssue]:
     """Return what is doubtful, errors first.
 
     Args:
         battery: what the profile says of the battery.
-        source: how it speaks.
+        source: its mapping of signals.
         definitions: of its DBCs.
         file: the profile's name.
         frames: of a log, None where there is none.
@@ -49,19 +49,19 @@ def doubts_of(
     decoder = BatteryDecoder(battery, source, definitions)
     for trouble in decoder.lanes.troubles:
         is_error = isinstance(trouble.what, Message) and trouble.what.code in _ERRORS
-        found.append(Doubt(file, trouble.line, trouble.field, trouble.what, is_error))
-    found += [Doubt(file, None, field, what) for field, what in _of_profile(battery, source, decoder.lanes)]
+        found.append(ProfileIssue(file, trouble.line, trouble.field, trouble.what, is_error))
+    found += [ProfileIssue(file, None, field, what) for field, what in _of_profile(battery, source, decoder.lanes)]
     if frames is not None:
-        found += [Doubt(file, None, field, what) for field, what in _of_log(decoder, frames)]
-    return sorted(found, key=lambda doubt: not doubt.is_error)
+        found += [ProfileIssue(file, None, field, what) for field, what in _of_log(decoder, frames)]
+    return sorted(found, key=lambda issue: not issue.is_error)
 
 
-def oddities_of(definitions: Definitions) -> list[Doubt]:
+def oddities_of(definitions: Definitions) -> list[ProfileIssue]:
     """Return what was odd in the DBCs."""
-    return [Doubt(each.file, each.line, "DBC", each.what) for each in definitions.oddities]
+    return [ProfileIssue(each.file, each.line, "DBC", each.what) for each in definitions.oddities]
 
 
-def _of_profile(battery: Battery, source: SpeaksDbc, lanes: Lanes) -> Iterator[tuple[str, Text]]:
+def _of_profile(battery: Battery, source: DbcMapping, lanes: SignalBindings) -> Iterator[tuple[str, Text]]:
     if not source.cells.get("voltage"):
         yield "source.voltage", Message("check-no-voltages")
     if source.current is None:
@@ -97,7 +97,7 @@ def _of_rules(battery: Battery) -> Iterator[tuple[str, Text]]:
             yield f"battery.rules.{name}", Message("check-cells-beyond-rule", cells=cells, full=full, rule=rule)
 
 
-def _signals_of_channels(lanes: Lanes, kind: str) -> dict[int, list[str]]:
+def _signals_of_channels(lanes: SignalBindings, kind: str) -> dict[int, list[str]]:
     """The signals that tell each channel, where names or multiplexers tell it."""
     found: dict[int, list[str]] = defaultdict(list)
     for can_id, each in lanes.by_id.items():
@@ -125,7 +125,7 @@ def _of_log(decoder: BatteryDecoder, frames: Frames) -> Iterator[tuple[str, Text
     for name in ("current", "pack_voltage", "soc"):
         reading = getattr(decoder.source, name)
         if reading is not None and name not in values:
-            yield f"source.{name}", Message("check-never-heard", name=str(reading.signal))
+            yield f"source.{name}", Message("check-not-received", name=str(reading.signal))
     if decoder.bad_checksums:
         yield "source.voltage", Message("check-bad-checksums", n=decoder.bad_checksums)
     for name, count in decoder.beyond.items():
@@ -133,16 +133,18 @@ def _of_log(decoder: BatteryDecoder, frames: Frames) -> Iterator[tuple[str, Text
     yield from _of_sum(decoder.battery, values)
 
 
-def _of_channels(decoder: BatteryDecoder, kind: str, size: int, values: Values | None) -> Iterator[tuple[str, Text]]:
+def _of_channels(
+    decoder: BatteryDecoder, kind: str, size: int, values: ChannelValues | None
+) -> Iterator[tuple[str, Text]]:
     field = f"source.{kind}"
     if values is None:
         yield field, Message("check-nothing-of-it", kind=kind)
         return
     known = np.isfinite(values.value)
-    heard = np.bincount(values.index[known], minlength=size)
-    silent = np.flatnonzero(heard == 0).tolist()
+    received = np.bincount(values.index[known], minlength=size)
+    silent = np.flatnonzero(received == 0).tolist()
     if silent:
-        yield field, Message("check-cells-never-heard", kind=kind, numbers=_listed(silent), n=len(silent))
+        yield field, Message("check-cells-not-received", kind=kind, numbers=_listed(silent), n=len(silent))
     if kind not in ("voltage", "temperature"):
         return
     periods_s = _periods(values, size)
@@ -163,8 +165,8 @@ def _of_channels(decoder: BatteryDecoder, kind: str, size: int, values: Values |
             yield field, Message("check-implausible", numbers=_listed(cells), n=len(cells), worst=worst)
 
 
-def _periods(values: Values, size: int) -> FloatArray:
-    """(size,) median time between two values of a channel [s], NaN where it was heard less than twice."""
+def _periods(values: ChannelValues, size: int) -> FloatArray:
+    """(size,) median time between two values of a channel [s], NaN where it was received less than twice."""
     order = np.lexsort((values.t_ns, values.index))
     index, t_ns = values.index[order], values.t_ns[order]
     same = index[1:] == index[:-1]
@@ -175,7 +177,7 @@ def _periods(values: Values, size: int) -> FloatArray:
     return found
 
 
-def _of_sum(battery: Battery, values: dict[str, Values]) -> Iterator[tuple[str, Text]]:
+def _of_sum(battery: Battery, values: dict[str, ChannelValues]) -> Iterator[tuple[str, Text]]:
     if "voltage" not in values or "pack_voltage" not in values:
         return
     cells = values["voltage"]

@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import ExtraMissing, ImportFailed
-from app.sources.dbc.definitions import FLOAT_BITS, Condition, Definitions, Layout, MessageDefinition, Oddity, Signal
+from app.sources.dbc.definitions import (
+    FLOAT_BITS,
+    BitLayout,
+    Definitions,
+    MessageDefinition,
+    MultiplexCondition,
+    Oddity,
+    SignalDefinition,
+)
 from app.sources.dbc.repair import repaired
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -63,7 +71,7 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
         text, found = repaired(text, name)
         oddities += found
     options = {"database_format": ending[1:]} if ending in DEFINITION_ENDINGS else {}
-    logging.getLogger("cantools").setLevel(logging.ERROR)  # what it warns of is told as an oddity
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # its warnings are oddities
     while True:
         try:
             loaded: Any = database.load_string(text, strict=False, sort_signals=None, **options)
@@ -71,7 +79,7 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
         except Exception as error:  # every format raises its own
             shorter = _without_line(text, name, error, oddities) if ending == ".dbc" else None
             if shorter is None:
-                # of an unknown format cantools tells every parser's complaint
+                # for an unknown format cantools lists every parser's complaint
                 unknown = Message("dbc-no-format", formats=_FORMATS)
                 why = Message("no-dbc", error=_first_line(error)) if options else unknown
                 raise ImportFailed(name, why) from error
@@ -92,14 +100,14 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
             for each in message.signals
             if each.is_float and each.length not in FLOAT_BITS
         ]
-        oddities += _doubts(definition, name, lines.get(definition.name))
+        oddities += _issues(definition, name, lines.get(definition.name))
     if not messages:
         raise ImportFailed(name, Message("dbc-no-message"))
     return Definitions(tuple(messages), tuple(oddities))
 
 
 def _without_line(text: str, name: str, error: Exception, oddities: list[Oddity]) -> str | None:
-    """Return the text without the line that cannot be read, which is told; None where that is no way on."""
+    """Return the text without the unreadable line, which becomes an oddity; None where that does not help."""
     found = re.search(r"at line (\d+)", str(error))
     lines = text.split("\n")
     number = int(found[1]) if found else 0
@@ -156,9 +164,9 @@ def _message(message: Any) -> MessageDefinition:
     return MessageDefinition(can_id, str(message.name), int(message.length), signals, sender, period_s)
 
 
-def _signal(signal: Any, by_name: dict[str, Any]) -> Signal:
+def _signal(signal: Any, by_name: dict[str, Any]) -> SignalDefinition:
     is_float = bool(signal.is_float) and signal.length in FLOAT_BITS
-    layout = Layout(
+    layout = BitLayout(
         start=int(signal.start),
         length=int(signal.length),
         is_little_endian=signal.byte_order == "little_endian",
@@ -169,14 +177,16 @@ def _signal(signal: Any, by_name: dict[str, Any]) -> Signal:
     )
     if not isfinite(layout.scale) or not isfinite(layout.offset):
         raise ValueError(f"{signal.name}: factor {layout.scale} and offset {layout.offset} have to be finite")
-    conditions: list[Condition] = []
+    conditions: list[MultiplexCondition] = []
     inner = signal
     while inner.multiplexer_ids is not None and inner.multiplexer_signal in by_name and len(conditions) < 8:
-        conditions.append(Condition(inner.multiplexer_signal, tuple(int(each) for each in inner.multiplexer_ids)))
+        conditions.append(
+            MultiplexCondition(inner.multiplexer_signal, tuple(int(each) for each in inner.multiplexer_ids))
+        )
         inner = by_name[inner.multiplexer_signal]
     choices = {int(number): str(text) for number, text in (signal.choices or {}).items()}
     low, high = signal.minimum, signal.maximum
-    return Signal(
+    return SignalDefinition(
         name=str(signal.name),
         layout=layout,
         unit=str(signal.unit or "").strip(),
@@ -188,7 +198,7 @@ def _signal(signal: Any, by_name: dict[str, Any]) -> Signal:
     )
 
 
-def _doubts(message: MessageDefinition, file: str, line: int | None) -> list[Oddity]:
+def _issues(message: MessageDefinition, file: str, line: int | None) -> list[Oddity]:
     """A length that no frame has, signals that stand beyond it."""
     found = []
     if message.length > 8 and message.length not in _LENGTHS_FD:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
-from app.sources.dbc.definitions import Definitions, Layout, MessageDefinition, Signal
+from app.sources.dbc.definitions import BitLayout, Definitions, MessageDefinition, SignalDefinition
 from app.sources.dbc.frames import Frames
 
 _WORD = 8  # bytes
@@ -15,7 +15,7 @@ _FLOATS = {16: (np.uint16, np.float16), 32: (np.uint32, np.float32), 64: (np.uin
 _LITTLE, _BIG = "<u8", ">u8"
 
 
-def raw_values(data: NDArray[np.uint8], layout: Layout) -> NDArray[np.uint64] | NDArray[np.int64]:
+def raw_values(data: NDArray[np.uint8], layout: BitLayout) -> NDArray[np.uint64] | NDArray[np.int64]:
     """Return the raw numbers of a signal, before scale and offset; a float's are its bits.
 
     Args:
@@ -64,7 +64,7 @@ def _word(data: NDArray[np.uint8], first: int, size: int, is_little: bool) -> ND
     return padded.view(_LITTLE if is_little else _BIG)[:, 0].astype(np.uint64)
 
 
-def physical_values(raw: NDArray[np.uint64] | NDArray[np.int64], layout: Layout) -> FloatArray:
+def physical_values(raw: NDArray[np.uint64] | NDArray[np.int64], layout: BitLayout) -> FloatArray:
     """Return (n,) values in the signal's unit from its raw numbers."""
     if layout.is_float:
         bits, kind = _FLOATS[layout.length]
@@ -79,7 +79,7 @@ def physical_values(raw: NDArray[np.uint64] | NDArray[np.int64], layout: Layout)
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class SignalSeries:
     """A signal's values, each with the time of its frame."""
 
     t_ns: NDArray[np.int64]  # (n,)
@@ -94,7 +94,7 @@ class MessageFrames:
         self.frames = frames
         self._raw: dict[str, NDArray[np.int64] | NDArray[np.uint64]] = {}
 
-    def carrying(self, signal: Signal) -> BoolArray | None:
+    def carrying(self, signal: SignalDefinition) -> BoolArray | None:
         """(n,) which frames carry a signal; None = all: long enough, and its multiplexers say so."""
         needed = signal.layout.end_byte
         found: BoolArray | None = None
@@ -136,15 +136,15 @@ def by_message(frames: Frames, messages: Mapping[int, MessageDefinition]) -> Ite
             yield rows, MessageFrames(messages[can_id], frames.part(rows))
 
 
-def decode_frames(frames: Frames, definitions: Definitions) -> dict[tuple[str, str], Series]:
-    """Return the series of each signal that was heard, by message and signal."""
-    found: dict[tuple[str, str], Series] = {}
+def decode_frames(frames: Frames, definitions: Definitions) -> dict[tuple[str, str], SignalSeries]:
+    """Return the series of each signal that was received, by message and signal."""
+    found: dict[tuple[str, str], SignalSeries] = {}
     for _, group in by_message(frames, definitions.by_id()):
         found.update(decode_message(group))
     return found
 
 
-def decode_message(group: MessageFrames) -> dict[tuple[str, str], Series]:
+def decode_message(group: MessageFrames) -> dict[tuple[str, str], SignalSeries]:
     """Return the series of each signal of one message."""
     found = {}
     for signal in group.message.signals:
@@ -154,5 +154,5 @@ def decode_message(group: MessageFrames) -> dict[tuple[str, str], Series]:
         frames = group.frames if carrying is None else group.frames.part(np.flatnonzero(carrying))
         if len(frames):
             values = physical_values(raw_values(frames.data, signal.layout), signal.layout)
-            found[group.message.name, signal.name] = Series(frames.t_ns, values)
+            found[group.message.name, signal.name] = SignalSeries(frames.t_ns, values)
     return found

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 from app.words import Text
 
-FLOAT_BITS = (16, 32, 64)  # of IEEE 754
+FLOAT_BITS = (16, 32, 64)  # sizes of IEEE 754
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class BitLayout:
     """Where a raw number stands in a frame, and what it means; equal layouts are extracted together."""
 
     start: int  # as a DBC writes it: lowest bit if little endian, highest bit (sawtooth count) if big endian
@@ -30,7 +30,7 @@ class Layout:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class MultiplexCondition:
     """The frame carries a signal only where a multiplexer has one of these raw values."""
 
     multiplexer: str
@@ -38,15 +38,15 @@ class Condition:
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class SignalDefinition:
     """A signal of a message."""
 
     name: str
-    layout: Layout
+    layout: BitLayout
     unit: str = ""
     minimum: float | None = None
     maximum: float | None = None
-    conditions: tuple[Condition, ...] = ()  # all must hold; more than one where multiplexers are nested
+    conditions: tuple[MultiplexCondition, ...] = ()  # all must hold; more than one where multiplexers are nested
     is_multiplexer: bool = False
     choices: Mapping[int, str] = field(default_factory=dict, hash=False)
 
@@ -58,11 +58,11 @@ class MessageDefinition:
     can_id: int
     name: str
     length: int  # bytes, as the file says; frames may be shorter or longer
-    signals: tuple[Signal, ...]
+    signals: tuple[SignalDefinition, ...]
     sender: str = ""
     period_s: float | None = None  # between two frames, where the file says it (GenMsgCycleTime)
 
-    def signal(self, name: str) -> Signal | None:
+    def signal(self, name: str) -> SignalDefinition | None:
         """The signal of this name."""
         return next((each for each in self.signals if each.name == name), None)
 

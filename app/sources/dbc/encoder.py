@@ -10,12 +10,12 @@ from itertools import product
 import numpy as np
 
 from app.battery.battery import Battery
-from app.battery.source import SpeaksDbc, StateSignal
+from app.battery.source import DbcMapping, StateSignal
 from app.estimation.arrays import FloatArray
-from app.sources.dbc.definitions import Definitions, Layout, MessageDefinition, Signal
-from app.sources.dbc.lanes import Lane, Lanes, channel, lanes_of
+from app.sources.dbc.bindings import SignalBinding, SignalBindings, bind_signals, channel
+from app.sources.dbc.definitions import BitLayout, Definitions, MessageDefinition, SignalDefinition
 
-Slot = tuple[Lane, int]  # a lane and the channel that it tells in a frame
+Slot = tuple[SignalBinding, int]  # a lane and the channel that it tells in a frame
 Numbers = dict[str, int]  # raw numbers by signal: multiplexers, numbers of cells
 
 
@@ -27,7 +27,9 @@ class Turn:
     slots: tuple[Slot, ...]
 
 
-def turns_of(message: MessageDefinition, lanes: Sequence[Lane], segments: dict[str, tuple[int, ...]]) -> list[Turn]:
+def turns_of(
+    message: MessageDefinition, lanes: Sequence[SignalBinding], segments: dict[str, tuple[int, ...]]
+) -> list[Turn]:
     """Return the frames in which a message tells all its channels, each once where its numbers allow.
 
     Args:
@@ -65,7 +67,7 @@ class _Group:
         return bool(self._fresh)
 
     def choose(self, numbers: Numbers, sent: set[tuple[str, int]]) -> Turn | None:
-        """The entry that fits numbers already chosen: all new if there is one, else partly, else one told before."""
+        """The entry that fits numbers already chosen: all new if there is one, else partly, else one sent before."""
         best = None
         for each in self._fresh:
             news = _news(each, sent) if _fits(each, numbers) else 0
@@ -85,7 +87,7 @@ def _fits(entry: Turn, numbers: Numbers) -> bool:
 
 
 def _grouped(
-    message: MessageDefinition, lanes: Sequence[Lane], segments: dict[str, tuple[int, ...]]
+    message: MessageDefinition, lanes: Sequence[SignalBinding], segments: dict[str, tuple[int, ...]]
 ) -> Iterator[list[Turn]]:
     groups: dict[frozenset[str], dict[tuple[tuple[str, int], ...], list[Slot]]] = {}
     for lane in lanes:
@@ -97,7 +99,7 @@ def _grouped(
 
 
 def _entries(
-    message: MessageDefinition, lane: Lane, segments: dict[str, tuple[int, ...]]
+    message: MessageDefinition, lane: SignalBinding, segments: dict[str, tuple[int, ...]]
 ) -> Iterator[tuple[Numbers, int]]:
     """Raw numbers under which a lane tells a channel."""
     if lane.table is not None:
@@ -113,7 +115,7 @@ def _entries(
     for _, signal in lane.numbers:
         fixed |= _outer(signal)
     of_kind = segments[lane.kind]
-    spoken = [_spoken(lane, part, signal, of_kind) for part, signal in lane.numbers]
+    spoken = [_encodable(lane, part, signal, of_kind) for part, signal in lane.numbers]
     rows = list(product(*spoken))
     if not rows:
         return
@@ -125,11 +127,13 @@ def _entries(
             yield {**fixed, **{s.name: raw for (_, s), (_, raw) in zip(lane.numbers, row, strict=True)}}, index
 
 
-def _outer(signal: Signal | None) -> Numbers:
+def _outer(signal: SignalDefinition | None) -> Numbers:
     return {each.multiplexer: each.values[0] for each in signal.conditions} if signal else {}
 
 
-def _spoken(lane: Lane, part: str, signal: Signal, segments: tuple[int, ...]) -> list[tuple[int, int]]:
+def _encodable(
+    lane: SignalBinding, part: str, signal: SignalDefinition, segments: tuple[int, ...]
+) -> list[tuple[int, int]]:
     """Numbers that a part may have, each with its raw number, as far as the signal holds them."""
     assert lane.entry is not None
     numbered = {name for name, _ in lane.numbers} | set(lane.named_parts)
@@ -150,7 +154,7 @@ def _spoken(lane: Lane, part: str, signal: Signal, segments: tuple[int, ...]) ->
 _FLOATS = {16: ("<e", "<H"), 32: ("<f", "<I"), 64: ("<d", "<Q")}
 
 
-def raw_number(value: float, layout: Layout) -> int:
+def raw_number(value: float, layout: BitLayout) -> int:
     """Return the raw number nearest to a value, within what the bits hold; a float's are its bits."""
     scaled = (value - layout.offset) / layout.scale
     if layout.is_float:
@@ -160,7 +164,7 @@ def raw_number(value: float, layout: Layout) -> int:
     return min(max(round(scaled), low), high)
 
 
-def bounds(layout: Layout) -> tuple[int, int]:
+def bounds(layout: BitLayout) -> tuple[int, int]:
     """Return the lowest and the highest raw number."""
     if layout.is_signed:
         return -(1 << (layout.length - 1)), (1 << (layout.length - 1)) - 1
@@ -168,15 +172,15 @@ def bounds(layout: Layout) -> tuple[int, int]:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class BitField:
     """Where a signal stands in a frame of a size, the frame taken as one little-endian number."""
 
     size: int  # bytes
-    layout: Layout
+    layout: BitLayout
     mask: int
 
     @classmethod
-    def of(cls, layout: Layout, size: int) -> "Place":
+    def of(cls, layout: BitLayout, size: int) -> "BitField":
         """Return the place; a signal that stands beyond the frame has none of its bits in it."""
         return cls(size, layout, cls(size, layout, 0)._shifted((1 << layout.length) - 1))
 
@@ -194,10 +198,10 @@ class Place:
         return int.from_bytes((big & everything).to_bytes(self.size, "big"), "little")
 
 
-PERIOD_S, PERIOD_OF_TURNS_S = 0.1, 0.02  # of messages for which the DBC has no cycle time
+PERIOD_S, PERIOD_OF_TURNS_S = 0.1, 0.02  # periods of messages without a cycle time in the DBC [s]
 _SHORTEST_S, _LONGEST_S = 0.001, 60.0
 _LONGEST_ROUND_S = 60.0  # a cycle time that makes a longer one is that of the round, as foxBMS 2 writes it
-_MOST_BITS_PER_S = 250_000  # of those messages together: half a bus
+_MOST_BITS_PER_S = 250_000  # bits of those messages together: half a bus
 _OVERHEAD_BITS = 67
 _LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # bytes that a frame can have
 _MOST_STATE = 256
@@ -207,16 +211,18 @@ Readings = Mapping[str, FloatArray]  # by kind as a decoder names it: (n_cells,)
 class MessageEncoder:
     """The frames of one message, one after the other."""
 
-    def __init__(self, message: MessageDefinition, lanes: tuple[Lane, ...], source: SpeaksDbc, of: Lanes) -> None:
+    def __init__(
+        self, message: MessageDefinition, lanes: tuple[SignalBinding, ...], source: DbcMapping, of: SignalBindings
+    ) -> None:
         self.message = message
         self.size = next((n for n in _LENGTHS if n >= message.length), 64)
         self.turns = turns_of(message, lanes, of.segments)
         self._source = source
         self._checksum = any(lane.entry is not None and lane.entry.checksum for lane in lanes)
-        self._places: dict[str, Place] = {}
+        self._places: dict[str, BitField] = {}
 
     def frame(self, k: int, readings: Readings) -> bytes | None:
-        """Return the k-th frame of the round; None where every cell of it is missing, and nothing else is told."""
+        """Return the k-th frame of the round; None where every cell of it is missing, and it carries nothing else."""
         turn = self.turns[k % len(self.turns)]
         values = [
             float(readings[lane.kind][index]) if lane.kind in readings else math.nan for lane, index in turn.slots
@@ -234,7 +240,7 @@ class MessageEncoder:
         data = whole.to_bytes(self.size, "little")
         return self._with_checksum(data) if self._checksum else data
 
-    def _put_value(self, whole: int, lane: Lane, value: float) -> int:
+    def _put_value(self, whole: int, lane: SignalBinding, value: float) -> int:
         """Put one value; a missing one as the battery says so: by its flag, its code, a value out of range, else 0."""
         entry, is_known = lane.entry, not math.isnan(value)
         if lane.flag is not None:
@@ -247,10 +253,10 @@ class MessageEncoder:
                 raw = raw_number(entry.valid_range[1] + abs(lane.layout.scale), lane.layout)
         elif entry is not None and raw in entry.invalid:
             raw += -1 if raw == bounds(lane.layout)[1] else 1
-        place = self._places.setdefault(lane.signal, Place.of(lane.layout, self.size))
+        place = self._places.setdefault(lane.signal, BitField.of(lane.layout, self.size))
         return place.put(whole, raw)
 
-    def _states(self, turn: Turn, readings: Readings) -> list[tuple[Signal, int]]:
+    def _states(self, turn: Turn, readings: Readings) -> list[tuple[SignalDefinition, int]]:
         """Of each signal of states the raw number that says them best; several states may share one."""
         wanted: dict[str, dict[str, bool]] = {}
         for lane, _ in turn.slots:
@@ -270,14 +276,14 @@ class MessageEncoder:
             found.append((signal, max(choices, key=lambda raw: _agreeing(raw, state_signals, states))))
         return found
 
-    def _signal(self, name: str) -> Signal:
+    def _signal(self, name: str) -> SignalDefinition:
         signal = self.message.signal(name)
         if signal is None:
             raise KeyError(f"{self.message.name}.{name}")
         return signal
 
-    def _put(self, whole: int, signal: Signal, raw: int) -> int:
-        return self._places.setdefault(signal.name, Place.of(signal.layout, self.size)).put(whole, raw)
+    def _put(self, whole: int, signal: SignalDefinition, raw: int) -> int:
+        return self._places.setdefault(signal.name, BitField.of(signal.layout, self.size)).put(whole, raw)
 
     def _with_checksum(self, data: bytes) -> bytes:
         total = (self.message.can_id & 0x7FF) + len(data) + sum(data[:-1])
@@ -293,11 +299,11 @@ def _agreeing(raw: int, state_signals: Mapping[str, StateSignal], states: Mappin
     return total
 
 
-class Speech:
+class FrameEncoder:
     """All messages of a battery on one bus. Called from one thread; time comes from outside."""
 
-    def __init__(self, battery: Battery, source: SpeaksDbc, definitions: Definitions) -> None:
-        self.lanes = lanes_of(battery, source, definitions)
+    def __init__(self, battery: Battery, source: DbcMapping, definitions: Definitions) -> None:
+        self.lanes = bind_signals(battery, source, definitions)
         encoders = [
             MessageEncoder(self.lanes.messages[can_id], lanes, source, self.lanes)
             for can_id, lanes in sorted(self.lanes.by_id.items())
@@ -317,7 +323,7 @@ class Speech:
         """When the next frame is due [s]."""
         return self._due[0][0] if self._due else math.inf
 
-    def unsaid(self) -> dict[str, list[int]]:
+    def not_encoded(self) -> dict[str, list[int]]:
         """Return the channels that no frame tells, by kind."""
         sent = {(lane.kind, i) for each in self._encoders for turn in each.turns for lane, i in turn.slots}
         of = {kind: [i for i in range(n) if (kind, i) not in sent] for kind, n in self.lanes.sizes.items()}

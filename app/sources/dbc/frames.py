@@ -56,7 +56,7 @@ AT_ONCE = 50_000  # frames that become columns: as Python's objects each takes 3
 def load_log(path: Path, on_read: OnRead = lambda at: None) -> Frames:
     """Return the frames of a log in the order of their time; time in ns since 1970, or since its begin.
 
-    `on_read` is told how many bytes are read, again and again.
+    `on_read` gets the bytes read so far, repeatedly.
 
     Raises:
         ImportFailed: the file cannot be read as what its name says.
@@ -77,5 +77,5 @@ def load_log(path: Path, on_read: OnRead = lambda at: None) -> Frames:
 
 
 def _wide(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """The bytes of classic CAN beside those of CAN FD: zero beyond their own."""
+    """The bytes of classic CAN in an array for CAN FD: zero beyond their own."""
     return np.pad(data, ((0, 0), (0, width - data.shape[1])))

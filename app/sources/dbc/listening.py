@@ -1,4 +1,4 @@
-"""Frames that are heard on a bus for some time, for learning and checking."""
+"""Frames that are received on a bus for some time, for learning and checking."""
 
 import threading
 import time
@@ -15,7 +15,7 @@ _MOST_FRAMES = 300_000  # two minutes of a full bus
 
 
 class BusListener:
-    """Hears a bus in a thread, and keeps the newest of what it heard; ends by itself where nobody asks any more."""
+    """Hears a bus in a thread, and keeps the newest of what it received; ends by itself where nobody asks any more."""
 
     def __init__(self, url: str, idle_s: float = 30.0, *, by_operator: bool = False) -> None:
         """Open the bus.
@@ -37,13 +37,13 @@ class BusListener:
         self._frames: deque[TimedFrame] = deque(maxlen=_MOST_FRAMES)
         self._idle_s = idle_s
         self._asked_s = time.monotonic()
-        self.lost: Text | None = None  # why the bus is heard no more
+        self.lost: Text | None = None  # why the bus is received no more
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="learn", daemon=True)
         self._thread.start()
 
     def frames(self) -> Frames:
-        """What was heard and is kept; keeps it listening."""
+        """What was received and is kept; keeps it listening."""
         self._asked_s = time.monotonic()
         return frames_of(list(self._frames))
 
@@ -65,7 +65,7 @@ class BusListener:
                 if message is not None and not (message.is_error_frame or message.is_remote_frame):
                     can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
                     self._frames.append((time.monotonic_ns(), can_id, bytes(message.data)))
-        except Exception as error:  # noqa: BLE001  # every driver raises its own: the adapter is gone, what was heard stays
+        except Exception as error:  # noqa: BLE001  # every driver raises its own: the adapter is gone, what was received stays
             self.lost = message_of(error)
         finally:
             self._ended.set()
@@ -73,7 +73,7 @@ class BusListener:
 
 
 def bus_frames(url: str, duration_s: float) -> Frames:
-    """Listen to a bus and return what was heard; what was heard until then where Ctrl+C ends it.
+    """Listen to a bus and return what was received; what was received until then where Ctrl+C ends it.
 
     Raises:
         ConfigError: the bus is not INTERFACE:CHANNEL.

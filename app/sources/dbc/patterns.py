@@ -7,7 +7,7 @@ from typing import Final
 from app.battery.source import LONGEST_PATTERN, MOST_PLACEHOLDERS, PARTS
 from app.words import Message
 
-_DIGITS: Final = 9  # of a number
+_DIGITS: Final = 9  # digits of a number
 _PLACEHOLDER = re.compile(r"\{(\w{1,20})(:a)?\}|\*")
 _STAR: Final = "*"
 _Token = tuple[str, str]  # a part and "a" or "0"; _STAR and ""; "" and a text that stands for itself

@@ -35,7 +35,7 @@ _OF_SIGNAL = re.compile(
 def repaired(text: str, file: str) -> tuple[str, list[Oddity]]:
     """Return a DBC's text that a strict reader takes, and what was odd, by line.
 
-    Left out: what is said of pseudo messages, of messages and signals that are not there, and attributes without a
+    Left out: statements about pseudo messages, of messages and signals that are not there, and attributes without a
     definition. Repaired: missing spaces, names that are not identifiers, a name given twice.
     """
     worker = _Repair(file, text)
@@ -49,7 +49,7 @@ class _Repair:
         self._defined = {found[1] for line in self._lines if (found := _DEFINITION.match(line))}
         self._multiplexers = _unmarked_multiplexers(self._lines)
         self.oddities: list[Oddity] = []
-        self._ids: dict[int, dict[str, int]] = {}  # of messages: the names of their signals, as `_unique` counts them
+        self._ids: dict[int, dict[str, int]] = {}  # names of a message's signals, as `_unique` counts them
         self._names: dict[str, int] = {}
         self._message: int | None = None
         self._is_dropping = False
@@ -167,7 +167,7 @@ class _Repair:
         """The name as an identifier that is not in `taken`, which counts by name how often it was wanted."""
         clean = _identifier(name)
         if clean != name:
-            self._note(number, Message("dbc-name-mended", name=name, as_name=clean))
+            self._note(number, Message("dbc-name-repaired", name=name, as_name=clean))
         if clean in taken:
             base = clean
             while clean in taken:

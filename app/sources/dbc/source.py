@@ -1,4 +1,4 @@
-"""A battery that speaks by a DBC as a source: CAN frames in, measurements of any number of cells out."""
+"""The source of a battery with a DBC: CAN frames in, measurements of any number of cells out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from app.battery.battery import LIMITS, Battery, SignalName
-from app.battery.source import SpeaksDbc
+from app.battery.source import DbcMapping
 from app.sources.dbc.assembly import PERIODS_BRIDGED, Assembler, BatteryMeasurement
-from app.sources.dbc.battery_decoder import BatteryDecoder, Values
+from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import frames_of_items
 from app.sources.dbc.two_senders import TwoSenders
@@ -24,9 +24,9 @@ from app.telemetry.snapshot import MasterState, Number
 from app.words import Message
 
 _NO_EXTREME = (None, None)
-FADE = 0.95  # of a gap, from one value to the next
-PACK_VOLTAGE_ERROR = 0.01  # of a sensor of its own, read at another instant than the cells
-_STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told counts
+FADE = 0.95  # share of a gap that is kept from one value to the next
+PACK_VOLTAGE_ERROR = 0.01  # relative error of a separate sensor, read at another instant than the cells
+_STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is known counts
     ("fault", "fault"),
     ("charging", "charge"),
     ("balancing", "balance"),
@@ -35,7 +35,7 @@ _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told count
 
 
 @dataclass(slots=True)
-class Rhythm:
+class UpdateInterval:
     """How often each part comes: with it, how long a value of the part is live."""
 
     newest_ns: dict[str, int] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class DbcSource:
     def __init__(
         self,
         battery: Battery,
-        source: SpeaksDbc,
+        source: DbcMapping,
         definitions: Definitions,
         url: str | None = None,
         *,
@@ -81,7 +81,7 @@ class DbcSource:
         self._waiting_of = 0  # number of the period of what waits
         self._newest: BatteryMeasurement | None = None
         self._sampled_ns: int | None = None
-        self._rhythm = Rhythm()
+        self._rhythm = UpdateInterval()
         self._two_senders = TwoSenders(battery.n_cells)
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
         self._can.bit_rate = source.bit_rate or bit_rate_of(url)
@@ -138,7 +138,7 @@ class DbcSource:
         self._newest = next((each for each in reversed(found) if each.is_sample), found[-1])
         return self._newest
 
-    def _decode(self, items: list[CanItem]) -> dict[str, Values]:
+    def _decode(self, items: list[CanItem]) -> dict[str, ChannelValues]:
         return self._decoder.decode(frames_of_items(items))
 
     def _on_change(self, change: LinkChange) -> Received:
@@ -223,7 +223,7 @@ def _master(found: BatteryMeasurement) -> Master:
     state: MasterState = states[0] if states else ("idle" if found.states.get("closed") is False else "unknown")
     return Master(
         state=state,
-        why=Message("bms-tells-state") if state != "unknown" else Message("bms-tells-no-state"),
+        why=Message("bms-state") if state != "unknown" else Message("bms-no-state"),
         fit=None if found.states.get("fault") is None else not found.states["fault"],
         flags=None,
         soc=_number(found.soc),

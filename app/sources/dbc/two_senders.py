@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 from app.telemetry import Event
 from app.words import Cell, Message, Quantity
 
@@ -19,7 +19,7 @@ JUMP_RATIO: Final = 4.0  # the jump to the value before, over the change since t
 FOUND: Final = 10  # jumps to and fro in a row
 MOST: Final = 20  # so it takes at most ten other values until the cells are believed again
 LOST: Final = 2  # taken off for a value that does not jump: two senders now and then swap their order
-MOST_SHARE: Final = 0.5  # of all cells; where more go to and fro, the current does
+MOST_SHARE: Final = 0.5  # share of all cells; where more alternate, it is the current
 
 
 class TwoSenders:
@@ -32,7 +32,7 @@ class TwoSenders:
         self.cells: BoolArray = np.zeros(n_cells, np.bool_)
         self._unreported: BoolArray = self.cells.copy()
 
-    def take(self, voltages: Values) -> None:
+    def take(self, voltages: ChannelValues) -> None:
         """Take voltages in the order of their frames; `cells` are then those that read two values in turn."""
         known = np.isfinite(voltages.value)
         index, value = voltages.index[known], voltages.value[known]

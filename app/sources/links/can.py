@@ -103,7 +103,7 @@ class CanLink:
             fd: frames of CAN FD are awaited, where one flag is all that the adapter asks for.
         """
         self.url = url
-        self._arguments = parse_bus(url, by_operator=True)  # of a request it was checked before
+        self._arguments = parse_bus(url, by_operator=True)  # a request's was checked before
         if fd and self._arguments["interface"] in FD_BY_A_FLAG:
             self._arguments.setdefault("fd", True)
         self._sink = sink

@@ -61,7 +61,7 @@ _OPTIONS: Mapping[str, tuple[str, ...]] = {  # beyond the common ones
     "virtual": (),
 }
 _WAITS = ("timeout", "sleep_after_open")
-_MOST_S = 10.0  # of them
+_MOST_S = 10.0  # upper bound of the options in seconds
 _CHANNEL = r"[\w.,: -]{1,64}"
 _CHANNELS = {"socketcan": r"[\w.-]{1,15}", "socketcand": r"[\w.-]{1,15}", "etas": r"ETAS://[\w/:.-]{1,64}"}
 _TEXT = r"[\w.:-]{1,64}"
@@ -119,7 +119,7 @@ def _is_value(name: str, value: Value) -> bool:
 
 
 _FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # bytes, by their code
-_DIGITS = {"t": 3, "d": 3, "b": 3, "T": 8, "x": 8, "D": 8, "B": 8}  # of the id
+_DIGITS = {"t": 3, "d": 3, "b": 3, "T": 8, "x": 8, "D": 8, "B": 8}  # digits of the id
 _TIMESTAMP = 4  # digits that some adapters append
 
 

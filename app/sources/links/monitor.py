@@ -59,7 +59,7 @@ class LinkMonitor:
         self._sequence: int | None = None
         self._uptime_ms = 0
         self._rates = _Rates()
-        self.bit_rate: int | None = None  # of the CAN bus [bit/s], by the master's tables
+        self.bit_rate: int | None = None  # bit rate of the CAN bus [bit/s], by the master's tables
         self._fault: CanFault | None = None
         self._unframed: UnframedBytes | None = None
         self.frames = self.lost = self.crc_errors = self.resyncs = self.bytes = self.reconnects = 0

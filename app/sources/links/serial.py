@@ -23,7 +23,7 @@ from firmware_protocol.framing import START_STREAM, STOP_STREAM, BadFrame, Frame
 
 SILENCE_S = 1.0
 UNFRAMED_S = 1.0  # with bytes and without a frame: these are no frames of the master
-LAST_BYTES = 64  # of them, shown to who looks for the reason
+LAST_BYTES = 64  # last bytes, shown for diagnosis
 POLL_S = 0.1
 _BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in time leaves less at once
 
@@ -73,7 +73,7 @@ class SerialLink:
     """Gives each frame to `on_frame` and then to `sink`, from its own thread."""
 
     def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock, backoff: Backoff | None = None) -> None:
-        check_url(url, by_operator=True)  # of a request it was checked before
+        check_url(url, by_operator=True)  # a request's was checked before
         self.url = url
         self.streams = True  # false: the crew asked for silence, `x` is not repeated
         self.on_frame: Callable[[Frame | BadFrame], bool] = lambda frame: True  # False: a reply nobody asked for

@@ -53,7 +53,7 @@ class MasterSource:
         self.due_ns: int | None = None  # every item is measured at once
         self.battery: Battery = team_battery().battery
         self.identity: Identity | None = None
-        self._recorded_map: str | None = None  # of a recording, until it holds what the master says
+        self._recorded_map: str | None = None  # map of a recording, until it holds the master's IDENT
         self._malformed = 0  # frames with an impossible body
         self._last_event_ns: dict[str, int] = {}
         self._shadow = ShadowImage()
@@ -182,7 +182,7 @@ class MasterSource:
         dt_s = self._dt_s(uptime_ms)
         is_reset = before_ms is not None and 0 < before_ms - uptime_ms < UPTIME_WRAP_MS // 2
         if is_reset and self._restarted(item.t_mono_ns) is None:
-            self._restart = item.t_mono_ns, Message("boot-not-told")
+            self._restart = item.t_mono_ns, Message("boot-cause-unknown")
         was_off = is_reset if self._booted is None else self._booted not in WARM_RESETS
         self._booted = None
         found = self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True)

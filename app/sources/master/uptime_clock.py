@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 UPTIME_WRAP_MS = 1 << 32
-DRIFT = 500e-6  # of both crystals together
+DRIFT = 500e-6  # relative drift of both crystals together
 _HALF_WRAP_MS = UPTIME_WRAP_MS // 2
 
 
@@ -19,7 +19,7 @@ class UptimeClock:
 
     def __init__(self) -> None:
         self._offset_ns: int | None = None
-        self._uptime_ms = 0  # of the newest frame, without its wraps
+        self._uptime_ms = 0  # uptime of the newest frame, without its wraps
         self._arrived_ns = 0
 
     def measured_ns(self, uptime_ms: int, arrived_ns: int, waited_max_ns: int | None = None) -> int:

@@ -65,10 +65,10 @@ class BadRows:
         named = [
             reason if line is None else Message("at-line", line=line, reason=reason) for line, reason in self.first
         ]
-        told: Text = ""
+        text: Text = ""
         for each in [*named, "..."] if self.count > len(named) else named:
-            told = Message("joined", first=told, then=each) if told else each
-        return told
+            text = Message("joined", first=text, then=each) if text else each
+        return text
 
 
 def some_of(names: Sequence[str]) -> Message:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.profile import LONGEST_S, ImportProfile, parse_cells
+from app.sources.recordings.import_mapping import LONGEST_S, ImportMapping, parse_cells
 from app.sources.recordings.quantities import in_our_unit, signed
 from app.sources.recordings.table import Table
 from app.words import Message, Quantity
@@ -32,7 +32,7 @@ class BatteryLog:
     notes: tuple[Message, ...]
 
 
-def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
+def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
     """Return the recording that a table holds.
 
     Raises:

@@ -16,24 +16,33 @@ import numpy as np
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray, latest_at
 from app.sources.recordings.bad_rows import EARLY, BadRows, UnreadableLine
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import CAN_LOGS, kind_of
 from app.sources.recordings.line_logs import MOST_S, candump_frame, crtd_frame, savvycan_frame
 from app.sources.recordings.mf4_log import mf4_frames
-from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import GZIP_MAGIC, Table, matching
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 _ID_BITS = 0x1FFFFFFF
-_MOST_BYTES = 64  # of CAN FD
+_MOST_BYTES = 64  # data bytes of CAN FD
 _READ_AT_ONCE = 1 << 18
-_TOLD_EVERY = 500  # frames
-MOST_VALUES = 16_000_000  # of signals by a DBC: each takes 38 bytes until the table is made
+_PROGRESS_EVERY = 500  # frames
+MOST_VALUES = 16_000_000  # values of signals by a DBC: each takes 38 bytes until the table is made
 _ERROR_TEXT = 60  # characters of a library's reason
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
 OnRead = Callable[[int], None]  # bytes of the file that are read
 Signals = dict[str, tuple["array[float]", "array[float]"]]  # times and values by name
-_HEADER = (";", "date", "base", "internal", "no internal", "//", "Begin", "begin")  # of .trc and .asc
+_HEADER = (
+    ";",
+    "date",
+    "base",
+    "internal",
+    "no internal",
+    "//",
+    "Begin",
+    "begin",
+)  # first words of header lines of .trc and .asc
 _RELATIVE = re.compile(r"\s*\d+\.\d+(?=\s)")
 _LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd_frame}
 
@@ -57,7 +66,7 @@ def read_frames(path: Path, bad: BadRows | None = None, on_read: OnRead | None =
     try:
         with path.open("rb", _READ_AT_ONCE) as file:
             for number, frame in enumerate(_frames(kind, path, file, bad)):
-                if on_read is not None and number % _TOLD_EVERY == 0:
+                if on_read is not None and number % _PROGRESS_EVERY == 0:
                     on_read(file.tell())
                 if not abs(frame[0]) < MOST_S:  # not a number, too
                     bad.add(None, Message("odd-time", time=f"{frame[0]:g}"))
@@ -112,7 +121,7 @@ class _Lines:
         self._header: list[str] = []  # the header, for each reader that follows
         self._repeated: list[str] = []
         self._in_header = True
-        self._sum_s: float | None = None  # of an .asc with relative times: each line's since the one before
+        self._sum_s: float | None = None  # time of an .asc with relative times: each line's is since the one before
         self.number = 0
 
     def __iter__(self) -> Iterator[str]:
@@ -199,7 +208,7 @@ class LogSignals(NamedTuple):
     found: Signals  # times [s] and values by name
     notes: tuple[Message, ...]  # what could not be read
 
-    def table(self, profile: ImportProfile) -> Table:
+    def table(self, profile: ImportMapping) -> Table:
         """Return the profile's signals at every frame that carries the current; others as last received.
 
         Raises:
@@ -230,7 +239,7 @@ def read_signals(
 ) -> LogSignals:
     """Return the signals in a log's frames; of the first `most` frames where it is given.
 
-    `on_read` is told how many bytes are read, again and again; `on_frame` is given every frame.
+    `on_read` gets the bytes read so far, repeatedly; `on_frame` gets every frame.
 
     Raises:
         ExtraMissing: cantools is not installed.
@@ -245,7 +254,7 @@ def read_signals(
     return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded)))
 
 
-def column_profile(profile: ImportProfile) -> dict[str, object]:
+def column_profile(profile: ImportMapping) -> dict[str, object]:
     """What differs in the profile of a table of `LogSignals`: a time column, patterns for indexed signals."""
     changed: dict[str, object] = {"time": "time", "time_unit": "s"}
     for field in ("voltages", "temperatures"):

@@ -15,7 +15,7 @@ from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.sources.recordings.bad_rows import REFUSED_SHARE, BadRows
 from app.sources.recordings.kind import text_of
-from app.sources.recordings.quantities import is_unit, state_of, tells_state
+from app.sources.recordings.quantities import is_unit, state_of, states_direction
 from app.words import Message, render
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
@@ -55,7 +55,7 @@ def read_csv(
         source: name of the file, for the error.
         raw: its bytes, in any of the encodings of `text_of`.
         notes: gets what was done.
-        on_read: told how many rows are read, and of how many.
+        on_read: called with how many rows are read, and of how many.
 
     Raises:
         TableUnreadable: it holds no table of numbers.
@@ -64,8 +64,8 @@ def read_csv(
     if "\0" in text:
         raise TableUnreadable(source, Message("no-text"))
     lines = text.splitlines()
-    said = next((found for line in lines[:5] if (found := HEADER_LINES.match(line))), None)
-    above = max(int(said[1]) - 1, 0) if said is not None and int(said[1]) <= len(lines) else 0
+    first_row = next((found for line in lines[:5] if (found := HEADER_LINES.match(line))), None)
+    above = max(int(first_row[1]) - 1, 0) if first_row is not None and int(first_row[1]) <= len(lines) else 0
     numbers = [above + k for k, line in enumerate(lines[above:], 1) if line.strip()]
     lines = [lines[number - 1] for number in numbers]
     if not lines:
@@ -90,7 +90,7 @@ def read_csv(
         notes.append(Message("lines-above", lines=skipped))
     columns = _numbers(source, body, numbers[start:], delimiter, width, notes, on_read)
     for k, name in enumerate(header or []):
-        if tells_state(name) and np.isnan(columns[k]).all():
+        if states_direction(name) and np.isnan(columns[k]).all():
             states = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
             columns[k] = np.array(states) if any(states) else columns[k]
     return header, columns
@@ -297,7 +297,7 @@ def _numbers(
 
 
 def _with_progress(rows: Iterable[T], of: int, on_read: OnRows) -> Iterator[T]:
-    """The rows; how many are read is told."""
+    """The rows, with progress."""
     for k, row in enumerate(rows):
         if k % _PROGRESS_EVERY == 0:
             on_read(k, of)

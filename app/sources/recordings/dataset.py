@@ -23,7 +23,7 @@ from app.sources.recordings.quantities import (
 from app.sources.recordings.table import Table, column_number, load_table
 from app.words import Message, render
 
-FIELD_OF = dict(zip(UNITS, FIELDS, strict=True))  # of each quantity
+FIELD_OF = dict(zip(UNITS, FIELDS, strict=True))  # field of each quantity
 UNUSED_NAMED = 6  # columns without a use that a note names
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.estimation.arrays import FloatArray, median
-from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportProfile
+from app.sources.recordings.import_mapping import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportMapping
 from app.sources.recordings.quantities import UNITS, candidates, charges_positive, sounds_like, unit_of
 from app.sources.recordings.table import Table, column_number, matching
 
@@ -25,7 +25,7 @@ FIELD_OF_QUANTITY = {
 }
 
 
-def guess(table: Table) -> ImportProfile:
+def guess(table: Table) -> ImportMapping:
     """Return the profile that the names and numbers suggest; what is not clear is left empty."""
     names = list(table.columns)
     if tuple(names[: len(EXPORT_TIMES)]) == EXPORT_TIMES:
@@ -34,7 +34,7 @@ def guess(table: Table) -> ImportProfile:
     for name in names:
         if re.search(r"\d", name):
             groups[re.sub(r"\d+", "#", name)].append(name)
-    profile = ImportProfile()
+    profile = ImportMapping()
     many = sorted((each for each in groups.values() if len(each) > 1), key=lambda each: -len(each))
     for members in many:
         pattern = _pattern(members)
@@ -65,7 +65,7 @@ def guess(table: Table) -> ImportProfile:
     return replace(profile, charge_positive=_charges_positive(table, profile))
 
 
-def with_units(profile: ImportProfile, table: Table, quantities: Iterable[str]) -> ImportProfile:
+def with_units(profile: ImportMapping, table: Table, quantities: Iterable[str]) -> ImportMapping:
     """Return the profile with the units of some quantities as the names of their columns, or else the values, tell."""
     for quantity in quantities:
         names = _named(profile, quantity, table)
@@ -75,7 +75,7 @@ def with_units(profile: ImportProfile, table: Table, quantities: Iterable[str]) 
     return profile
 
 
-def _named(profile: ImportProfile, quantity: str, table: Table) -> list[str]:
+def _named(profile: ImportMapping, quantity: str, table: Table) -> list[str]:
     """The columns that a profile names for a quantity."""
     name: str = getattr(profile, FIELD_OF_QUANTITY[quantity])
     names = list(table.columns)
@@ -87,20 +87,20 @@ def _named(profile: ImportProfile, quantity: str, table: Table) -> list[str]:
 
 
 def _unit(quantity: str, names: Sequence[str], values: FloatArray) -> str:
-    said = unit_of(names[0], quantity)
+    named = unit_of(names[0], quantity)
     middle = median(values[values != 0.0] if len(names) > 1 else values)
     match quantity:
         case "voltage":
-            alone = said or ("mV" if middle > MILLIVOLTS_FROM else "V")
+            alone = named or ("mV" if middle > MILLIVOLTS_FROM else "V")
             return (_voltage_unit(middle) or alone) if len(names) > 1 else alone
         case "temperature":
-            return said or ("K" if middle > KELVIN_FROM else "degC")
+            return named or ("K" if middle > KELVIN_FROM else "degC")
         case "soc":
-            return said or ("percent" if middle > SOC_IN_PERCENT else "fraction")
+            return named or ("percent" if middle > SOC_IN_PERCENT else "fraction")
         case "current":
-            return said or ("mA" if np.any(np.abs(values) > MILLIAMPS_FROM) else "A")
+            return named or ("mA" if np.any(np.abs(values) > MILLIAMPS_FROM) else "A")
         case _:
-            return said or _time_unit(values)
+            return named or _time_unit(values)
 
 
 def _time_unit(values: FloatArray) -> str:
@@ -113,20 +113,20 @@ def _time_unit(values: FloatArray) -> str:
     return "s"
 
 
-def _charges_positive(table: Table, profile: ImportProfile) -> bool:
+def _charges_positive(table: Table, profile: ImportMapping) -> bool:
     if not profile.current or not profile.voltages:
         return False
     voltages = table.matrix("voltages", profile.voltages)
     return charges_positive(table.column("current", profile.current), voltages.sum(axis=1))
 
 
-def _of_export(names: list[str]) -> ImportProfile:
+def _of_export(names: list[str]) -> ImportMapping:
     """The profile of a table that `voltwall export` wrote."""
 
     def first(*wanted: str) -> str:
         return next((name for name in wanted if matching(name, names)), "")
 
-    return ImportProfile(
+    return ImportMapping(
         time=first(EXPORT_STAMP, EXPORT_TIMES[0]),
         current=first("i_fs (A)", "i_fc (A)", "i_fs", "i_fc"),
         voltages=first("v[{n}] (V)", "v_{n}", "pack{p}_cell{n}_v", "v_{n} (V)", "pack{p}_cell{n}_v (V)"),

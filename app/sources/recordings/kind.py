@@ -94,9 +94,9 @@ def _kind_of_text(raw: bytes) -> str | None:
     return "asc" if _ASC.search("\n".join(lines[:5])) else None
 
 
-MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
+MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte-order marks of UTF-16
 _LOOKED_AT = 1 << 12
-_CHINESE = re.compile("[电流压时间温度序号步容量能]")  # of the names that a cycler gives its columns
+_CHINESE = re.compile("[电流压时间温度序号步容量能]")  # characters of a cycler's Chinese column names
 
 
 def text_of(raw: bytes) -> str:

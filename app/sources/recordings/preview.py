@@ -11,19 +11,19 @@ from app.estimation.arrays import FloatArray
 from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.can_log import column_profile, read_signals
 from app.sources.recordings.guess import with_units
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table, matching, read_table
 from app.words import Message, Text
 
 ROWS = 6
 SAMPLES = 3
-MOST_FRAMES = 200_000  # of a CAN log, which takes a second for each 50,000
+MOST_FRAMES = 200_000  # frames of a CAN log, which takes a second for each 50,000
 Numbers = tuple[float | None, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class PreviewColumn:
     """A column of a table, or a signal, with its first values; None where missing."""
 
     name: str
@@ -47,7 +47,7 @@ class Understood:
     started_unix_s: float | None
     time_s: Numbers
     current_a: Numbers
-    soc: Numbers  # fraction; empty: not told
+    soc: Numbers  # fraction; empty: missing
     voltages_v: tuple[Numbers, ...]  # by row, one a cell
     temperatures_degc: tuple[Numbers, ...]
     notes: tuple[Message, ...]
@@ -57,14 +57,14 @@ class Understood:
 class Preview:
     """What is in a file, and what a profile makes of it."""
 
-    profile: ImportProfile  # with the units that were picked
-    columns: tuple[Column, ...]
+    profile: ImportMapping  # with the units that were picked
+    columns: tuple[PreviewColumn, ...]
     cells: tuple[CellColumn, ...]
     understood: Understood | None
     error: Text | None  # why it is not
 
 
-def preview(path: Path, profile: ImportProfile, pick: Iterable[str], dbc: Path | None = None) -> Preview:
+def preview(path: Path, profile: ImportMapping, pick: Iterable[str], dbc: Path | None = None) -> Preview:
     """Return what a profile makes of a recording.
 
     Args:
@@ -92,11 +92,11 @@ def preview(path: Path, profile: ImportProfile, pick: Iterable[str], dbc: Path |
     return replace(_of_table(table, picked, columns), profile=replace(picked, **own_names))
 
 
-def _columns(samples: Mapping[str, Sequence[float] | FloatArray]) -> tuple[Column, ...]:
-    return tuple(Column(name, _numbers(values)) for name, values in samples.items())
+def _columns(samples: Mapping[str, Sequence[float] | FloatArray]) -> tuple[PreviewColumn, ...]:
+    return tuple(PreviewColumn(name, _numbers(values)) for name, values in samples.items())
 
 
-def _of_table(table: Table, profile: ImportProfile, columns: tuple[Column, ...]) -> Preview:
+def _of_table(table: Table, profile: ImportMapping, columns: tuple[PreviewColumn, ...]) -> Preview:
     try:
         understood = _understood(battery_log(table, profile))
     except ImportFailed as error:
@@ -104,7 +104,7 @@ def _of_table(table: Table, profile: ImportProfile, columns: tuple[Column, ...])
     return Preview(profile, columns, _cells(table, profile), understood, None)
 
 
-def _cells(table: Table, profile: ImportProfile) -> tuple[CellColumn, ...]:
+def _cells(table: Table, profile: ImportMapping) -> tuple[CellColumn, ...]:
     names = [profile.voltages] if profile.voltages in table.columns else matching(profile.voltages, list(table.columns))
     found = []
     for name in names:

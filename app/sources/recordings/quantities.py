@@ -212,11 +212,11 @@ _STATE_NAMES = {
 }  # fmt: skip
 _DISCHARGING = re.compile(r"d|dis\b.*|dch\w*|.*dchg\w*|.*discharg\w*|.*放电", re.IGNORECASE)
 _CHARGING = re.compile(r"c|cha|chg|.*\bchg|.*_chg|.*charg\w*|.*充电", re.IGNORECASE)
-SIGN_EVIDENCE = 0.4  # correlation of voltage and current from which on the sign is told by it
-_BLOCKS = 200  # of a test along which the charge counts: a slow one moves less from row to row than its meter tells
+SIGN_EVIDENCE = 0.4  # least correlation of voltage and current that decides the sign
+_BLOCKS = 200  # blocks of a test over which charge counts: in a slow one each row changes less than its meter resolves
 
 
-def tells_state(name: str) -> bool:
+def states_direction(name: str) -> bool:
     """Return whether a column of this name may say what the cell does."""
     return re.sub(r"[\W\d_]", "", name.lower()) in _STATE_NAMES
 
@@ -237,13 +237,13 @@ def signed(current: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[Floa
         columns: of the table; one of words has -1, 0 and 1.
 
     Returns:
-        The current, and the name of the column that told its direction.
+        The current, and the name of the column of its direction.
     """
     known = current[np.isfinite(current)]
     if not len(known) or np.min(known) < 0.0:
         return current, None
     for name, values in columns.items():
-        if tells_state(name) and {-1.0, 1.0} <= set(np.unique(values[np.isfinite(values)])) <= {-1.0, 0.0, 1.0}:
+        if states_direction(name) and {-1.0, 1.0} <= set(np.unique(values[np.isfinite(values)])) <= {-1.0, 0.0, 1.0}:
             return np.where(values == 0.0, current, -values * current), name
     return current, None
 

@@ -190,7 +190,7 @@ def _text(value: object) -> str:
             return str(value).replace("\t", " ").replace("\n", " ")
 
 
-MOST_BYTES = 512 << 20  # of records, unpacked: half as much memory again
+MOST_BYTES = 512 << 20  # bytes of records, unpacked: half as much memory again
 
 
 def read_neware(path: Path, kind: str) -> tuple[dict[str, FloatArray], tuple[Message, ...]]:
@@ -264,6 +264,6 @@ def _check_size(path: Path, kind: str) -> None:
         size = path.stat().st_size
     else:
         with zipfile.ZipFile(path) as packed:
-            size = sum(part.file_size for part in packed.infolist())  # zipfile unpacks no more than is said here
+            size = sum(part.file_size for part in packed.infolist())  # zipfile unpacks no more than this
     if size > MOST_BYTES:
         raise LimitExceeded(Message("limit-neware", limit=Quantity(MOST_BYTES >> 20, "MB")))

@@ -18,7 +18,7 @@ from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of, names_in_
 from app.sources.recordings.signal_files import largest_sheet, read_neware, read_signals
 from app.words import Message, Quantity
 
-UNPACKED_BYTES = 1 << 30  # of a compressed file
+UNPACKED_BYTES = 1 << 30  # bytes of a compressed file, unpacked
 UNPACKED_RATIO = 200  # beyond 16 MB: numbers as text shrink to a tenth
 PARQUET_VALUES = 1 << 27
 _ALWAYS_BYTES = 16 << 20
@@ -96,7 +96,7 @@ def matching(pattern: str, names: Sequence[str]) -> list[str]:
 def load_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:
     """Return the table in a CSV or Parquet file, plain or gzip; its kind is taken from its content.
 
-    `on_read` is told how many rows of a text are read, and of how many.
+    `on_read` gets how many rows of a text are read, and of how many.
 
     Raises:
         TableUnreadable: the file cannot be read, or has no table.

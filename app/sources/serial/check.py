@@ -7,7 +7,7 @@ import numpy as np
 
 from app.battery.battery import Battery
 from app.battery.serial import SerialFrame, SerialMapping
-from app.sources.dbc.check import Doubt
+from app.sources.dbc.check import ProfileIssue
 from app.sources.serial.checksums import checksum_of
 from app.sources.serial.decoder import SerialDecoder
 from app.sources.serial.framing import StreamReader
@@ -18,7 +18,7 @@ _SUM_ERROR = 0.03
 _CELL_V = (1.0, 5.0)
 
 
-def serial_doubts(battery: Battery, mapping: SerialMapping, file: str, capture: bytes | None) -> list[Doubt]:
+def serial_doubts(battery: Battery, mapping: SerialMapping, file: str, capture: bytes | None) -> list[ProfileIssue]:
     """Return what is doubtful, errors first; `capture` are bytes that were read from the line, None without."""
     found = []
     for i, part in enumerate(mapping.parts):
@@ -26,20 +26,20 @@ def serial_doubts(battery: Battery, mapping: SerialMapping, file: str, capture: 
         line = part.line if isinstance(part, SerialFrame) else part.row
         path = f"serial.{'frame' if isinstance(part, SerialFrame) else 'line'}[{i}]"
         if checksum is not None and checksum_of(checksum.kind) is None:
-            found.append(Doubt(file, line, f"{path}.checksum", Message("serial-checksum"), is_error=True))
+            found.append(ProfileIssue(file, line, f"{path}.checksum", Message("serial-checksum"), is_error=True))
         if checksum is None:
-            found.append(Doubt(file, line, path, Message("check-no-checksum", name=part.name)))
+            found.append(ProfileIssue(file, line, path, Message("check-no-checksum", name=part.name)))
     if found and any(each.is_error for each in found):
         return sorted(found, key=lambda each: not each.is_error)
     missing = _without_field(battery, mapping)
     if "voltage" not in mapping.kinds:
-        found.insert(0, Doubt(file, None, "serial", Message("check-no-voltages"), is_error=True))
+        found.insert(0, ProfileIssue(file, None, "serial", Message("check-no-voltages"), is_error=True))
     elif missing:
         numbers = tuple(cell + 1 for cell in missing[:10])
         what = Message("check-without-signal", kind="voltage", n=len(missing), numbers=numbers)
-        found.append(Doubt(file, None, "serial", what))
+        found.append(ProfileIssue(file, None, "serial", what))
     if "current" not in mapping.kinds:
-        found.append(Doubt(file, None, "serial", Message("check-no-current")))
+        found.append(ProfileIssue(file, None, "serial", Message("check-no-current")))
     return found if capture is None else [*found, *_of_capture(battery, mapping, file, capture)]
 
 
@@ -51,17 +51,17 @@ def _without_field(battery: Battery, mapping: SerialMapping) -> list[int]:
     return [cell for cell in range(battery.n_cells) if cell not in named]
 
 
-def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: bytes) -> list[Doubt]:
+def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: bytes) -> list[ProfileIssue]:
     reader, decoder = StreamReader(mapping), SerialDecoder(battery, mapping)
     frames = reader.feed(capture, 0)
     values = decoder.decode([*frames, *reader.idle(reader.silence_ns)])
     n_frames = reader.frames - decoder.implausible_frames
     what = Message("check-captured", n=n_frames, bad=reader.bad_frames, skipped=reader.skipped_bytes)
-    found = [] if n_frames and not reader.bad_frames else [Doubt(file, None, "log", what)]
+    found = [] if n_frames and not reader.bad_frames else [ProfileIssue(file, None, "log", what)]
     if not n_frames:
         return found
     for kind in sorted(mapping.kinds - values.keys()):
-        found.append(Doubt(file, None, "log", Message("check-nothing-of-it", kind=kind)))
+        found.append(ProfileIssue(file, None, "log", Message("check-nothing-of-it", kind=kind)))
     voltage = values.get("voltage")
     if voltage is not None:
         newest = np.full(battery.n_cells, np.nan)
@@ -71,13 +71,13 @@ def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: by
             worst = Quantity(float(newest[odd[0]]), "V", 3)
             numbers = tuple(int(each) + 1 for each in odd[:10])
             found.append(
-                Doubt(file, None, "log", Message("check-implausible", n=len(odd), numbers=numbers, worst=worst))
+                ProfileIssue(file, None, "log", Message("check-implausible", n=len(odd), numbers=numbers, worst=worst))
             )
         pack = values.get("pack_voltage")
         total_v = float(newest.sum())
         if pack is not None and np.isfinite(total_v) and abs(pack.value[-1] - total_v) > _SUM_ERROR * abs(total_v):
             in_all, of_pack = Quantity(total_v, "V", 2), Quantity(float(pack.value[-1]), "V", 2)
-            found.append(Doubt(file, None, "log", Message("check-sum-off", sum=in_all, pack=of_pack)))
+            found.append(ProfileIssue(file, None, "log", Message("check-sum-off", sum=in_all, pack=of_pack)))
     return found
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from app.battery.battery import Battery
 from app.battery.serial import PLAUSIBLE, TYPES, SerialField, SerialLine, SerialMapping
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 from app.sources.serial.framing import Framed
 from app.sources.serial.patterns import groups_of
 
@@ -70,7 +70,7 @@ class SerialDecoder:
         self.implausible_frames = 0
         self.left_out = 0  # values
 
-    def decode(self, frames: Iterable[Framed]) -> dict[str, Values]:
+    def decode(self, frames: Iterable[Framed]) -> dict[str, ChannelValues]:
         """Return what the frames hold, by kind, as `BatteryDecoder.decode` does."""
         parts: dict[str, _Part] = defaultdict(_Part)
         for frame in frames:
@@ -81,7 +81,7 @@ class SerialDecoder:
                 part.index.append(index)
                 part.value.append(value)
         return {
-            kind: Values(
+            kind: ChannelValues(
                 np.repeat(np.array(part.t_ns, np.int64), [len(each) for each in part.index]),
                 np.concatenate(part.index),
                 np.concatenate(part.value),

@@ -4,7 +4,7 @@ from app.battery.battery import Battery
 from app.battery.serial import SerialMapping
 from app.estimation.arrays import BoolArray
 from app.sources.dbc.assembly import Assembler, BatteryMeasurement
-from app.sources.dbc.source import Rhythm, link_event, measurement_of
+from app.sources.dbc.source import UpdateInterval, link_event, measurement_of
 from app.sources.items import Item, LinkChange, SerialBytes
 from app.sources.links.monitor import LinkMonitor
 from app.sources.serial.decoder import SerialDecoder
@@ -32,7 +32,7 @@ class SerialSource:
         self._sampled_ns: int | None = None
         self._silent_ns: int | None = None  # when silence completes a frame
         self._ends_ns: int | None = None  # when the period ends in which values came
-        self._rhythm = Rhythm()
+        self._rhythm = UpdateInterval()
         bits = BITS + (mapping.port.parity != "none") + (mapping.port.stop_bits > 1)
         live_s = max([LIVE_S, *(LIVE_PERIODS * each.poll_s for each in mapping.parts if each.poll)])
         self._rs232 = LinkMonitor(url, line_bytes_per_s=mapping.port.baud / bits, live_s=live_s)

@@ -20,7 +20,7 @@ void vw_estimator_init(vw_estimator_t *estimator)
     vw_filter_init(&estimator->filter, estimator->cells);
 }
 
-static void measure(vw_estimator_t *estimator, const vw_master_t *master)
+static void vw_estimator_fill_measurement(vw_estimator_t *estimator, const vw_master_t *master)
 {
     for (uint32_t k = 0; k < VW_N_CELLS; k++) {
         estimator->voltage_v[k] = (vw_real)master->v[k] * PER_V;
@@ -29,7 +29,7 @@ static void measure(vw_estimator_t *estimator, const vw_master_t *master)
     estimator->current_a = (vw_real)master->i_fs * PER_A;
 }
 
-static vw_sample sample_of(const vw_estimator_t *estimator, uint32_t dt_ms)
+static vw_sample vw_estimator_make_sample(const vw_estimator_t *estimator, uint32_t dt_ms)
 {
     const vw_sample sample = { (vw_real)dt_ms / 1000, estimator->current_a, estimator->voltage_v,
                                estimator->temperature_degc };
@@ -37,27 +37,27 @@ static vw_sample sample_of(const vw_estimator_t *estimator, uint32_t dt_ms)
 }
 
 /* Rounded, in units of 1e-4. */
-static uint16_t in_units(vw_real value)
+static uint16_t vw_estimator_convert_units(vw_real value)
 {
     return (uint16_t)(value * 10000 + (vw_real)0.5);
 }
 
-static void publish(const vw_estimator_t *estimator, vw_master_t *master)
+static void vw_estimator_publish_state(const vw_estimator_t *estimator, vw_master_t *master)
 {
     const vw_real *soc = &estimator->estimates[VW_SOC * VW_N_CELLS];
     const vw_real *ocv_v = &estimator->estimates[VW_OCV_V * VW_N_CELLS];
     vw_real sum = 0;
     for (uint32_t k = 0; k < VW_N_CELLS; k++) {
-        master->ocv[k] = in_units(ocv_v[k]);
+        master->ocv[k] = vw_estimator_convert_units(ocv_v[k]);
         sum += soc[k];
     }
-    master->soc = in_units(sum / VW_N_CELLS);
+    master->soc = vw_estimator_convert_units(sum / VW_N_CELLS);
 }
 
 /* The next cells of a start, all from the sample that it began with. */
-static void start_part(vw_estimator_t *estimator)
+static void vw_estimator_start_pack(vw_estimator_t *estimator)
 {
-    const vw_sample sample = sample_of(estimator, 0u);
+    const vw_sample sample = vw_estimator_make_sample(estimator, 0u);
     vw_real *known = estimator->estimates; /* not in use before the first step */
     for (uint32_t k = 0; k < VW_N_CELLS; k++) known[k] = estimator->known_soc;
     vw_filter_start_part(&estimator->filter, estimator->cells, &sample, known, NULL, estimator->n_started / VW_LANES,
@@ -68,16 +68,16 @@ static void start_part(vw_estimator_t *estimator)
 bool vw_estimator_run(vw_estimator_t *estimator, vw_master_t *master, uint32_t now_ms)
 {
     const bool is_starting = estimator->n_started < (int32_t)VW_N_CELLS;
-    if (!is_starting || estimator->n_started == 0) measure(estimator, master);
+    if (!is_starting || estimator->n_started == 0) vw_estimator_fill_measurement(estimator, master);
     if (estimator->n_started == 0) estimator->stepped_ms = now_ms;
     if (is_starting) {
-        start_part(estimator);
+        vw_estimator_start_pack(estimator);
         return true;
     }
-    const vw_sample sample = sample_of(estimator, now_ms - estimator->stepped_ms);
+    const vw_sample sample = vw_estimator_make_sample(estimator, now_ms - estimator->stepped_ms);
     vw_filter_step(&estimator->filter, estimator->cells, &sample, estimator->estimates);
     estimator->stepped_ms = now_ms;
-    publish(estimator, master);
+    vw_estimator_publish_state(estimator, master);
     return false;
 }
 

@@ -18,7 +18,7 @@ void vw_balance_stop(vw_balance_t *balance)
     vw_balance_init(balance);
 }
 
-static bool any(const vw_balance_t *balance)
+static bool vw_balance_has_bleeding_cell(const vw_balance_t *balance)
 {
     size_t pack;
     for (pack = 0; pack < VW_N_PACKS; pack++) {
@@ -29,7 +29,7 @@ static bool any(const vw_balance_t *balance)
     return false;
 }
 
-static uint16_t lowest_of(const uint16_t v[VW_N_CELLS])
+static uint16_t vw_balance_find_lowest_voltage(const uint16_t v[VW_N_CELLS])
 {
     uint16_t lowest = 0xFFFFu;
     size_t cell;
@@ -43,7 +43,7 @@ static uint16_t lowest_of(const uint16_t v[VW_N_CELLS])
 
 bool vw_balance_choose(vw_balance_t *balance, uint16_t threshold, const uint16_t v[VW_N_CELLS])
 {
-    uint16_t lowest = lowest_of(v);
+    uint16_t lowest = vw_balance_find_lowest_voltage(v);
     size_t cell;
     for (cell = 0; cell < VW_N_CELLS; cell++) {
         uint16_t *cells = &balance->cells[cell / VW_CELLS_PER_PACK];
@@ -56,11 +56,11 @@ bool vw_balance_choose(vw_balance_t *balance, uint16_t threshold, const uint16_t
             *cells = (uint16_t)(*cells & ~(unsigned)bit);
         }
     }
-    balance->is_active = any(balance);
+    balance->is_active = vw_balance_has_bleeding_cell(balance);
     return balance->is_active;
 }
 
-void vw_balance_by_hand(vw_balance_t *balance, uint8_t pack, uint16_t cells, uint32_t now_ms)
+void vw_balance_set_manual(vw_balance_t *balance, uint8_t pack, uint16_t cells, uint32_t now_ms)
 {
     if (!balance->is_by_hand) {
         vw_balance_stop(balance);
@@ -68,12 +68,12 @@ void vw_balance_by_hand(vw_balance_t *balance, uint8_t pack, uint16_t cells, uin
     if (pack < VW_N_PACKS) {
         balance->cells[pack] = (uint16_t)(cells & ((1u << VW_CELLS_PER_PACK) - 1u));
     }
-    balance->is_active = any(balance);
+    balance->is_active = vw_balance_has_bleeding_cell(balance);
     balance->is_by_hand = balance->is_active;
     balance->by_hand_until_ms = now_ms + VW_BALANCE_BY_HAND_MS;
 }
 
-void vw_balance_watch(vw_balance_t *balance, uint16_t v_cell_min, const uint16_t v[VW_N_CELLS], uint32_t now_ms)
+void vw_balance_end_manual(vw_balance_t *balance, uint16_t v_cell_min, const uint16_t v[VW_N_CELLS], uint32_t now_ms)
 {
     size_t cell;
     if (!balance->is_by_hand) {
@@ -85,7 +85,7 @@ void vw_balance_watch(vw_balance_t *balance, uint16_t v_cell_min, const uint16_t
             *cells = (uint16_t)(*cells & ~(1u << (cell % VW_CELLS_PER_PACK)));
         }
     }
-    balance->is_active = any(balance);
+    balance->is_active = vw_balance_has_bleeding_cell(balance);
     if (!balance->is_active || vw_is_due(now_ms, balance->by_hand_until_ms)) {
         vw_balance_stop(balance);
     }

@@ -1,4 +1,5 @@
-/* Which cells to bleed: by rule, those further above the lowest than `balance_threshold`, until all are near it; or those
+/* Which cells to bleed: by rule, those further above the lowest than `balance_threshold`, until all are near it; or
+ * those
  * that somebody chose by hand, for ten minutes at most. The slaves' switches are vw_slaves_configure()'s.
  */
 #ifndef VW_BALANCE_H
@@ -24,10 +25,10 @@ void vw_balance_init(vw_balance_t *balance);
 bool vw_balance_choose(vw_balance_t *balance, uint16_t threshold, const uint16_t v[VW_N_CELLS]);
 
 /* Bleed these cells of a pack, and of the other packs what was chosen by hand before. */
-void vw_balance_by_hand(vw_balance_t *balance, uint8_t pack, uint16_t cells, uint32_t now_ms);
+void vw_balance_set_manual(vw_balance_t *balance, uint8_t pack, uint16_t cells, uint32_t now_ms);
 
 /* End what was chosen by hand: after its time, and cell by cell at the lowest voltage allowed. Each pass. */
-void vw_balance_watch(vw_balance_t *balance, uint16_t v_cell_min, const uint16_t v[VW_N_CELLS], uint32_t now_ms);
+void vw_balance_end_manual(vw_balance_t *balance, uint16_t v_cell_min, const uint16_t v[VW_N_CELLS], uint32_t now_ms);
 
 void vw_balance_stop(vw_balance_t *balance);
 

@@ -25,32 +25,34 @@
                | (uint8_t)VW_CHARGER_BATTERY)
 #define PER_STRING_COUNT 1000 /* 0.1 V in 100 uV */
 
-static bool has_fatal_flag(const vw_charging_t *charging)
+static bool vw_charging_has_fatal_flag(const vw_charging_t *charging)
 {
     return (charging->master->charger.flags & FATAL) != 0u;
 }
 
 /* The voltage that no cell is charged beyond [100 uV]: configured, and with a margin below the trip. */
-static int32_t top(const vw_config_t *conf)
+static int32_t vw_charging_compute_max_voltage(const vw_config_t *conf)
 {
     int32_t below_trip = (int32_t)conf->v_cell_max - TRIP_MARGIN_COUNTS;
     return conf->v_cell_chrg < below_trip ? conf->v_cell_chrg : below_trip;
 }
 
-/* The target of the highest cell: lower, the more one count of current lifts this cell. Both phases aim at it, so that a
+/* The target of the highest cell: lower, the more one count of current lifts this cell. Both phases aim at it, so
+ * that a
  * current which is trimmed on the way there ends constant current all the same. */
-static double held(const vw_charging_t *charging)
+static double vw_charging_compute_target_voltage(const vw_charging_t *charging)
 {
-    return (double)(top(&charging->master->conf) - HEADROOM_COUNTS) - 0.5 * (charging->slope - CELL_SLOPE);
+    return (double)(vw_charging_compute_max_voltage(&charging->master->conf) - HEADROOM_COUNTS) - 0.5 * (charging->slope - CELL_SLOPE);
 }
 
 /* From where on it counts as held: one count more of current may not fit in between. */
-static double reached(const vw_charging_t *charging)
+static double vw_charging_compute_reached_voltage(const vw_charging_t *charging)
 {
-    return held(charging) - (charging->slope - CELL_SLOPE);
+    return vw_charging_compute_target_voltage(charging) - (charging->slope - CELL_SLOPE);
 }
 
-static void ask(vw_charging_t *charging, uint16_t v_set, uint16_t i_set, enum vw_charger_control control)
+static void vw_charging_set_request(vw_charging_t *charging, uint16_t v_set, uint16_t i_set,
+                                    enum vw_charger_control control)
 {
     vw_charger_t *charger = &charging->master->charger;
     charger->v_set = v_set;
@@ -58,7 +60,7 @@ static void ask(vw_charging_t *charging, uint16_t v_set, uint16_t i_set, enum vw
     charger->control = (uint8_t)control;
 }
 
-static bool enter(vw_charging_t *charging, enum vw_charger_state state, uint32_t now_ms)
+static bool vw_charging_enter_state(vw_charging_t *charging, enum vw_charger_state state, uint32_t now_ms)
 {
     bool is_with_current = state == VW_CHARGER_STATE_CONSTANT_CURRENT || state == VW_CHARGER_STATE_CONSTANT_VOLTAGE;
     charging->is_active =
@@ -71,7 +73,7 @@ static bool enter(vw_charging_t *charging, enum vw_charger_state state, uint32_t
         (void)memcpy(charging->rest_v, charging->master->v, sizeof charging->rest_v);
     } else {
         charging->current = 0.0;
-        ask(charging, 0u, 0u, VW_CHARGER_CONTROL_STOP);
+        vw_charging_set_request(charging, 0u, 0u, VW_CHARGER_CONTROL_STOP);
     }
     charging->state = state;
     charging->master->charger.state = (uint8_t)state;
@@ -79,7 +81,7 @@ static bool enter(vw_charging_t *charging, enum vw_charger_state state, uint32_t
 }
 
 /* How much more the highest cell has risen than the median of all [100 uV]. */
-static double risen_more(const vw_charging_t *charging)
+static double vw_charging_compute_rise(const vw_charging_t *charging)
 {
     const uint16_t *v = charging->master->v;
     int32_t sorted[VW_N_CELLS] = { 0 };
@@ -98,7 +100,7 @@ static double risen_more(const vw_charging_t *charging)
 }
 
 /* A loose joint inside the span of one cell makes it many times stiffer than the others. */
-static void learn_slope(vw_charging_t *charging)
+static void vw_charging_update_slope(vw_charging_t *charging)
 {
     uint16_t current = charging->master->charger.i_out;
     if (current < SLOPE_CURRENT && charging->is_slope_known) {
@@ -106,21 +108,21 @@ static void learn_slope(vw_charging_t *charging)
     }
     charging->is_slope_known = current >= SLOPE_CURRENT;
     if (current > 0u) {
-        double more = risen_more(charging);
+        double more = vw_charging_compute_rise(charging);
         charging->slope = CELL_SLOPE + (more > 0.0 ? more : 0.0) / (double)current;
     } else {
         charging->slope = CELL_SLOPE + UNKNOWN_DECAY * (charging->slope - CELL_SLOPE);
     }
 }
 
-static double between(double value, double low, double high)
+static double vw_charging_clamp(double value, double low, double high)
 {
     double raised = value > low ? value : low;
     return raised < high ? raised : high;
 }
 
 /* Trim the asked current: an integrator on the highest cell's distance to its target. */
-static void control(vw_charging_t *charging, uint16_t v_max, uint32_t now_ms)
+static void vw_charging_trim_current(vw_charging_t *charging, uint16_t v_max, uint32_t now_ms)
 {
     const vw_config_t *conf = &charging->master->conf;
     int32_t string, highest_string;
@@ -129,8 +131,8 @@ static void control(vw_charging_t *charging, uint16_t v_max, uint32_t now_ms)
         return;
     }
     charging->control_ms = now_ms + CONTROL_PERIOD_MS;
-    learn_slope(charging);
-    missing = held(charging) - (double)v_max;
+    vw_charging_update_slope(charging);
+    missing = vw_charging_compute_target_voltage(charging) - (double)v_max;
     if (missing < 0.0) {
         change = missing * FALL_SHARE / charging->slope;
     } else if (missing > charging->slope) {
@@ -138,26 +140,28 @@ static void control(vw_charging_t *charging, uint16_t v_max, uint32_t now_ms)
     } else {
         /* no count more fits in */
     }
-    charging->current += between(change, -FALL_PER_PERIOD, RISE_PER_PERIOD);
-    charging->current = between(charging->current, 0.0, (double)conf->i_chrg_max / 10.0);
-    string = (int32_t)VW_N_CELLS * top(conf) + STRING_MARGIN;
+    charging->current += vw_charging_clamp(change, -FALL_PER_PERIOD, RISE_PER_PERIOD);
+    charging->current = vw_charging_clamp(charging->current, 0.0, (double)conf->i_chrg_max / 10.0);
+    string = (int32_t)VW_N_CELLS * vw_charging_compute_max_voltage(conf) + STRING_MARGIN;
     highest_string = (int32_t)VW_N_CELLS * (int32_t)conf->v_cell_max + CABLE_MARGIN;
     string = string < highest_string ? string : highest_string;
-    ask(charging, (uint16_t)((string + PER_STRING_COUNT / 2) / PER_STRING_COUNT), (uint16_t)charging->current,
+    vw_charging_set_request(charging, (uint16_t)((string + PER_STRING_COUNT / 2) / PER_STRING_COUNT),
+                            (uint16_t)charging->current,
         VW_CHARGER_CONTROL_CHARGE);
 }
 
-static bool hold(vw_charging_t *charging, uint16_t v_max, uint32_t now_ms)
+static bool vw_charging_step_constant_voltage(vw_charging_t *charging, uint16_t v_max, uint32_t now_ms)
 {
     bool was_full = charging->is_full;
-    control(charging, v_max, now_ms);
+    vw_charging_trim_current(charging, v_max, now_ms);
     charging->is_full =
-        (double)v_max >= reached(charging) - FULL_COUNTS && charging->master->charger.i_out < DONE_CURRENT;
+        (double)v_max >= vw_charging_compute_reached_voltage(charging) - FULL_COUNTS &&
+         charging->master->charger.i_out < DONE_CURRENT;
     if (charging->is_full && !was_full) {
         charging->full_ms = now_ms;
     }
     return charging->is_full && was_full && (uint32_t)(now_ms - charging->full_ms) >= DONE_PERSISTENCE_MS
-           && enter(charging, VW_CHARGER_STATE_DONE, now_ms);
+           && vw_charging_enter_state(charging, VW_CHARGER_STATE_DONE, now_ms);
 }
 
 void vw_charging_init(vw_charging_t *charging, vw_master_t *master, vw_balance_t *balance)
@@ -168,7 +172,7 @@ void vw_charging_init(vw_charging_t *charging, vw_master_t *master, vw_balance_t
     charging->slope = UNKNOWN_SLOPE;
     charging->state = VW_CHARGER_STATE_OFF;
     master->charger.state = (uint8_t)VW_CHARGER_STATE_OFF;
-    ask(charging, 0u, 0u, VW_CHARGER_CONTROL_STOP);
+    vw_charging_set_request(charging, 0u, 0u, VW_CHARGER_CONTROL_STOP);
 }
 
 bool vw_charging_start(vw_charging_t *charging, uint32_t now_ms)
@@ -178,7 +182,7 @@ bool vw_charging_start(vw_charging_t *charging, uint32_t now_ms)
     }
     charging->slope = UNKNOWN_SLOPE;
     charging->is_slope_known = false;
-    return enter(charging, VW_CHARGER_STATE_WAITING, now_ms);
+    return vw_charging_enter_state(charging, VW_CHARGER_STATE_WAITING, now_ms);
 }
 
 bool vw_charging_stop(vw_charging_t *charging, bool is_fault, uint32_t now_ms)
@@ -186,24 +190,24 @@ bool vw_charging_stop(vw_charging_t *charging, bool is_fault, uint32_t now_ms)
     if (charging->state == VW_CHARGER_STATE_OFF || (is_fault && !charging->is_active)) {
         return false;
     }
-    return enter(charging, is_fault ? VW_CHARGER_STATE_FAULT : VW_CHARGER_STATE_OFF, now_ms);
+    return vw_charging_enter_state(charging, is_fault ? VW_CHARGER_STATE_FAULT : VW_CHARGER_STATE_OFF, now_ms);
 }
 
 bool vw_charging_step(vw_charging_t *charging, bool is_charger_alive, uint16_t v_max, uint32_t now_ms)
 {
-    bool is_charger_well = is_charger_alive && !has_fatal_flag(charging);
+    bool is_charger_well = is_charger_alive && !vw_charging_has_fatal_flag(charging);
     bool has_changed = false;
     switch (charging->state) {
     case VW_CHARGER_STATE_WAITING:
-        has_changed = is_charger_well && enter(charging, VW_CHARGER_STATE_CONSTANT_CURRENT, now_ms);
+        has_changed = is_charger_well && vw_charging_enter_state(charging, VW_CHARGER_STATE_CONSTANT_CURRENT, now_ms);
         break;
     case VW_CHARGER_STATE_CONSTANT_CURRENT:
         if (!is_charger_well) {
             has_changed = vw_charging_stop(charging, true, now_ms);
-        } else if ((double)v_max >= reached(charging)) {
-            has_changed = enter(charging, VW_CHARGER_STATE_BALANCING, now_ms);
+        } else if ((double)v_max >= vw_charging_compute_reached_voltage(charging)) {
+            has_changed = vw_charging_enter_state(charging, VW_CHARGER_STATE_BALANCING, now_ms);
         } else {
-            control(charging, v_max, now_ms);
+            vw_charging_trim_current(charging, v_max, now_ms);
         }
         break;
     case VW_CHARGER_STATE_BALANCING:
@@ -212,13 +216,14 @@ bool vw_charging_step(vw_charging_t *charging, bool is_charger_alive, uint16_t v
         } else if ((uint32_t)(now_ms - charging->since_ms) >= SETTLE_MS
                    && !vw_balance_choose(charging->balance, charging->master->conf.balance_threshold,
                                          charging->master->v)) {
-            has_changed = enter(charging, VW_CHARGER_STATE_CONSTANT_VOLTAGE, now_ms);
+            has_changed = vw_charging_enter_state(charging, VW_CHARGER_STATE_CONSTANT_VOLTAGE, now_ms);
         } else {
             /* cells are bled, or rest first */
         }
         break;
     case VW_CHARGER_STATE_CONSTANT_VOLTAGE:
-        has_changed = is_charger_well ? hold(charging, v_max, now_ms) : vw_charging_stop(charging, true, now_ms);
+        has_changed = is_charger_well ? vw_charging_step_constant_voltage(charging, v_max,
+            now_ms) : vw_charging_stop(charging, true, now_ms);
         break;
     default: /* nothing is charged */
         break;

@@ -27,7 +27,7 @@ typedef struct {
     uint16_t rest_v[VW_N_CELLS]; /* before the current rose [100 uV] */
 } vw_charging_t;
 
-/* Each that returns a bool: whether `state` is another one now, to be told by VW_EVENT_CHARGER_STATE. */
+/* Functions that return a bool: whether `state` changed, for VW_EVENT_CHARGER_STATE. */
 void vw_charging_init(vw_charging_t *charging, vw_master_t *master, vw_balance_t *balance);
 
 /* Start; a status message of the charger must arrive first. */

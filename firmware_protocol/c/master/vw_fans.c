@@ -21,7 +21,7 @@ void vw_fans_command(vw_fans_t *fans, int32_t argument, uint32_t now_ms)
 }
 
 /* Rounded to the nearest, a half upwards. */
-static uint8_t ramp(const vw_config_t *conf, int8_t t_max)
+static uint8_t vw_fans_compute_duty(const vw_config_t *conf, int8_t t_max)
 {
     int32_t above = (int32_t)t_max - conf->fan_ramp_start;
     int32_t width = (int32_t)conf->fan_ramp_stop - conf->fan_ramp_start; /* above 0: vw_config_check */
@@ -40,5 +40,5 @@ uint8_t vw_fans_duty(vw_fans_t *fans, const vw_config_t *conf, int8_t t_max, uin
     if (fans->has_end && vw_is_due(now_ms, fans->until_ms)) {
         vw_fans_init(fans);
     }
-    return fans->is_overridden ? fans->override : ramp(conf, t_max);
+    return fans->is_overridden ? fans->override : vw_fans_compute_duty(conf, t_max);
 }

@@ -27,49 +27,49 @@
 #define REFERENCE_ON 0x04u
 #define GPIO_SHIFT 3u
 
-static uint16_t in_mode(uint16_t kind, enum vw_ltc_mode mode)
+static uint16_t vw_ltc6804_encode_conversion(uint16_t kind, enum vw_ltc_mode mode)
 {
     return (uint16_t)(kind | ((unsigned)mode << MODE_SHIFT));
 }
 
 uint16_t vw_ltc_adcv(enum vw_ltc_mode mode, bool discharge)
 {
-    return in_mode(discharge ? ADCV | DISCHARGE_PERMITTED : ADCV, mode);
+    return vw_ltc6804_encode_conversion(discharge ? ADCV | DISCHARGE_PERMITTED : ADCV, mode);
 }
 
 uint16_t vw_ltc_adow(enum vw_ltc_mode mode, bool pull_up)
 {
-    return in_mode(pull_up ? ADOW | PULL_UP : ADOW, mode);
+    return vw_ltc6804_encode_conversion(pull_up ? ADOW | PULL_UP : ADOW, mode);
 }
 
 uint16_t vw_ltc_adax(enum vw_ltc_mode mode)
 {
-    return in_mode(ADAX, mode);
+    return vw_ltc6804_encode_conversion(ADAX, mode);
 }
 
 uint16_t vw_ltc_adstat(enum vw_ltc_mode mode)
 {
-    return in_mode(ADSTAT, mode);
+    return vw_ltc6804_encode_conversion(ADSTAT, mode);
 }
 
-static uint16_t self_test(uint16_t kind, enum vw_ltc_mode mode, uint8_t pattern)
+static uint16_t vw_ltc6804_encode_self_test(uint16_t kind, enum vw_ltc_mode mode, uint8_t pattern)
 {
-    return (uint16_t)(in_mode(kind, mode) | ((unsigned)pattern << PATTERN_SHIFT));
+    return (uint16_t)(vw_ltc6804_encode_conversion(kind, mode) | ((unsigned)pattern << PATTERN_SHIFT));
 }
 
 uint16_t vw_ltc_cvst(enum vw_ltc_mode mode, uint8_t pattern)
 {
-    return self_test(CVST, mode, pattern);
+    return vw_ltc6804_encode_self_test(CVST, mode, pattern);
 }
 
 uint16_t vw_ltc_axst(enum vw_ltc_mode mode, uint8_t pattern)
 {
-    return self_test(AXST, mode, pattern);
+    return vw_ltc6804_encode_self_test(AXST, mode, pattern);
 }
 
 uint16_t vw_ltc_statst(enum vw_ltc_mode mode, uint8_t pattern)
 {
-    return self_test(STATST, mode, pattern);
+    return vw_ltc6804_encode_self_test(STATST, mode, pattern);
 }
 
 uint16_t vw_ltc_self_test_code(enum vw_ltc_mode mode, uint8_t pattern, bool adc_option)
@@ -90,7 +90,7 @@ static const uint16_t pec_table[16] = {
     0x7407u, 0x319Eu, 0x3AACu, 0x7F35u, 0x2CC8u, 0x6951u, 0x6263u, 0x27FAu
 };
 
-static uint32_t pec_step(uint32_t remainder, unsigned four_bits)
+static uint32_t vw_ltc6804_update_pec(uint32_t remainder, unsigned four_bits)
 {
     return ((remainder << 4) ^ pec_table[((remainder >> 11) ^ four_bits) & 0x0Fu]) & PEC_MASK;
 }
@@ -100,13 +100,13 @@ uint16_t vw_ltc_pec15(const uint8_t *data, size_t length)
     uint32_t remainder = PEC_SEED;
     size_t i;
     for (i = 0; i < length; i++) {
-        remainder = pec_step(remainder, (unsigned)data[i] >> 4);
-        remainder = pec_step(remainder, data[i] & 0x0Fu);
+        remainder = vw_ltc6804_update_pec(remainder, (unsigned)data[i] >> 4);
+        remainder = vw_ltc6804_update_pec(remainder, data[i] & 0x0Fu);
     }
     return (uint16_t)(remainder << 1);
 }
 
-static void put_pec(uint8_t *data, size_t length)
+static void vw_ltc6804_append_pec(uint8_t *data, size_t length)
 {
     uint16_t pec = vw_ltc_pec15(data, length);
     data[length] = (uint8_t)(pec >> 8);
@@ -147,7 +147,7 @@ void vw_ltc_words_decode(const uint8_t group[VW_LTC_GROUP_SIZE], uint16_t words[
     }
 }
 
-static void put_command(uint8_t packet[COMMAND_SIZE], uint8_t address, uint16_t command)
+static void vw_ltc6804_encode_command(uint8_t packet[COMMAND_SIZE], uint8_t address, uint16_t command)
 {
     unsigned first = (command >> 8) & 0x07u;
     if (address != VW_LTC_BROADCAST) {
@@ -155,7 +155,7 @@ static void put_command(uint8_t packet[COMMAND_SIZE], uint8_t address, uint16_t 
     }
     packet[0] = (uint8_t)first;
     packet[1] = (uint8_t)(command & 0xFFu);
-    put_pec(packet, 2u);
+    vw_ltc6804_append_pec(packet, 2u);
 }
 
 bool vw_ltc_wake(const vw_ltc_bus_t *bus)
@@ -166,16 +166,16 @@ bool vw_ltc_wake(const vw_ltc_bus_t *bus)
 bool vw_ltc_command(const vw_ltc_bus_t *bus, uint8_t address, uint16_t command)
 {
     uint8_t packet[COMMAND_SIZE];
-    put_command(packet, address, command);
+    vw_ltc6804_encode_command(packet, address, command);
     return bus->transfer(bus->context, packet, sizeof packet, NULL, 0u);
 }
 
 bool vw_ltc_write(const vw_ltc_bus_t *bus, uint8_t address, uint16_t command, const uint8_t group[VW_LTC_GROUP_SIZE])
 {
     uint8_t packet[PACKET_SIZE];
-    put_command(packet, address, command);
+    vw_ltc6804_encode_command(packet, address, command);
     (void)memcpy(packet + COMMAND_SIZE, group, VW_LTC_GROUP_SIZE);
-    put_pec(packet + COMMAND_SIZE, VW_LTC_GROUP_SIZE);
+    vw_ltc6804_append_pec(packet + COMMAND_SIZE, VW_LTC_GROUP_SIZE);
     return bus->transfer(bus->context, packet, sizeof packet, NULL, 0u);
 }
 
@@ -184,7 +184,7 @@ bool vw_ltc_read(const vw_ltc_bus_t *bus, uint8_t address, uint16_t command, uin
     uint8_t packet[COMMAND_SIZE];
     uint8_t answer[VW_LTC_GROUP_SIZE + PEC_SIZE];
     uint16_t pec;
-    put_command(packet, address, command);
+    vw_ltc6804_encode_command(packet, address, command);
     if (!bus->transfer(bus->context, packet, sizeof packet, answer, sizeof answer)) {
         return false;
     }
@@ -200,6 +200,6 @@ bool vw_ltc_is_busy(const vw_ltc_bus_t *bus)
 {
     uint8_t packet[COMMAND_SIZE];
     uint8_t answer = 0xFFu;
-    put_command(packet, VW_LTC_BROADCAST, VW_LTC_PLADC);
+    vw_ltc6804_encode_command(packet, VW_LTC_BROADCAST, VW_LTC_PLADC);
     return bus->transfer(bus->context, packet, sizeof packet, &answer, 1u) && answer == 0u;
 }

@@ -10,7 +10,7 @@
 #define CHARGER_FLAGS ((uint16_t)(offsetof(vw_master_t, charger) + offsetof(vw_charger_t, flags)))
 
 /* A message that writes the charger's flags is alive. */
-static bool is_charger_alive(const vw_master_task_t *task)
+static bool vw_master_is_charger_alive(const vw_master_task_t *task)
 {
     const vw_config_t *conf = &task->memory->conf;
     uint32_t i, k;
@@ -24,7 +24,7 @@ static bool is_charger_alive(const vw_master_task_t *task)
     return false;
 }
 
-static void remember(vw_master_task_t *task, uint32_t now_ms)
+static void vw_master_save_journal(vw_master_task_t *task, uint32_t now_ms)
 {
     const vw_board_t *board = task->link->answer.board;
     uint32_t dod = task->counter.dod, known = task->journal.dod;
@@ -39,7 +39,7 @@ static void remember(vw_master_task_t *task, uint32_t now_ms)
     }
 }
 
-static void count_charge(vw_master_task_t *task, const vw_inputs_t *inputs, uint32_t now_ms)
+static void vw_master_count_charge(vw_master_task_t *task, const vw_inputs_t *inputs, uint32_t now_ms)
 {
     vw_master_t *memory = task->memory;
     if (task->counter.is_started) {
@@ -57,18 +57,18 @@ static void count_charge(vw_master_task_t *task, const vw_inputs_t *inputs, uint
         memory->soc = vw_soc_counter_soc(&task->counter, &memory->conf);
     }
     if (task->counter.is_started) {
-        remember(task, now_ms);
+        vw_master_save_journal(task, now_ms);
     }
 }
 
-static void protect(vw_master_task_t *task, const vw_inputs_t *inputs, uint32_t now_ms)
+static void vw_master_step_protection(vw_master_task_t *task, const vw_inputs_t *inputs, uint32_t now_ms)
 {
     vw_event_t trips[VW_N_TRIPS];
     vw_reading_t reading = inputs->reading;
     uint8_t i, n = 0u;
     reading.is_charging = task->charging.is_active;
     if (inputs->is_ready) {
-        n = vw_protection_judge(&task->protection, &task->memory->conf, &reading, now_ms, trips);
+        n = vw_protection_check(&task->protection, &task->memory->conf, &reading, now_ms, trips);
     }
     for (i = 0u; i < n; i++) {
         vw_link_event(task->link, trips[i].code, trips[i].cell, trips[i].value, trips[i].limit);
@@ -76,7 +76,7 @@ static void protect(vw_master_task_t *task, const vw_inputs_t *inputs, uint32_t 
 }
 
 /* Charging begins and ends with the message that the configuration names; by hand it ends as ever. */
-static void charge(vw_master_task_t *task, const vw_inputs_t *inputs, bool is_alive, uint32_t now_ms)
+static void vw_master_step_charging(vw_master_task_t *task, const vw_inputs_t *inputs, bool is_alive, uint32_t now_ms)
 {
     vw_charging_t *charging = &task->charging;
     enum vw_charge asked = vw_can_take_charge(task->can);
@@ -89,24 +89,24 @@ static void charge(vw_master_task_t *task, const vw_inputs_t *inputs, bool is_al
     }
     if (task->protection.is_open) {
         (void)vw_master_command(task, (uint8_t)VW_COMMAND_BALANCE_STOP, 0);
-        vw_master_tell_charging(task, vw_charging_stop(charging, true, now_ms));
+        vw_master_send_charging_event(task, vw_charging_stop(charging, true, now_ms));
     }
     if (inputs->is_drive_asked && !charging->is_active) {
-        vw_master_tell_charging(task, vw_charging_stop(charging, false, now_ms));
+        vw_master_send_charging_event(task, vw_charging_stop(charging, false, now_ms));
     }
-    vw_master_tell_charging(task, vw_charging_step(charging, is_alive, inputs->reading.v_max, now_ms));
+    vw_master_send_charging_event(task, vw_charging_step(charging, is_alive, inputs->reading.v_max, now_ms));
 }
 
-static void balance(vw_master_task_t *task, uint32_t now_ms)
+static void vw_master_step_balancing(vw_master_task_t *task, uint32_t now_ms)
 {
     const vw_config_t *conf = &task->memory->conf;
-    vw_balance_watch(&task->balance, conf->v_cell_min, task->memory->v, now_ms);
+    vw_balance_end_manual(&task->balance, conf->v_cell_min, task->memory->v, now_ms);
     if (task->is_balance_asked && task->charging.state != VW_CHARGER_STATE_BALANCING) {
         task->is_balance_asked = vw_balance_choose(&task->balance, conf->balance_threshold, task->memory->v);
     }
 }
 
-static void write_status(vw_master_task_t *task, uint32_t hardware, bool is_alive)
+static void vw_master_write_status(vw_master_task_t *task, uint32_t hardware, bool is_alive)
 {
     vw_status_t *status = &task->memory->status;
     status->flags = hardware | (task->protection.is_open ? 0u : (uint32_t)VW_STATUS_FIT)
@@ -140,21 +140,21 @@ void vw_master_init(vw_master_task_t *task, vw_link_t *link, bool is_open, uint3
 
 void vw_master_step(vw_master_task_t *task, const vw_inputs_t *inputs, uint32_t now_ms)
 {
-    bool is_alive = is_charger_alive(task);
+    bool is_alive = vw_master_is_charger_alive(task);
     vw_relay_inputs_t relays = { 0 };
     task->now_ms = now_ms;
     task->i_fc = inputs->reading.i_fc;
     task->is_ready = inputs->is_ready;
     task->is_drive_asked = inputs->is_drive_asked;
-    count_charge(task, inputs, now_ms);
-    protect(task, inputs, now_ms);
-    charge(task, inputs, is_alive, now_ms);
+    vw_master_count_charge(task, inputs, now_ms);
+    vw_master_step_protection(task, inputs, now_ms);
+    vw_master_step_charging(task, inputs, is_alive, now_ms);
     relays.is_ok = !task->protection.is_open && inputs->is_shutdown_closed;
     relays.is_drive_asked = inputs->is_drive_asked && inputs->is_ready;
     relays.is_charging = task->charging.is_active;
     relays.link_permille = inputs->link_permille;
     (void)vw_relays_step(&task->relays, &relays, now_ms);
-    balance(task, now_ms);
+    vw_master_step_balancing(task, now_ms);
     task->memory->charger.fan_duty = vw_fans_duty(&task->fans, &task->memory->conf, inputs->reading.t_max, now_ms);
-    write_status(task, inputs->hardware, is_alive);
+    vw_master_write_status(task, inputs->hardware, is_alive);
 }

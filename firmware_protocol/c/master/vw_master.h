@@ -1,8 +1,10 @@
 /* The master: one step for each measurement puts protection, charging, balancing, relays, fans and the charge count
  * together with the library of this folder's parent. A reference to compare yours with, not a certified part.
  *
- * After vw_link_init: vw_master_init. After each measurement of the cells, every 20 ms: vw_master_step, then set what it
- * decided: the OK signal (`protection.is_open`), the relays (`relays.state`), the fans (`charger.fan_duty` of the struct)
+ * After vw_link_init: vw_master_init. After each measurement of the cells, every 20 ms: vw_master_step, then set what
+ * it
+ * decided: the OK signal (`protection.is_open`), the relays (`relays.state`), the fans (`charger.fan_duty` of the
+ * struct)
  * and the slaves' switches (`balance.cells`). The commands of vw_board_t call vw_master_command.
  */
 #ifndef VW_MASTER_H
@@ -63,6 +65,6 @@ bool vw_master_may_configure(const vw_master_task_t *task);
 enum vw_result vw_master_command(vw_master_task_t *task, uint8_t command, int32_t argument);
 
 /* Within the master: tell of the charging's state where it is another one now. */
-void vw_master_tell_charging(vw_master_task_t *task, bool has_changed);
+void vw_master_send_charging_event(vw_master_task_t *task, bool has_changed);
 
 #endif

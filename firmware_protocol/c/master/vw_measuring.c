@@ -13,7 +13,7 @@
 #define HOTTEST_OF_NONE (-128)
 
 /* To the nearest whole number, halves to the even one. */
-static int32_t nearest(double value)
+static int32_t vw_measuring_round_value(double value)
 {
     int32_t whole = (int32_t)value;
     double rest = value - (double)whole;
@@ -28,25 +28,25 @@ static int32_t nearest(double value)
     return whole;
 }
 
-static uint16_t nearest_u16(double value)
+static uint16_t vw_measuring_round_u16(double value)
 {
     double below = value < HIGHEST_U16 ? value : HIGHEST_U16;
-    return (uint16_t)nearest(below > 0.0 ? below : 0.0);
+    return (uint16_t)vw_measuring_round_value(below > 0.0 ? below : 0.0);
 }
 
-static bool is_in(const uint16_t cells[VW_N_PACKS], size_t cell)
+static bool vw_measuring_has_cell(const uint16_t cells[VW_N_PACKS], size_t cell)
 {
     return ((uint32_t)cells[cell / VW_CELLS_PER_PACK] & (1u << (cell % VW_CELLS_PER_PACK))) != 0u;
 }
 
 /* --- the current */
 
-static int32_t current_of(const vw_config_t *conf, double count)
+static int32_t vw_measuring_convert_current(const vw_config_t *conf, double count)
 {
-    return nearest((10.0 * count - (double)conf->i_offset) * (double)conf->i_gain / (double)COUNTS_10MA);
+    return vw_measuring_round_value((10.0 * count - (double)conf->i_offset) * (double)conf->i_gain / (double)COUNTS_10MA);
 }
 
-static void keep(vw_measuring_t *measuring, double mean)
+static void vw_measuring_store_mean(vw_measuring_t *measuring, double mean)
 {
     measuring->means[measuring->next] = mean;
     measuring->next = (uint16_t)((measuring->next + 1u) % VW_MEASURING_KEPT);
@@ -54,7 +54,7 @@ static void keep(vw_measuring_t *measuring, double mean)
 }
 
 /* The mean of the newest means that hold `fc_avg` samples, at least of one. */
-static double averaged(const vw_measuring_t *measuring, const vw_config_t *conf)
+static double vw_measuring_average_means(const vw_measuring_t *measuring, const vw_config_t *conf)
 {
     uint32_t n = ((uint32_t)(uint16_t)conf->fc_avg + conf->ts - 1u) / conf->ts, i;
     double sum = 0.0;
@@ -66,7 +66,7 @@ static double averaged(const vw_measuring_t *measuring, const vw_config_t *conf)
     return sum / (double)n;
 }
 
-uint16_t vw_measuring_samples(vw_measuring_t *measuring, const uint16_t *samples, uint16_t n)
+uint16_t vw_measuring_add_samples(vw_measuring_t *measuring, const uint16_t *samples, uint16_t n)
 {
     const vw_config_t *conf = &measuring->memory->conf;
     uint16_t i;
@@ -77,8 +77,8 @@ uint16_t vw_measuring_samples(vw_measuring_t *measuring, const uint16_t *samples
         measuring->has_samples = true;
         if (measuring->n_samples >= conf->ts) {
             double mean = (double)measuring->sum / (double)measuring->n_samples;
-            keep(measuring, mean);
-            measuring->new_means[measuring->n_new] = current_of(conf, mean);
+            vw_measuring_store_mean(measuring, mean);
+            measuring->new_means[measuring->n_new] = vw_measuring_convert_current(conf, mean);
             measuring->n_new++;
             measuring->sum = 0u;
             measuring->n_samples = 0u;
@@ -87,17 +87,18 @@ uint16_t vw_measuring_samples(vw_measuring_t *measuring, const uint16_t *samples
     return i;
 }
 
-static void measure_current(vw_measuring_t *measuring, vw_inputs_t *inputs)
+static void vw_measuring_measure_current(vw_measuring_t *measuring, vw_inputs_t *inputs)
 {
     vw_master_t *memory = measuring->memory;
     uint16_t latest = measuring->latest;
     if (measuring->n_new > 0u) {
         double share = (double)((uint32_t)measuring->n_new * memory->conf.ts) * SAMPLE_S;
         memory->i_fs = measuring->new_means[measuring->n_new - 1u];
-        measuring->i_fc = current_of(&memory->conf, averaged(measuring, &memory->conf));
+        measuring->i_fc = vw_measuring_convert_current(&memory->conf, vw_measuring_average_means(measuring,
+                                                       &memory->conf));
         memory->i_fc = measuring->i_fc;
         measuring->i_fc_hp += ((double)measuring->i_fc - measuring->i_fc_hp) * (share < 1.0 ? share : 1.0);
-        memory->i_fc_hp = nearest(measuring->i_fc_hp);
+        memory->i_fc_hp = vw_measuring_round_value(measuring->i_fc_hp);
     }
     inputs->means = measuring->new_means;
     inputs->n_means = measuring->n_new;
@@ -111,7 +112,7 @@ static void measure_current(vw_measuring_t *measuring, vw_inputs_t *inputs)
 
 /* --- temperatures */
 
-static void read_temperatures(vw_measuring_t *measuring)
+static void vw_measuring_read_temperatures(vw_measuring_t *measuring)
 {
     vw_slaves_t *slaves = measuring->slaves;
     vw_master_t *memory = measuring->memory;
@@ -125,7 +126,7 @@ static void read_temperatures(vw_measuring_t *measuring)
     measuring->t_min_id = measuring->t_max_id = 0u;
     for (cell = 0u; cell < VW_N_CELLS; cell++) {
         uint8_t pack = (uint8_t)(cell / VW_CELLS_PER_PACK);
-        int8_t degc = vw_slaves_degc(slaves, pack, (uint8_t)(cell % VW_CELLS_PER_PACK));
+        int8_t degc = vw_slaves_cell_degc(slaves, pack, (uint8_t)(cell % VW_CELLS_PER_PACK));
         memory->t[cell] = degc;
         if (degc == VW_T_MISSING) {
             if (measuring->lost_temperature == VW_NONE && !slaves->is_silent[pack]) {
@@ -146,7 +147,7 @@ static void read_temperatures(vw_measuring_t *measuring)
     }
     memory->t_min = n > 0u ? measuring->t_min : (int8_t)VW_T_MISSING;
     memory->t_max = n > 0u ? measuring->t_max : (int8_t)VW_T_MISSING;
-    memory->t_avg = n > 0u ? (int8_t)nearest((double)sum / (double)n) : (int8_t)VW_T_MISSING;
+    memory->t_avg = n > 0u ? (int8_t)vw_measuring_round_value((double)sum / (double)n) : (int8_t)VW_T_MISSING;
     memory->t_min_id = measuring->t_min_id;
     memory->t_max_id = measuring->t_max_id;
 }
@@ -154,7 +155,7 @@ static void read_temperatures(vw_measuring_t *measuring)
 /* --- the self-check */
 
 /* What this firmware takes from its configuration: capacities, resistances, and the OCV that they imply. */
-static void fill_slow_fields(vw_measuring_t *measuring)
+static void vw_measuring_fill_slow_fields(vw_measuring_t *measuring)
 {
     vw_master_t *memory = measuring->memory;
     const vw_config_t *conf = &memory->conf;
@@ -166,7 +167,8 @@ static void fill_slow_fields(vw_measuring_t *measuring)
         memory->r_fc[cell] = (uint16_t)conf->r_fc_avg;
         if (!measuring->is_ocv_estimated) {
             double ocv = measuring->v[cell] + sag;
-            memory->ocv[cell] = is_in(measuring->known, cell) ? nearest_u16(ocv) : (uint16_t)VW_V_MISSING;
+            memory->ocv[cell] = vw_measuring_has_cell(measuring->known,
+                                                      cell) ? vw_measuring_round_u16(ocv) : (uint16_t)VW_V_MISSING;
         }
     }
     memory->c_min = memory->c_max = memory->c_avg = (uint16_t)conf->c_avg;
@@ -174,14 +176,14 @@ static void fill_slow_fields(vw_measuring_t *measuring)
 }
 
 /* The stages that are due, as far as the pass has time for them. */
-static void check(vw_measuring_t *measuring, uint32_t left_us, uint32_t now_ms)
+static void vw_measuring_run_self_check(vw_measuring_t *measuring, uint32_t left_us, uint32_t now_ms)
 {
     uint32_t us = left_us;
     while (vw_is_due(now_ms, measuring->check_ms) && us >= VW_SLAVES_CHECK_STAGE_US) {
         us -= VW_SLAVES_CHECK_STAGE_US;
         measuring->check_ms += VW_MEASURING_CHECK_MS;
         if (vw_slaves_self_check(measuring->slaves)) {
-            fill_slow_fields(measuring);
+            vw_measuring_fill_slow_fields(measuring);
         }
     }
 }
@@ -189,7 +191,7 @@ static void check(vw_measuring_t *measuring, uint32_t left_us, uint32_t now_ms)
 /* --- voltages */
 
 /* Which cells have a voltage now, and what the struct says of the slaves. A cell that has one again begins anew. */
-static void find_known(vw_measuring_t *measuring)
+static void vw_measuring_find_valid_cells(vw_measuring_t *measuring)
 {
     vw_slaves_t *slaves = measuring->slaves;
     uint8_t pack, cell, n_slaves = 0u;
@@ -197,7 +199,7 @@ static void find_known(vw_measuring_t *measuring)
     for (pack = 0u; pack < VW_N_PACKS; pack++) {
         vw_slave_t *slave = &slaves->slave[pack];
         bool is_silent = measuring->is_silent[pack];
-        uint16_t known = is_silent ? 0u : vw_slaves_sound(slaves, pack);
+        uint16_t known = is_silent ? 0u : vw_slaves_measured_cells(slaves, pack);
         bool is_good = !is_silent && slaves->failures[pack] == 0u;
         slave->status = is_good ? VW_SLAVE_STATUS_ACTIVE : VW_SLAVE_STATUS_FAULT;
         n_slaves = (uint8_t)(n_slaves + (is_silent ? 0u : 1u));
@@ -207,7 +209,7 @@ static void find_known(vw_measuring_t *measuring)
         for (cell = 0u; cell < VW_CELLS_PER_PACK; cell++) {
             uint8_t of_all = (uint8_t)(pack * VW_CELLS_PER_PACK + cell);
             bool is_known = ((uint32_t)known & (1u << cell)) != 0u;
-            if (is_known && !is_in(measuring->known, of_all)) {
+            if (is_known && !vw_measuring_has_cell(measuring->known, of_all)) {
                 measuring->v[of_all] = (double)slave->cvr[cell];
             }
             if (!is_known && !is_silent && measuring->lost_cell == VW_NONE) {
@@ -219,7 +221,7 @@ static void find_known(vw_measuring_t *measuring)
     measuring->memory->n_slaves = n_slaves;
 }
 
-static void filter_voltages(vw_measuring_t *measuring, vw_reading_t *reading)
+static void vw_measuring_filter_voltages(vw_measuring_t *measuring, vw_reading_t *reading)
 {
     vw_master_t *memory = measuring->memory;
     double alpha = (double)memory->conf.v_alpha * 1e-3;
@@ -231,12 +233,12 @@ static void filter_voltages(vw_measuring_t *measuring, vw_reading_t *reading)
     for (cell = 0u; cell < VW_N_CELLS; cell++) {
         const vw_slave_t *slave = &measuring->slaves->slave[cell / VW_CELLS_PER_PACK];
         double *v = &measuring->v[cell];
-        if (!is_in(measuring->known, cell)) {
+        if (!vw_measuring_has_cell(measuring->known, cell)) {
             memory->v[cell] = VW_V_MISSING;
             continue;
         }
         *v += alpha * ((double)slave->cvr[cell % VW_CELLS_PER_PACK] - *v);
-        memory->v[cell] = nearest_u16(*v);
+        memory->v[cell] = vw_measuring_round_u16(*v);
         total += memory->v[cell];
         n++;
         if (memory->v[cell] < reading->v_min) {
@@ -250,10 +252,10 @@ static void filter_voltages(vw_measuring_t *measuring, vw_reading_t *reading)
     }
     memory->v_min = n > 0u ? reading->v_min : (uint16_t)VW_V_MISSING;
     memory->v_max = reading->v_max;
-    memory->v_avg = n > 0u ? nearest_u16((double)total / (double)n) : (uint16_t)VW_V_MISSING;
+    memory->v_avg = n > 0u ? vw_measuring_round_u16((double)total / (double)n) : (uint16_t)VW_V_MISSING;
     memory->v_min_id = reading->v_min_id;
     memory->v_max_id = reading->v_max_id;
-    memory->v_tot = nearest_u16((double)total / 100.0);
+    memory->v_tot = vw_measuring_round_u16((double)total / 100.0);
 }
 
 /* --- a pass */
@@ -283,14 +285,14 @@ void vw_measuring_run(vw_measuring_t *measuring, vw_inputs_t *inputs, uint32_t p
         uint32_t taken_us = VW_MEASURING_VOLTAGES_US;
         if (vw_is_due(now_ms, measuring->temperatures_ms)) {
             measuring->temperatures_ms = now_ms + VW_MEASURING_TEMPERATURES_MS;
-            read_temperatures(measuring);
+            vw_measuring_read_temperatures(measuring);
             taken_us += VW_MEASURING_PHASE_US;
         }
-        check(measuring, pass_us > taken_us ? pass_us - taken_us : 0u, now_ms);
+        vw_measuring_run_self_check(measuring, pass_us > taken_us ? pass_us - taken_us : 0u, now_ms);
     }
-    measure_current(measuring, inputs);
-    find_known(measuring);
-    filter_voltages(measuring, reading);
+    vw_measuring_measure_current(measuring, inputs);
+    vw_measuring_find_valid_cells(measuring);
+    vw_measuring_filter_voltages(measuring, reading);
     measuring->is_ready = measuring->is_ready || now_ms - measuring->start_ms >= VW_MEASURING_READY_MS;
     reading->t_min = measuring->t_min;
     reading->t_max = measuring->t_max;
@@ -302,7 +304,8 @@ void vw_measuring_run(vw_measuring_t *measuring, vw_inputs_t *inputs, uint32_t p
     inputs->is_ready = measuring->is_ready;
 }
 
-bool vw_measuring_bleed(vw_measuring_t *measuring, const uint16_t cells[VW_N_PACKS], bool is_now, uint32_t now_ms)
+bool vw_measuring_write_bleeding(vw_measuring_t *measuring, const uint16_t cells[VW_N_PACKS], bool is_now,
+                                 uint32_t now_ms)
 {
     bool is_due = is_now || vw_is_due(now_ms, measuring->bleed_ms);
     if (is_due) {

@@ -1,8 +1,10 @@
 /* A pass of measuring: slaves and current converter into the struct, with filter, minima, maxima, means and totals, and
  * what protection judges. A reference to compare yours with, not a certified part.
  *
- * After vw_slaves_init and vw_slaves_start: vw_measuring_init. In each pass: vw_measuring_samples with what the current's
- * converter has given since the last one, then vw_measuring_run, vw_master_step, vw_measuring_bleed. Voltages are read in
+ * After vw_slaves_init and vw_slaves_start: vw_measuring_init. In each pass: vw_measuring_add_samples with what the
+ * current's
+ * converter has given since the last one, then vw_measuring_run, vw_master_step, vw_measuring_write_bleeding.
+ * Voltages are read in
  * every pass, one phase of temperatures every 200 ms, a stage of the self-check every 250 ms where the pass has time.
  */
 #ifndef VW_MEASURING_H
@@ -20,7 +22,8 @@
 #define VW_MEASURING_VOLTAGES_US 8500u
 #define VW_MEASURING_PHASE_US 5000u
 
-/* The current's converter: 12 bits. An open input stands still here, 308 A; a current does not for as long as a trip. */
+/* The current's converter: 12 bits. An open input stands still here, 308 A; a current does not for as long as a trip.
+ * */
 #define VW_MEASURING_TOP 4095u
 #define VW_MEASURING_OPEN 3320u
 #define VW_MEASURING_OPEN_WIDTH 4u
@@ -67,14 +70,15 @@ typedef struct {
 void vw_measuring_init(vw_measuring_t *measuring, vw_slaves_t *slaves, vw_master_t *memory, uint32_t now_ms);
 
 /* Samples of the current [counts], 1 kHz. How many it took: those beyond 255 means belong to the next pass. */
-uint16_t vw_measuring_samples(vw_measuring_t *measuring, const uint16_t *samples, uint16_t n);
+uint16_t vw_measuring_add_samples(vw_measuring_t *measuring, const uint16_t *samples, uint16_t n);
 
 /* Measure what is due in a pass of this length; fills `reading`, `means`, `n_means` and `is_ready` of the inputs. The
- * means stand until the next call of vw_measuring_samples. A pass without a sample has lost its current sensor.
+ * means stand until the next call of vw_measuring_add_samples. A pass without a sample has lost its current sensor.
  */
 void vw_measuring_run(vw_measuring_t *measuring, vw_inputs_t *inputs, uint32_t pass_ms, uint32_t now_ms);
 
 /* Write the switches of the cells to bleed once a second, or now. True where it did. */
-bool vw_measuring_bleed(vw_measuring_t *measuring, const uint16_t cells[VW_N_PACKS], bool is_now, uint32_t now_ms);
+bool vw_measuring_write_bleeding(vw_measuring_t *measuring, const uint16_t cells[VW_N_PACKS], bool is_now,
+                                 uint32_t now_ms);
 
 #endif

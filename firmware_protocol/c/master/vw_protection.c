@@ -8,7 +8,8 @@ typedef struct {
     uint16_t persistence_ms[VW_N_TRIPS];
 } violations_t;
 
-static void add(violations_t *found, enum vw_event code, uint16_t persistence_ms, uint16_t cell, int32_t value,
+static void vw_protection_add_violation(violations_t *found, enum vw_event code, uint16_t persistence_ms,
+                                        uint16_t cell, int32_t value,
                 int32_t limit)
 {
     vw_event_t *event = &found->event[found->n];
@@ -21,24 +22,28 @@ static void add(violations_t *found, enum vw_event code, uint16_t persistence_ms
     found->n++;
 }
 
-static void find_cell_limits(violations_t *found, const vw_config_t *conf, const vw_reading_t *is)
+static void vw_protection_find_cell_violations(violations_t *found, const vw_config_t *conf, const vw_reading_t *is)
 {
     if (is->v_min < conf->v_cell_min) {
-        add(found, VW_EVENT_TRIP_V_MIN, VW_FAST_PERSISTENCE_MS, is->v_min_id, is->v_min, conf->v_cell_min);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_V_MIN, VW_FAST_PERSISTENCE_MS, is->v_min_id, is->v_min,
+                                    conf->v_cell_min);
     }
     if (is->v_max > conf->v_cell_max) {
-        add(found, VW_EVENT_TRIP_V_MAX, VW_FAST_PERSISTENCE_MS, is->v_max_id, is->v_max, conf->v_cell_max);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_V_MAX, VW_FAST_PERSISTENCE_MS, is->v_max_id, is->v_max,
+                                    conf->v_cell_max);
     }
     if (is->t_min < conf->t_cell_min) {
-        add(found, VW_EVENT_TRIP_T_MIN, VW_SLOW_PERSISTENCE_MS, is->t_min_id, is->t_min, conf->t_cell_min);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_T_MIN, VW_SLOW_PERSISTENCE_MS, is->t_min_id, is->t_min,
+                                    conf->t_cell_min);
     }
     if (is->t_max > conf->t_cell_max) {
-        add(found, VW_EVENT_TRIP_T_MAX, VW_SLOW_PERSISTENCE_MS, is->t_max_id, is->t_max, conf->t_cell_max);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_T_MAX, VW_SLOW_PERSISTENCE_MS, is->t_max_id, is->t_max,
+                                    conf->t_cell_max);
     }
 }
 
 /* What the mean of the current leaves of the time: its buffers, and one more, in which the violation began. */
-static uint16_t current_persistence_ms(const vw_config_t *conf)
+static uint16_t vw_protection_current_persistence_ms(const vw_config_t *conf)
 {
     uint32_t ts = conf->ts;
     uint32_t n_buffers = conf->fc_avg > 0 ? ((uint32_t)conf->fc_avg + ts - 1u) / ts : 1u;
@@ -47,7 +52,7 @@ static uint16_t current_persistence_ms(const vw_config_t *conf)
     return (uint16_t)(left < VW_FAST_PERSISTENCE_MS ? left : VW_FAST_PERSISTENCE_MS);
 }
 
-static void find_current_limits(violations_t *found, const vw_config_t *conf, const vw_reading_t *is)
+static void vw_protection_find_current_violations(violations_t *found, const vw_config_t *conf, const vw_reading_t *is)
 {
     enum vw_event code = is->is_charging ? VW_EVENT_TRIP_I_CHRG : VW_EVENT_TRIP_I_DISC;
     int32_t value = is->is_charging ? -is->i_fc : is->i_fc;
@@ -55,28 +60,31 @@ static void find_current_limits(violations_t *found, const vw_config_t *conf, co
     int32_t highest = is->is_charging ? conf->i_chrg_max : conf->i_disc_max;
     int32_t lowest = is->is_charging ? conf->i_chrg_min : conf->i_disc_min;
     if (value > highest + tolerance) {
-        add(found, code, current_persistence_ms(conf), VW_NO_OFFSET, value, highest);
+        vw_protection_add_violation(found, code, vw_protection_current_persistence_ms(conf), VW_NO_OFFSET, value,
+                                    highest);
     } else if (value < lowest - tolerance) {
-        add(found, code, current_persistence_ms(conf), VW_NO_OFFSET, value, lowest);
+        vw_protection_add_violation(found, code, vw_protection_current_persistence_ms(conf), VW_NO_OFFSET, value,
+                                    lowest);
     } else {
         /* inside both */
     }
 }
 
-static void find_lost(violations_t *found, const vw_reading_t *is)
+static void vw_protection_find_lost_sensors(violations_t *found, const vw_reading_t *is)
 {
     if (is->lost_slave != VW_NONE) {
         uint16_t first = (uint16_t)(is->lost_slave * VW_CELLS_PER_PACK);
-        add(found, VW_EVENT_TRIP_SLAVE_LOST, VW_FAST_PERSISTENCE_MS, first, 0, 0);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_SLAVE_LOST, VW_FAST_PERSISTENCE_MS, first, 0, 0);
     }
     if (is->lost_cell != VW_NONE) {
-        add(found, VW_EVENT_TRIP_SENSOR_LOST, VW_WIRE_PERSISTENCE_MS, is->lost_cell, 0, 0);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_SENSOR_LOST, VW_WIRE_PERSISTENCE_MS, is->lost_cell, 0, 0);
     } else if (is->is_current_lost) {
-        add(found, VW_EVENT_TRIP_SENSOR_LOST, VW_FAST_PERSISTENCE_MS, VW_NO_OFFSET, 0, 0);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_SENSOR_LOST, VW_FAST_PERSISTENCE_MS, VW_NO_OFFSET, 0, 0);
     } else if (is->lost_temperature != VW_NONE) {
-        add(found, VW_EVENT_TRIP_SENSOR_LOST, VW_SENSOR_PERSISTENCE_MS, is->lost_temperature, 0, 0);
+        vw_protection_add_violation(found, VW_EVENT_TRIP_SENSOR_LOST, VW_SENSOR_PERSISTENCE_MS,
+                                    is->lost_temperature, 0, 0);
     } else {
-        /* every sensor speaks */
+        /* every sensor is read */
     }
 }
 
@@ -86,15 +94,15 @@ void vw_protection_init(vw_protection_t *protection, bool is_open)
     protection->is_open = is_open;
 }
 
-uint8_t vw_protection_judge(vw_protection_t *protection, const vw_config_t *conf, const vw_reading_t *reading,
+uint8_t vw_protection_check(vw_protection_t *protection, const vw_config_t *conf, const vw_reading_t *reading,
                             uint32_t now_ms, vw_event_t trips[VW_N_TRIPS])
 {
     violations_t found;
     uint8_t i, before = protection->critical, n_trips = 0u;
     found.n = 0u;
-    find_cell_limits(&found, conf, reading);
-    find_current_limits(&found, conf, reading);
-    find_lost(&found, reading);
+    vw_protection_find_cell_violations(&found, conf, reading);
+    vw_protection_find_current_violations(&found, conf, reading);
+    vw_protection_find_lost_sensors(&found, reading);
     protection->critical = 0u;
     for (i = 0u; i < found.n; i++) {
         uint8_t watch = (uint8_t)(found.event[i].code - (uint8_t)VW_EVENT_TRIP_V_MIN);

@@ -1,6 +1,8 @@
-/* The OK signal: limits with persistence, latched until cleared. A reference to compare yours with, not a certified part.
+/* The OK signal: limits with persistence, latched until cleared. A reference to compare yours with, not a certified
+ * part.
  *
- * FS rules EV 5.8.7: 500 ms for voltage and current, 1 s for temperature, counted from the violation. The persistence is
+ * FS rules EV 5.8.7: 500 ms for voltage and current, 1 s for temperature, counted from the violation. The persistence
+ * is
  * what measuring and filtering leave of those times. A lost measurement is critical like a passed limit.
  */
 #ifndef VW_PROTECTION_H
@@ -20,7 +22,8 @@
 #define VW_SENSOR_PERSISTENCE_MS 1000u /* of a lost temperature */
 #define VW_N_TRIPS 8u                 /* VW_EVENT_TRIP_V_MIN to VW_EVENT_TRIP_SENSOR_LOST */
 
-/* What is judged, in counts of the struct. Without any known cell the lowest is above every limit, the highest below. */
+/* What is judged, in counts of the struct. Without any known cell the lowest is above every limit, the highest below.
+ * */
 typedef struct {
     uint16_t v_min;
     uint16_t v_max;
@@ -41,15 +44,15 @@ typedef struct {
 typedef struct {
     uint32_t since_ms[VW_N_TRIPS]; /* when each began, where `critical` has its bit */
     uint8_t critical;              /* violated now: one bit for each trip */
-    uint8_t tripped;               /* told, and not cleared since */
+    uint8_t tripped;               /* reported, and not cleared since */
     bool is_open;                  /* the latch: the OK signal is off */
 } vw_protection_t;
 
 /* `is_open`: how the flip-flop in the shutdown circuit stands; no restart of the firmware resets it (EV 6.1.6). */
 void vw_protection_init(vw_protection_t *protection, bool is_open);
 
-/* Judge a reading: how many trips there are that have not been told, and what they are. */
-uint8_t vw_protection_judge(vw_protection_t *protection, const vw_config_t *conf, const vw_reading_t *reading,
+/* Judge a reading: how many trips have not been reported yet, and what they are. */
+uint8_t vw_protection_check(vw_protection_t *protection, const vw_config_t *conf, const vw_reading_t *reading,
                             uint32_t now_ms, vw_event_t trips[VW_N_TRIPS]);
 
 /* Close the latch; false while a limit is violated. */

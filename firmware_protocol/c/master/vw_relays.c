@@ -1,6 +1,6 @@
 #include "vw_relays.h"
 
-static void go(vw_relays_t *relays, vw_relay_state_t state, uint32_t now_ms)
+static void vw_relays_enter_state(vw_relays_t *relays, vw_relay_state_t state, uint32_t now_ms)
 {
     if (state != relays->state) {
         relays->state = state;
@@ -26,18 +26,18 @@ vw_relay_state_t vw_relays_step(vw_relays_t *relays, const vw_relay_inputs_t *in
         relays->has_failed = false;
     }
     if (inputs->is_ok && inputs->is_charging) {
-        go(relays, VW_RELAYS_CHARGER, now_ms);
+        vw_relays_enter_state(relays, VW_RELAYS_CHARGER, now_ms);
     } else if (!inputs->is_ok || !inputs->is_drive_asked || relays->has_failed) {
-        go(relays, VW_RELAYS_OPEN, now_ms);
+        vw_relays_enter_state(relays, VW_RELAYS_OPEN, now_ms);
     } else if (relays->state == VW_RELAYS_OPEN || relays->state == VW_RELAYS_CHARGER) {
-        go(relays, VW_RELAYS_PRECHARGE, now_ms);
+        vw_relays_enter_state(relays, VW_RELAYS_PRECHARGE, now_ms);
     } else if (relays->state == VW_RELAYS_VEHICLE) {
         /* stays closed */
     } else if (inputs->link_permille >= VW_PRECHARGED_PERMILLE) {
-        go(relays, VW_RELAYS_VEHICLE, now_ms);
+        vw_relays_enter_state(relays, VW_RELAYS_VEHICLE, now_ms);
     } else if ((uint32_t)(now_ms - relays->since_ms) >= VW_PRECHARGE_LIMIT_MS) {
         relays->has_failed = true;
-        go(relays, VW_RELAYS_OPEN, now_ms);
+        vw_relays_enter_state(relays, VW_RELAYS_OPEN, now_ms);
     } else {
         /* pre-charging goes on */
     }

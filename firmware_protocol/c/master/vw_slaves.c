@@ -12,7 +12,7 @@
 #define DATA_FROM 1u /* of the configuration: GPIO inputs read as they stand, SWTEN as its pin */
 #define PHASE_MASK(phase) ((uint16_t)((phase) == 0u ? 0x0555u : 0x0AAAu))
 
-/* The self-check runs at 14 kHz, so that a stage fits into a pass beside the voltages. Times of the data sheet [us]. */
+/* The self-check runs at 14 kHz, so that a stage fits into a pass with the voltages. Times of the data sheet [us]. */
 #define CHECK_MODE VW_LTC_FAST
 #define TWELVE_CELLS_US 1288u
 #define AUXILIARY_US 1288u
@@ -37,17 +37,17 @@ static const uint32_t step_times_us[18] = {
     VW_SLAVES_SENSORS_US, 96u, 96u, 96u, 96u, VW_SLAVES_SENSORS_US, 384u,
 };
 
-static uint8_t address_of(size_t pack)
+static uint8_t vw_slaves_address_of_pack(size_t pack)
 {
     return (uint8_t)(VW_SLAVES_FIRST_ADDRESS + pack);
 }
 
-static uint16_t at_most_u16(uint32_t value)
+static uint16_t vw_slaves_saturate_u16(uint32_t value)
 {
     return (uint16_t)(value < 0xFFFFu ? value : 0xFFFFu);
 }
 
-static void wait_us(const vw_slaves_t *slaves, uint32_t time_us)
+static void vw_slaves_wait_us(const vw_slaves_t *slaves, uint32_t time_us)
 {
     slaves->bus->wait_us(slaves->bus->context, time_us);
     if (time_us > VW_SLAVES_IDLE_US) {
@@ -57,27 +57,28 @@ static void wait_us(const vw_slaves_t *slaves, uint32_t time_us)
 }
 
 /* Read a group and count it. A failed SPI is a packet that did not arrive. */
-static bool read_group(vw_slaves_t *slaves, size_t pack, uint16_t command, uint8_t group[VW_LTC_GROUP_SIZE])
+static bool vw_slaves_read_group(vw_slaves_t *slaves, size_t pack, uint16_t command, uint8_t group[VW_LTC_GROUP_SIZE])
 {
     slaves->packets++;
-    if (vw_ltc_read(slaves->bus, address_of(pack), command, group)) {
+    if (vw_ltc_read(slaves->bus, vw_slaves_address_of_pack(pack), command, group)) {
         return true;
     }
     slaves->packet_errors++;
     slaves->bad_packets[pack]++;
-    slaves->slave[pack].com[0] = at_most_u16(slaves->bad_packets[pack]);
+    slaves->slave[pack].com[0] = vw_slaves_saturate_u16(slaves->bad_packets[pack]);
     slaves->noisy_ms_left = WATCHFUL_MS;
     return false;
 }
 
 /* Read four groups; only what arrived intact is written. How many did. */
-static uint8_t read_groups(vw_slaves_t *slaves, size_t pack, const uint16_t commands[CELL_GROUPS], uint16_t *words)
+static uint8_t vw_slaves_read_groups(vw_slaves_t *slaves, size_t pack, const uint16_t commands[CELL_GROUPS],
+                                     uint16_t *words)
 {
     uint8_t intact = 0u;
     size_t i;
     for (i = 0; i < CELL_GROUPS; i++) {
         uint8_t group[VW_LTC_GROUP_SIZE];
-        if (read_group(slaves, pack, commands[i], group)) {
+        if (vw_slaves_read_group(slaves, pack, commands[i], group)) {
             vw_ltc_words_decode(group, words + i * VW_LTC_GROUP_WORDS);
             intact++;
         }
@@ -86,20 +87,20 @@ static uint8_t read_groups(vw_slaves_t *slaves, size_t pack, const uint16_t comm
 }
 
 /* The same for the cells: a slave without one good packet is silent. Whether all packets were good. */
-static bool read_cells_of(vw_slaves_t *slaves, size_t pack, uint16_t *words)
+static bool vw_slaves_read_cells(vw_slaves_t *slaves, size_t pack, uint16_t *words)
 {
-    uint8_t intact = read_groups(slaves, pack, read_cells, words);
+    uint8_t intact = vw_slaves_read_groups(slaves, pack, read_cells, words);
     slaves->is_silent[pack] = intact == 0u;
     return intact == CELL_GROUPS;
 }
 
-static bool read_config(vw_slaves_t *slaves, size_t pack, uint8_t group[VW_LTC_GROUP_SIZE])
+static bool vw_slaves_read_config(vw_slaves_t *slaves, size_t pack, uint8_t group[VW_LTC_GROUP_SIZE])
 {
-    return read_group(slaves, pack, VW_LTC_RDCFG, group);
+    return vw_slaves_read_group(slaves, pack, VW_LTC_RDCFG, group);
 }
 
 /* Start a conversion and wait until it is over; on a noisy pair ask whether it has begun, if not once more. */
-static void convert(vw_slaves_t *slaves, uint16_t command, uint32_t time_us)
+static void vw_slaves_run_conversion(vw_slaves_t *slaves, uint16_t command, uint32_t time_us)
 {
     unsigned i;
     for (i = 0; i < TRIES; i++) {
@@ -108,10 +109,10 @@ static void convert(vw_slaves_t *slaves, uint16_t command, uint32_t time_us)
             break;
         }
     }
-    wait_us(slaves, time_us);
+    vw_slaves_wait_us(slaves, time_us);
 }
 
-static void write_switches(const vw_slaves_t *slaves, uint8_t address, uint16_t cells)
+static void vw_slaves_write_switches(const vw_slaves_t *slaves, uint8_t address, uint16_t cells)
 {
     vw_ltc_config_t config;
     uint8_t group[VW_LTC_GROUP_SIZE];
@@ -121,7 +122,7 @@ static void write_switches(const vw_slaves_t *slaves, uint8_t address, uint16_t 
     (void)vw_ltc_write(slaves->bus, address, VW_LTC_WRCFG, group);
 }
 
-static void write_bleeding(const vw_slaves_t *slaves)
+static void vw_slaves_write_bleeding(const vw_slaves_t *slaves)
 {
     uint16_t any = 0u;
     size_t pack;
@@ -129,22 +130,22 @@ static void write_bleeding(const vw_slaves_t *slaves)
         any = (uint16_t)(any | slaves->bleed[pack]);
     }
     if (any == 0u) {
-        write_switches(slaves, VW_LTC_BROADCAST, 0u);
+        vw_slaves_write_switches(slaves, VW_LTC_BROADCAST, 0u);
         return;
     }
     for (pack = 0; pack < VW_N_PACKS; pack++) {
-        write_switches(slaves, address_of(pack), slaves->bleed[pack]);
+        vw_slaves_write_switches(slaves, vw_slaves_address_of_pack(pack), slaves->bleed[pack]);
     }
 }
 
 /* Whether the chips that can be read back hold these switches, and there are such. */
-static bool have_switches(vw_slaves_t *slaves, uint16_t cells)
+static bool vw_slaves_compare_switches(vw_slaves_t *slaves, uint16_t cells)
 {
     bool is_read = false, is_right = true;
     size_t pack;
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         uint8_t group[VW_LTC_GROUP_SIZE];
-        if (read_config(slaves, pack, group)) {
+        if (vw_slaves_read_config(slaves, pack, group)) {
             vw_ltc_config_t config;
             vw_ltc_config_decode(group, &config);
             is_read = true;
@@ -154,7 +155,7 @@ static bool have_switches(vw_slaves_t *slaves, uint16_t cells)
     return is_read && is_right;
 }
 
-static void write_status(const vw_slaves_t *slaves)
+static void vw_slaves_write_status(const vw_slaves_t *slaves)
 {
     size_t pack;
     for (pack = 0; pack < VW_N_PACKS; pack++) {
@@ -186,11 +187,11 @@ uint8_t vw_slaves_start(vw_slaves_t *slaves)
     size_t pack;
     vw_slaves_begin(slaves, 0u);
     (void)vw_ltc_command(slaves->bus, VW_LTC_BROADCAST, VW_LTC_CLRCELL);
-    write_switches(slaves, VW_LTC_BROADCAST, 0u);
+    vw_slaves_write_switches(slaves, VW_LTC_BROADCAST, 0u);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         vw_slave_t *own = &slaves->slave[pack];
         size_t size = VW_LTC_GROUP_SIZE - DATA_FROM;
-        bool is_read = read_config(slaves, pack, own->cfgr);
+        bool is_read = vw_slaves_read_config(slaves, pack, own->cfgr);
         bool is_set = is_read && memcmp(own->cfgr + DATA_FROM, default_config + DATA_FROM, size) == 0;
         own->status = is_set ? VW_SLAVE_STATUS_ACTIVE : VW_SLAVE_STATUS_FAULT;
         n_active = (uint8_t)(n_active + (is_set ? 1u : 0u));
@@ -202,7 +203,7 @@ void vw_slaves_begin(vw_slaves_t *slaves, uint32_t pass_ms)
 {
     slaves->noisy_ms_left -= pass_ms < slaves->noisy_ms_left ? pass_ms : slaves->noisy_ms_left;
     (void)vw_ltc_wake(slaves->bus);
-    wait_us(slaves, VW_SLAVES_WAKE_US);
+    vw_slaves_wait_us(slaves, VW_SLAVES_WAKE_US);
 }
 
 void vw_slaves_configure(vw_slaves_t *slaves, const uint16_t bleed[VW_N_PACKS])
@@ -211,9 +212,9 @@ void vw_slaves_configure(vw_slaves_t *slaves, const uint16_t bleed[VW_N_PACKS])
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         slaves->bleed[pack] = bleed[pack] & VW_SLAVES_ALL_CELLS;
     }
-    write_bleeding(slaves);
+    vw_slaves_write_bleeding(slaves);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
-        (void)read_config(slaves, pack, slaves->slave[pack].cfgr);
+        (void)vw_slaves_read_config(slaves, pack, slaves->slave[pack].cfgr);
     }
 }
 
@@ -223,10 +224,10 @@ uint8_t vw_slaves_read_voltages(vw_slaves_t *slaves)
     size_t pack;
     slaves->is_whole = true;
     slaves->has_returned = false;
-    convert(slaves, vw_ltc_adcv(VW_LTC_FILTERED, false), VW_SLAVES_CELLS_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_adcv(VW_LTC_FILTERED, false), VW_SLAVES_CELLS_US);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         bool was_silent = slaves->is_silent[pack];
-        slaves->is_whole = read_cells_of(slaves, pack, slaves->slave[pack].cvr) && slaves->is_whole;
+        slaves->is_whole = vw_slaves_read_cells(slaves, pack, slaves->slave[pack].cvr) && slaves->is_whole;
         if (slaves->is_silent[pack]) {
             n_silent++;
         } else if (was_silent) {
@@ -234,9 +235,9 @@ uint8_t vw_slaves_read_voltages(vw_slaves_t *slaves)
         }
     }
     if (slaves->has_returned) {
-        write_bleeding(slaves);
+        vw_slaves_write_bleeding(slaves);
     }
-    write_status(slaves);
+    vw_slaves_write_status(slaves);
     return n_silent;
 }
 
@@ -246,22 +247,22 @@ void vw_slaves_read_temperatures(vw_slaves_t *slaves)
     size_t pack;
     unsigned i;
     for (i = 0; i < TRIES; i++) {
-        write_switches(slaves, VW_LTC_BROADCAST, selected);
-        if (slaves->noisy_ms_left == 0u || have_switches(slaves, selected)) {
+        vw_slaves_write_switches(slaves, VW_LTC_BROADCAST, selected);
+        if (slaves->noisy_ms_left == 0u || vw_slaves_compare_switches(slaves, selected)) {
             break;
         }
     }
-    wait_us(slaves, VW_SLAVES_SWITCH_US);
-    convert(slaves, vw_ltc_adcv(VW_LTC_FAST, true), VW_SLAVES_SENSORS_US);
+    vw_slaves_wait_us(slaves, VW_SLAVES_SWITCH_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_adcv(VW_LTC_FAST, true), VW_SLAVES_SENSORS_US);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
-        (void)read_cells_of(slaves, pack, slaves->slave[pack].temp + slaves->phase * VW_LTC_CELLS);
+        (void)vw_slaves_read_cells(slaves, pack, slaves->slave[pack].temp + slaves->phase * VW_LTC_CELLS);
     }
-    write_bleeding(slaves);
-    write_status(slaves);
+    vw_slaves_write_bleeding(slaves);
+    vw_slaves_write_status(slaves);
     slaves->phase = (uint8_t)(1u - slaves->phase);
 }
 
-static bool all_are(const uint16_t *words, size_t n, uint16_t code)
+static bool vw_slaves_compare_words(const uint16_t *words, size_t n, uint16_t code)
 {
     size_t i;
     for (i = 0; i < n; i++) {
@@ -272,64 +273,65 @@ static bool all_are(const uint16_t *words, size_t n, uint16_t code)
     return true;
 }
 
-static void fail(vw_slaves_t *slaves, size_t pack, enum vw_slaves_failure failure)
+static void vw_slaves_set_failure(vw_slaves_t *slaves, size_t pack, enum vw_slaves_failure failure)
 {
     slaves->failures_so_far[pack] = (uint16_t)(slaves->failures_so_far[pack] | (unsigned)failure);
 }
 
 /* A packet that is damaged proves nothing. */
-static void test_converters(vw_slaves_t *slaves, uint8_t pattern)
+static void vw_slaves_test_converters(vw_slaves_t *slaves, uint8_t pattern)
 {
     uint16_t code = vw_ltc_self_test_code(CHECK_MODE, pattern, true);
     size_t pack;
-    convert(slaves, vw_ltc_cvst(CHECK_MODE, pattern), TWELVE_CELLS_US);
-    convert(slaves, vw_ltc_axst(CHECK_MODE, pattern), AUXILIARY_US);
-    convert(slaves, vw_ltc_statst(CHECK_MODE, pattern), STATUS_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_cvst(CHECK_MODE, pattern), TWELVE_CELLS_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_axst(CHECK_MODE, pattern), AUXILIARY_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_statst(CHECK_MODE, pattern), STATUS_US);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         uint16_t words[VW_LTC_CELLS] = { 0u };
-        if (read_groups(slaves, pack, read_cells, words) == CELL_GROUPS && !all_are(words, VW_LTC_CELLS, code)) {
-            fail(slaves, pack, VW_SLAVES_CELLS_FAILED);
+        if (vw_slaves_read_groups(slaves, pack, read_cells, words) == CELL_GROUPS && !vw_slaves_compare_words(words,
+            VW_LTC_CELLS, code)) {
+            vw_slaves_set_failure(slaves, pack, VW_SLAVES_CELLS_FAILED);
         }
     }
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         uint16_t words[OTHER_WORDS] = { 0u };
-        if (read_groups(slaves, pack, read_other, words) == CELL_GROUPS) {
-            if (!all_are(words, FIRST_STATUS, code)) {
-                fail(slaves, pack, VW_SLAVES_AUXILIARY_FAILED);
+        if (vw_slaves_read_groups(slaves, pack, read_other, words) == CELL_GROUPS) {
+            if (!vw_slaves_compare_words(words, FIRST_STATUS, code)) {
+                vw_slaves_set_failure(slaves, pack, VW_SLAVES_AUXILIARY_FAILED);
             }
-            if (!all_are(words + FIRST_STATUS, STATUS_RESULTS, code)) {
-                fail(slaves, pack, VW_SLAVES_STATUS_FAILED);
+            if (!vw_slaves_compare_words(words + FIRST_STATUS, STATUS_RESULTS, code)) {
+                vw_slaves_set_failure(slaves, pack, VW_SLAVES_STATUS_FAILED);
             }
         }
     }
 }
 
 /* References and supplies into the struct, and the multiplexer's own test. */
-static void test_references(vw_slaves_t *slaves)
+static void vw_slaves_test_references(vw_slaves_t *slaves)
 {
     size_t pack;
-    convert(slaves, vw_ltc_adax(CHECK_MODE), AUXILIARY_US);
-    convert(slaves, vw_ltc_adstat(CHECK_MODE), STATUS_US);
-    convert(slaves, VW_LTC_DIAGN, MULTIPLEXER_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_adax(CHECK_MODE), AUXILIARY_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_adstat(CHECK_MODE), STATUS_US);
+    vw_slaves_run_conversion(slaves, VW_LTC_DIAGN, MULTIPLEXER_US);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         vw_slave_t *own = &slaves->slave[pack];
         uint16_t words[OTHER_WORDS] = { 0u };
-        if (read_groups(slaves, pack, read_other, words) != CELL_GROUPS) {
+        if (vw_slaves_read_groups(slaves, pack, read_other, words) != CELL_GROUPS) {
             continue;
         }
         (void)memcpy(own->avr, words, sizeof own->avr);
         (void)memcpy(own->str, words + FIRST_STATUS, sizeof own->str);
         if ((words[LAST_STATUS] & MULTIPLEXER_FLAG) != 0u) {
-            fail(slaves, pack, VW_SLAVES_MULTIPLEXER_FAILED);
+            vw_slaves_set_failure(slaves, pack, VW_SLAVES_MULTIPLEXER_FAILED);
         }
         if (words[SECOND_REFERENCE] < REFERENCE_LOWEST || words[SECOND_REFERENCE] > REFERENCE_HIGHEST) {
-            fail(slaves, pack, VW_SLAVES_REFERENCE_FAILED);
+            vw_slaves_set_failure(slaves, pack, VW_SLAVES_REFERENCE_FAILED);
         }
     }
 }
 
 /* The cells on both sides of each open wire: pulled up minus pulled down is far below zero above it. */
-static uint16_t beside_open_wires(const uint16_t up[VW_LTC_CELLS], const uint16_t down[VW_LTC_CELLS])
+static uint16_t vw_slaves_cells_at_open_wires(const uint16_t up[VW_LTC_CELLS], const uint16_t down[VW_LTC_CELLS])
 {
     unsigned cells = 0u, cell;
     for (cell = 1u; cell < VW_LTC_CELLS; cell++) {
@@ -343,36 +345,36 @@ static uint16_t beside_open_wires(const uint16_t up[VW_LTC_CELLS], const uint16_
     return (uint16_t)cells;
 }
 
-static void find_open_wires(vw_slaves_t *slaves)
+static void vw_slaves_find_open_wires(vw_slaves_t *slaves)
 {
     uint16_t up[VW_N_PACKS][VW_LTC_CELLS];
     bool is_whole[VW_N_PACKS];
     size_t pack;
-    convert(slaves, vw_ltc_adow(CHECK_MODE, true), TWELVE_CELLS_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_adow(CHECK_MODE, true), TWELVE_CELLS_US);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
-        is_whole[pack] = read_cells_of(slaves, pack, up[pack]);
+        is_whole[pack] = vw_slaves_read_cells(slaves, pack, up[pack]);
     }
-    convert(slaves, vw_ltc_adow(CHECK_MODE, false), TWELVE_CELLS_US);
+    vw_slaves_run_conversion(slaves, vw_ltc_adow(CHECK_MODE, false), TWELVE_CELLS_US);
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         uint16_t down[VW_LTC_CELLS];
-        if (read_cells_of(slaves, pack, down) && is_whole[pack]) {
-            slaves->open_wires[pack] = beside_open_wires(up[pack], down);
+        if (vw_slaves_read_cells(slaves, pack, down) && is_whole[pack]) {
+            slaves->open_wires[pack] = vw_slaves_cells_at_open_wires(up[pack], down);
         }
     }
 }
 
-static void conclude(vw_slaves_t *slaves)
+static void vw_slaves_finish_self_check(vw_slaves_t *slaves)
 {
     size_t pack;
     for (pack = 0; pack < VW_N_PACKS; pack++) {
         uint16_t *com = slaves->slave[pack].com;
         slaves->failures[pack] = slaves->failures_so_far[pack];
         slaves->failures_so_far[pack] = 0u;
-        com[1] = at_most_u16(slaves->bad_packets[pack] - slaves->bad_before[pack]);
+        com[1] = vw_slaves_saturate_u16(slaves->bad_packets[pack] - slaves->bad_before[pack]);
         com[2] = slaves->failures[pack];
         slaves->bad_before[pack] = slaves->bad_packets[pack];
     }
-    write_status(slaves);
+    vw_slaves_write_status(slaves);
 }
 
 bool vw_slaves_self_check(vw_slaves_t *slaves)
@@ -380,12 +382,12 @@ bool vw_slaves_self_check(vw_slaves_t *slaves)
     uint8_t stage = slaves->stage;
     slaves->stage = (uint8_t)((stage + 1u) % VW_SLAVES_CHECK_STAGES);
     if (stage < 2u) {
-        test_converters(slaves, (uint8_t)(stage + 1u));
+        vw_slaves_test_converters(slaves, (uint8_t)(stage + 1u));
     } else if (stage == 2u) {
-        test_references(slaves);
+        vw_slaves_test_references(slaves);
     } else {
-        find_open_wires(slaves);
-        conclude(slaves);
+        vw_slaves_find_open_wires(slaves);
+        vw_slaves_finish_self_check(slaves);
     }
     return slaves->stage == 0u;
 }

@@ -1,7 +1,9 @@
 /* The slaves: set up, wake, convert, wait, read, check. One chip of 12 cells in each, addresses 1 to 8.
  *
- * Registers go into the master's struct as the chips gave them. A packet with a wrong PEC leaves the old registers and is
- * counted; what may be believed now says vw_slaves_known() and vw_slaves_degc(), and only that: missing is never 0.
+ * Registers go into the master's struct as the chips gave them. A packet with a wrong PEC leaves the old registers
+ * and is
+ * counted; what may be believed now says vw_slaves_valid_cells() and vw_slaves_cell_degc(), and only that: missing is
+ * never 0.
  * All functions wait on the bus (`wait_us`) and are called from one task.
  */
 #ifndef VW_SLAVES_H
@@ -48,7 +50,7 @@ typedef struct {
     vw_slave_t *slave; /* VW_N_PACKS of them, in the master's struct */
     const uint8_t *sensor_inputs; /* VW_LTC_CELLS: the input of each cell's sensor, from 0 */
     uint16_t bleed[VW_N_PACKS]; /* cells that are bled between the conversions */
-    uint16_t open_wires[VW_N_PACKS]; /* cells beside an open wire */
+    uint16_t open_wires[VW_N_PACKS]; /* cells next to an open wire */
     uint16_t failures[VW_N_PACKS]; /* of the last whole self-check, enum vw_slaves_failure */
     bool is_silent[VW_N_PACKS]; /* not one good packet in the last reading of its cells */
     bool is_whole; /* every packet of the last reading of voltages was good */
@@ -87,20 +89,20 @@ void vw_slaves_read_temperatures(vw_slaves_t *slaves);
 /* The next of four stages. True after the last: `com`, `avr`, `str`, open wires and failures are new. */
 bool vw_slaves_self_check(vw_slaves_t *slaves);
 
-/* The cells of a slave whose voltage in `cvr` may be believed: it answers, its self-test passes, no wire beside the cell
+/* The cells of a slave whose voltage in `cvr` are valid: it answers, its self-test passes, no wire next to the cell
  * is open, the chip has measured.
  */
-uint16_t vw_slaves_known(const vw_slaves_t *slaves, uint8_t pack);
+uint16_t vw_slaves_valid_cells(const vw_slaves_t *slaves, uint8_t pack);
 
 /* The same for a slave that answered when its voltages were read, whatever came of later readings. */
-uint16_t vw_slaves_sound(const vw_slaves_t *slaves, uint8_t pack);
+uint16_t vw_slaves_measured_cells(const vw_slaves_t *slaves, uint8_t pack);
 
 /* The temperature of a cell [degC], VW_T_MISSING where there is none: no working sensor gives that voltage, or a wire
- * beside the sensor's input is open.
+ * next to the sensor's input is open.
  */
-int8_t vw_slaves_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell);
+int8_t vw_slaves_cell_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell);
 
 /* The temperature that a sensor's voltage means [100 uV to degC], likewise. */
-int8_t vw_slaves_degc_of(uint16_t count);
+int8_t vw_slaves_sensor_degc(uint16_t count);
 
 #endif

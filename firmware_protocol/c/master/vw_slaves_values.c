@@ -11,7 +11,7 @@ static const uint16_t points[N_POINTS] = {
     14500u, 14300u, 14000u, 13800u, 13700u, 13500u, 13400u, 13300u, 13200u, 13100u, 13000u,
 };
 
-uint16_t vw_slaves_sound(const vw_slaves_t *slaves, uint8_t pack)
+uint16_t vw_slaves_measured_cells(const vw_slaves_t *slaves, uint8_t pack)
 {
     unsigned sound = 0u, cell;
     if (pack >= VW_N_PACKS || slaves->failures[pack] != 0u) {
@@ -25,13 +25,13 @@ uint16_t vw_slaves_sound(const vw_slaves_t *slaves, uint8_t pack)
     return (uint16_t)(sound & ~(unsigned)slaves->open_wires[pack]);
 }
 
-uint16_t vw_slaves_known(const vw_slaves_t *slaves, uint8_t pack)
+uint16_t vw_slaves_valid_cells(const vw_slaves_t *slaves, uint8_t pack)
 {
     bool is_silent = pack >= VW_N_PACKS || slaves->is_silent[pack];
-    return is_silent ? 0u : vw_slaves_sound(slaves, pack);
+    return is_silent ? 0u : vw_slaves_measured_cells(slaves, pack);
 }
 
-int8_t vw_slaves_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell)
+int8_t vw_slaves_cell_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell)
 {
     uint8_t input;
     if (pack >= VW_N_PACKS || cell >= VW_LTC_CELLS || slaves->is_silent[pack]) {
@@ -39,12 +39,12 @@ int8_t vw_slaves_degc(const vw_slaves_t *slaves, uint8_t pack, uint8_t cell)
     }
     input = slaves->sensor_inputs[cell];
     if (((slaves->open_wires[pack] >> input) & 1u) != 0u) {
-        return VW_T_MISSING; /* it floats between the sensor and the cell beside it */
+        return VW_T_MISSING; /* it floats between the sensor and the next cell */
     }
-    return vw_slaves_degc_of(slaves->slave[pack].temp[input + VW_LTC_CELLS * (input % 2u)]);
+    return vw_slaves_sensor_degc(slaves->slave[pack].temp[input + VW_LTC_CELLS * (input % 2u)]);
 }
 
-int8_t vw_slaves_degc_of(uint16_t count)
+int8_t vw_slaves_sensor_degc(uint16_t count)
 {
     size_t i = 1u;
     int32_t above, width, degc, fives;

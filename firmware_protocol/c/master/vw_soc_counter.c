@@ -14,7 +14,7 @@ static const uint16_t rest_v[N_POINTS] = {
 };
 
 /* Linear between the points, rounded down [0.01 %]. */
-static uint16_t soc_at_rest(uint16_t v)
+static uint16_t vw_soc_counter_interpolate_ocv(uint16_t v)
 {
     uint32_t k = 0u;
     while (k < N_POINTS - 1u && v >= rest_v[k + 1u]) {
@@ -27,7 +27,7 @@ static uint16_t soc_at_rest(uint16_t v)
 }
 
 /* What 0.01 % of the capacity are [uAh]: c_avg, which is above 0 and has 10 mAh a count, is that number. */
-static uint32_t part(const vw_config_t *conf)
+static uint32_t vw_soc_counter_charge_per_step(const vw_config_t *conf)
 {
     return (uint16_t)conf->c_avg;
 }
@@ -46,14 +46,14 @@ void vw_soc_counter_from_journal(vw_soc_counter_t *counter, uint32_t dod)
 
 void vw_soc_counter_set(vw_soc_counter_t *counter, const vw_config_t *conf, uint16_t soc)
 {
-    vw_soc_counter_from_journal(counter, part(conf) * (FULL_SOC - soc));
+    vw_soc_counter_from_journal(counter, vw_soc_counter_charge_per_step(conf) * (FULL_SOC - soc));
 }
 
 bool vw_soc_counter_from_rest(vw_soc_counter_t *counter, const vw_config_t *conf, uint16_t v_avg, int32_t i_fc)
 {
     bool is_at_rest = v_avg != VW_V_MISSING && i_fc < VW_REST_CURRENT && i_fc > -VW_REST_CURRENT;
     if (is_at_rest) {
-        vw_soc_counter_set(counter, conf, soc_at_rest(v_avg));
+        vw_soc_counter_set(counter, conf, vw_soc_counter_interpolate_ocv(v_avg));
     }
     return is_at_rest;
 }
@@ -62,7 +62,7 @@ void vw_soc_counter_count(vw_soc_counter_t *counter, const vw_config_t *conf, in
 {
     int32_t moved = (int32_t)counter->rest + mean * (int32_t)n_samples;
     int32_t whole = moved / PER_UAH, rest = moved % PER_UAH;
-    uint32_t full = part(conf) * FULL_SOC;
+    uint32_t full = vw_soc_counter_charge_per_step(conf) * FULL_SOC;
     if (rest < 0) {
         rest += PER_UAH;
         whole--;
@@ -82,6 +82,6 @@ void vw_soc_counter_count(vw_soc_counter_t *counter, const vw_config_t *conf, in
 
 uint16_t vw_soc_counter_soc(const vw_soc_counter_t *counter, const vw_config_t *conf)
 {
-    uint32_t drawn = counter->dod / part(conf);
+    uint32_t drawn = counter->dod / vw_soc_counter_charge_per_step(conf);
     return counter->is_started && drawn < FULL_SOC ? (uint16_t)(FULL_SOC - drawn) : 0u;
 }

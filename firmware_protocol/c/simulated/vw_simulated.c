@@ -76,7 +76,8 @@ static bool transfer(void *context, const uint8_t *tx, size_t tx_length, uint8_t
     if (row == (uint8_t)VW_ROW_NONE) {
         simulated->of_python.transfer(simulated->bus_us, tx, tx_length, rx, rx_length);
     } else {
-        if ((row != simulated->row || (pack == 0u && group == 0u)) && !simulated->of_python.read_row(simulated->bus_us, row)) {
+        if ((row != simulated->row || (pack == 0u && group == 0u)) &&
+            !simulated->of_python.read_row(simulated->bus_us, row)) {
             put_check_words(&simulated->io);
         }
         (void)memcpy(rx, simulated->io.packets[pack][group], rx_length);
@@ -169,7 +170,8 @@ static void find_line_due(vw_simulated_t *simulated)
     bool is_turning = stream->range != 0u || stream->sent_of_range != 0u;
     io->has_line_due = is_now || simulated->link.is_streaming;
     io->line_due_ms = is_now ? simulated->now_ms : stream->fast_ms;
-    if (!is_now && !is_turning && !vw_is_due(simulated->now_ms, stream->turn_ms) && vw_is_due(stream->fast_ms, stream->turn_ms)) {
+    if (!is_now && !is_turning && !vw_is_due(simulated->now_ms, stream->turn_ms) && vw_is_due(stream->fast_ms,
+        stream->turn_ms)) {
         io->line_due_ms = stream->turn_ms;
     }
 }
@@ -240,10 +242,11 @@ void vw_simulated_pass(vw_simulated_t *simulated, uint32_t now_ms, uint32_t pass
     inputs.hardware = io->hardware;
     simulated->bus_us = 0u;
     advance(simulated, now_ms);
-    (void)vw_measuring_samples(&simulated->measuring, io->samples, n_samples);
+    (void)vw_measuring_add_samples(&simulated->measuring, io->samples, n_samples);
     vw_measuring_run(&simulated->measuring, &inputs, pass_ms, now_ms);
     vw_master_step(&simulated->task, &inputs, now_ms);
-    (void)vw_measuring_bleed(&simulated->measuring, simulated->task.balance.cells, simulated->task.has_new_cells, now_ms);
+    (void)vw_measuring_write_bleeding(&simulated->measuring, simulated->task.balance.cells,
+     simulated->task.has_new_cells, now_ms);
     simulated->task.has_new_cells = false;
     send_can(simulated, pass_ms);
     show(simulated);

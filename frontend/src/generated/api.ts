@@ -158,7 +158,7 @@ export interface BlackBox {
   beyond: Beyond | null;
   peers: Peers | null;
   cells: CellsAround;
-  samples: Samples;
+  samples: BoxSamples;
   findings: RenderedMessage[];
   simulated: boolean;
   cause?: Cause | null;
@@ -177,6 +177,17 @@ export interface BoxEvent {
 export interface BoxList {
   next_cursor: string | null;
   boxes: StoredBox[];
+}
+
+/** Everything at full rate; tables are cell by cell, `time_s` from the trip. */
+export interface BoxSamples {
+  time_s: (number | null)[];
+  current_a: (number | null)[];
+  voltage_v: ((number | null)[])[];
+  temperature_degc: ((number | null)[])[];
+  soc: ((number | null)[])[];
+  fit: (number | null)[];
+  load: (number | null)[];
 }
 
 /** How good the recording is. */
@@ -237,7 +248,7 @@ export interface CanId {
   values: CanValue[];
 }
 
-/** What the master listens for; `active` null while the master has not said. */
+/** What the master listens for; `active` null before the master reports it. */
 export interface CanRx {
   index: number;
   enabled: boolean;
@@ -321,7 +332,7 @@ export interface CanValue {
   text: string | null;
 }
 
-/** An alarm as the car told it; the cell's index counts from 0. */
+/** An alarm as the car published it; the cell's index counts from 0. */
 export interface CarAlarm {
   severity: 'info' | 'watch' | 'warning' | 'trip';
   message: RenderedMessage;
@@ -335,7 +346,7 @@ export interface CarLink {
   lost: number;
 }
 
-/** A car as it was last heard; `since` is the unix time of its last values, null and missing are never 0. */
+/** A car as it was last received; `since` is the unix time of its last values, null and missing are never 0. */
 export interface Car {
   name: string;
   state: 'live' | 'late' | 'silent' | 'vanished';
@@ -440,6 +451,13 @@ export interface CellRank {
   reasons: RenderedMessage[];
 }
 
+/** One cell by its slave, averaged; None where it has no measurement. `sigma` of one sample. */
+export interface CellReading {
+  cell: number;
+  value: number | null;
+  sigma: number | null;
+}
+
 /** Every cell before, at and during it; `opened_s`: when the shutdown circuit was seen open, from the trip. */
 export interface CellsAround {
   voltage_before_v: (number | null)[];
@@ -517,7 +535,7 @@ export interface CheckedProfile {
   saved_at: string;
   hash: string;
   converted_from: string | null;
-  findings: Finding[];
+  findings: ConfigIssue[];
 }
 
 /** The service's wall clock: unix seconds, and how far it was set since the start. */
@@ -530,7 +548,7 @@ export interface Clock {
 /** Seconds of this computer in one of the master's, and how far that may be off. */
 export interface ClockRate {
   rate: number;
-  doubt: number;
+  uncertainty: number;
   latest_s: number;
 }
 
@@ -543,7 +561,7 @@ export interface Column {
 /** The names of the commands, and why some would be refused now. */
 export interface Commands {
   commands: string[];
-  hindrances: Record<string, RenderedMessage>;
+  block_reasons: Record<string, RenderedMessage>;
 }
 
 /** One side of a comparison. */
@@ -575,6 +593,19 @@ export interface ConfigHistory {
   records: ConfigRecord[];
 }
 
+/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
+export interface ConfigIssue {
+  level: 'error' | 'warning' | 'notice';
+  code: string;
+  standing: boolean;
+  field: string;
+  element: number | null;
+  value: number;
+  limit: RenderedMessage;
+  why: RenderedMessage;
+  message: RenderedMessage;
+}
+
 /** The configuration in force, in units and in raw counts. */
 export interface Config {
   hash: string;
@@ -582,7 +613,7 @@ export interface Config {
   age_s: number | null;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
-  findings: Finding[];
+  findings: ConfigIssue[];
   allowed: Record<string, [number, number]>;
 }
 
@@ -645,6 +676,14 @@ export interface Coverage {
   is_enough: boolean;
 }
 
+/** What a line reads now: one value a cell or sensor, or one; of a state also its raw number and what that means. */
+export interface CurrentValue {
+  values: (number | null)[];
+  age_s: number | null;
+  raw: number | null;
+  text: string;
+}
+
 /** How often the firmware measures, as the team declares it [s]: it cannot be read from the bytes. */
 export interface Cycles {
   pass_s: number;
@@ -704,7 +743,7 @@ export interface DriverCan {
   target_wh: number | null;
   sent: number;
   error: RenderedMessage | null;
-  hindrance: RenderedMessage | null;
+  block_reason: RenderedMessage | null;
 }
 
 /** What a driver's laps have in common: means over the laps that count. */
@@ -868,28 +907,6 @@ export interface FieldError {
   limit?: RenderedMessage | null;
 }
 
-/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
-export interface Finding {
-  level: 'error' | 'warning' | 'notice';
-  code: string;
-  standing: boolean;
-  field: string;
-  element: number | null;
-  value: number;
-  limit: RenderedMessage;
-  why: RenderedMessage;
-  message: RenderedMessage;
-}
-
-/** The findings of a session, as codes with arguments; `why`: which cell failed, and why. */
-export interface Findings {
-  headline: RenderedMessage;
-  why: RenderedMessage[];
-  limited: RenderedMessage[];
-  look_at: RenderedMessage[];
-  judged: RenderedMessage[];
-}
-
 /** The master's status bits. */
 export interface Flags {
   fit: boolean;
@@ -903,7 +920,7 @@ export interface Flags {
   load: boolean | null;
 }
 
-/** All cars of a broker, by name; `problem` says why none is heard, `notice` that messages were left out. */
+/** All cars of a broker, by name; `problem` says why none is received, `notice` that messages were left out. */
 export interface Fleet {
   broker: string;
   problem: RenderedMessage | null;
@@ -962,7 +979,7 @@ export interface History {
   series: Record<string, (number | null)[]>;
 }
 
-/** What the master said of itself. */
+/** The master's answer to IDENT. */
 export interface Identity {
   firmware: string;
   protocol: number;
@@ -972,7 +989,7 @@ export interface Identity {
 }
 
 /** Which column is what; empty: not there. */
-export interface ImportProfile {
+export interface ImportMapping {
   time: string;
   time_unit: string;
   current: string;
@@ -1012,6 +1029,45 @@ export interface ImportedTables {
 export interface Imports {
   last: ImportState | null;
   profiles: string[];
+}
+
+/** A signal that may carry what a line says, and what was received of it [in the line's unit]. */
+export interface InferredCandidate {
+  signal: string;
+  low: number | null;
+  high: number | null;
+  reasons: RenderedMessage[];
+}
+
+/** One thing that the profile says: which of the candidates it is, whether it is taken, and what it reads. */
+export interface InferredLine {
+  key: string;
+  taken: boolean;
+  signal: string;
+  candidates: InferredCandidate[];
+  display_unit: string;
+  unit: string;
+  units: string[];
+  positive: string | null;
+  equals: number[] | null;
+  running: CurrentValue | null;
+}
+
+/** A suggested profile; `profile` null where no cell voltages are recognised. */
+export interface InferredProfile {
+  id: string;
+  frames: number;
+  messages: number;
+  received: number;
+  cells: number;
+  segments: number[];
+  parallel: number;
+  sensors: number;
+  name: string;
+  lines: InferredLine[];
+  questions: RenderedMessage[];
+  checks: ProfileIssue[];
+  profile: string | null;
 }
 
 /** A stretch that counts as a lap, as found or as somebody settled it. */
@@ -1130,60 +1186,6 @@ export interface Last {
   since: number;
 }
 
-/** A signal that may carry what a line says, and what was heard of it [in the line's unit]. */
-export interface LearnedCandidate {
-  signal: string;
-  low: number | null;
-  high: number | null;
-  reasons: RenderedMessage[];
-}
-
-/** A doubt about the profile, or an error with which it cannot work. */
-export interface LearnedCheck {
-  field: string;
-  is_error: boolean;
-  what: RenderedMessage;
-}
-
-/** One thing that the profile says: which of the candidates it is, whether it is taken, and what it reads. */
-export interface LearnedLine {
-  key: string;
-  taken: boolean;
-  signal: string;
-  candidates: LearnedCandidate[];
-  display_unit: string;
-  unit: string;
-  units: string[];
-  positive: string | null;
-  equals: number[] | null;
-  running: LearnedRunning | null;
-}
-
-/** A suggested profile; `profile` null where no cell voltages are recognised. */
-export interface Learned {
-  id: string;
-  frames: number;
-  messages: number;
-  heard: number;
-  cells: number;
-  segments: number[];
-  parallel: number;
-  sensors: number;
-  name: string;
-  lines: LearnedLine[];
-  doubts: RenderedMessage[];
-  checks: LearnedCheck[];
-  profile: string | null;
-}
-
-/** What a line reads now: one value a cell or sensor, or one; of a state also its raw number and what that means. */
-export interface LearnedRunning {
-  values: (number | null)[];
-  age_s: number | null;
-  raw: number | null;
-  text: string;
-}
-
 /** A limit in force against the data sheet's and the rules', in its unit; None where there is none. */
 export interface LimitRow {
   name: string;
@@ -1192,6 +1194,15 @@ export interface LimitRow {
   sheet: number | null;
   rules: number | null;
   standing: 'within' | 'beyond' | 'pulses';
+}
+
+/** What arrived, and what to do where that is not right. */
+export interface LinkCheck {
+  seconds: number;
+  bytes: number;
+  frames: number;
+  error: RenderedMessage | null;
+  advice: RenderedMessage | null;
 }
 
 /** One link's trust. */
@@ -1253,15 +1264,6 @@ export interface Login {
   since: number;
   idle_s: number;
   is_this: boolean;
-}
-
-/** What arrived, and what to do where that is not right. */
-export interface Look {
-  seconds: number;
-  bytes: number;
-  frames: number;
-  error: RenderedMessage | null;
-  advice: RenderedMessage | null;
 }
 
 /** The lowest cell voltage of the last drive while current was drawn. */
@@ -1507,7 +1509,7 @@ export interface Prediction {
 
 /** What is in an upload, and what the profile makes of it; `understood` is null where `error` says why. */
 export interface Preview {
-  profile: ImportProfile;
+  profile: ImportMapping;
   columns: Column[];
   cells: CellColumn[];
   understood: Understood | null;
@@ -1522,6 +1524,13 @@ export interface Problem {
   detail: string;
   message?: RenderedMessage | null;
   errors: FieldError[];
+}
+
+/** A issue about the profile, or an error with which it cannot work. */
+export interface ProfileIssue {
+  field: string;
+  is_error: boolean;
+  what: RenderedMessage;
 }
 
 /** The newest version of a profile, and the numbers of all. */
@@ -1573,19 +1582,12 @@ export interface Reader {
   since: number;
 }
 
-/** One cell by its slave, averaged; None where it has no measurement. `sigma` of one sample. */
-export interface Reading {
-  cell: number;
-  value: number | null;
-  sigma: number | null;
-}
-
-/** A recorder whose sessions are copied; `heard_s` is the unix time of its last answer. */
+/** A recorder whose sessions are copied; `last_contact_s` is the unix time of its last answer. */
 export interface RecorderFollowed {
   url: string;
   is_reached: boolean;
   error: RenderedMessage | null;
-  heard_s: number | null;
+  last_contact_s: number | null;
 }
 
 /** How the recorder does. */
@@ -1605,20 +1607,20 @@ export interface Recorder {
   keep_gb: number | null;
 }
 
-/** The session being recorded. */
-export interface Recording {
-  session_id: string;
-  since: number;
-  frames: number;
-  bytes: number;
-}
-
-/** What the next sessions are called; empty where nothing was said. */
+/** Names of the next sessions; empty by default. */
 export interface RecordingPlan {
   event: string;
   driver: string;
   vehicle: string;
   venue: string;
+}
+
+/** The session being recorded. */
+export interface RecordingState {
+  session_id: string;
+  since: number;
+  frames: number;
+  bytes: number;
 }
 
 /** A message as it is sent: code and arguments, and its English text with the cells of its battery. */
@@ -1669,7 +1671,7 @@ export interface ReplayState {
 export interface Report {
   session: ReportedSession;
   segments: number[];
-  findings: Findings;
+  findings: ReportSummary;
   causes: Cause[];
   margins: Margin[];
   odd: Odd[];
@@ -1685,6 +1687,15 @@ export interface Report {
   balancing_s: (number | null)[];
 }
 
+/** The findings of a session, as codes with arguments; `why`: which cell failed, and why. */
+export interface ReportSummary {
+  headline: RenderedMessage;
+  why: RenderedMessage[];
+  limited: RenderedMessage[];
+  recommended_checks: RenderedMessage[];
+  judged: RenderedMessage[];
+}
+
 /** Whose report it is; `started` in unix seconds, `voltwall` is the version that recorded it. */
 export interface ReportedSession {
   id: string;
@@ -1692,17 +1703,6 @@ export interface ReportedSession {
   started: number;
   voltwall: string;
   simulated: boolean;
-}
-
-/** Everything at full rate; tables are cell by cell, `time_s` from the trip. */
-export interface Samples {
-  time_s: (number | null)[];
-  current_a: (number | null)[];
-  voltage_v: ((number | null)[])[];
-  temperature_degc: ((number | null)[])[];
-  soc: ((number | null)[])[];
-  fit: (number | null)[];
-  load: (number | null)[];
 }
 
 /** One of the library. */
@@ -1838,7 +1838,7 @@ export interface SeasonTrend {
   high: number;
   sessions: number;
   is_sure: boolean;
-  tells_month: boolean;
+  is_reportable: boolean;
 }
 
 /** Two sessions side by side; `cells` changed the most in resistance, `unlike`: what of then differs. */
@@ -1997,12 +1997,12 @@ export interface SlaveCheck {
   meter: string;
   meter_error: number;
   note: string;
-  verdict: Verdict;
+  verdict: SlaveVerdict;
 }
 
 /** What was read; with a meter's readings also the check, and the one before it. */
 export interface SlaveCheckResult {
-  readings: Reading[];
+  readings: CellReading[];
   limits: SlaveLimits;
   check: SlaveCheck | null;
   before: SlaveCheck | null;
@@ -2019,6 +2019,15 @@ export interface SlaveLimits {
   unit: string;
   tolerance: number;
   meter_error_max: number;
+}
+
+/** What the errors of a slave say together; `share` is the common error where the cause is the reference. */
+export interface SlaveVerdict {
+  cells: CheckedCell[];
+  cause: 'none' | 'reference' | 'wire' | 'cells';
+  out: number[];
+  share: number | null;
+  limit: number;
 }
 
 /** All that is known at one instant. */
@@ -2042,7 +2051,7 @@ export interface Snapshot {
   last_known: LastKnown | null;
   config_hash: string | null;
   live_s?: Age | null;
-  recording: Recording | null;
+  recording: RecordingState | null;
   replay: Replay | null;
   last_event_id: number;
   config_stored_hash: string | null;
@@ -2056,7 +2065,7 @@ export interface Source {
   hash: string;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
-  findings: Finding[];
+  findings: ConfigIssue[];
 }
 
 /** Times real time. */
@@ -2070,7 +2079,7 @@ export interface Stall {
   reason: RenderedMessage;
 }
 
-/** One step: `timing` where it was measured, else `why` not, or what the crew said of skipping it. */
+/** One step: `timing` where it was measured, else `why` not, or the crew's reason to skip it. */
 export interface StepResult {
   name: string;
   rule: string;
@@ -2162,7 +2171,7 @@ export interface Timing {
   trip: number | null;
 }
 
-/** A program; unix times. `secret` is told once, when it is made. */
+/** A program; unix times. `secret` is shown once, when it is made. */
 export interface Token {
   id: string;
   name: string;
@@ -2176,7 +2185,7 @@ export interface Token {
 /** Whether frames may be sent, and what is being sent, or was last. */
 export interface Transmit {
   allowed: boolean;
-  hindrance: RenderedMessage | null;
+  block_reason: RenderedMessage | null;
   running: boolean;
   what: string | null;
   who: string | null;
@@ -2218,7 +2227,7 @@ export interface Trip {
   cell: number | null;
 }
 
-/** The first rows in our units, current positive on discharge; `soc` and temperatures empty where not told. */
+/** The first rows in our units, current positive on discharge; `soc` and temperatures empty where missing. */
 export interface Understood {
   rows: number;
   length_s: number;
@@ -2254,21 +2263,12 @@ export interface Upload {
   filename: string;
   is_can: boolean;
   columns: string[];
-  guessed: ImportProfile | null;
+  guessed: ImportMapping | null;
 }
 
 /** The id by which an uploaded battery can be chosen. */
 export interface Uploaded {
   id: string;
-}
-
-/** What the errors of a slave say together; `share` is the common error where the cause is the reference. */
-export interface Verdict {
-  cells: CheckedCell[];
-  cause: 'none' | 'reference' | 'wire' | 'cells';
-  out: number[];
-  share: number | null;
-  limit: number;
 }
 
 /** What a write, or a dry run, came to. */
@@ -2278,6 +2278,6 @@ export interface WriteResult {
   dry_run: boolean;
   verified: boolean;
   difference: Difference[];
-  warnings: Finding[];
-  hindrance: RenderedMessage | null;
+  warnings: ConfigIssue[];
+  block_reason: RenderedMessage | null;
 }

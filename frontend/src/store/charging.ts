@@ -91,7 +91,7 @@ class CommandConditions extends Resource<Commands> {
 
   /** Why a command cannot work now, in words; empty where it may. */
   blocks(name: string): string {
-    return messageText(this.value?.hindrances[name]);
+    return messageText(this.value?.block_reasons[name]);
   }
 }
 export const commands = new CommandConditions();

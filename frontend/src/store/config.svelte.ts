@@ -1,6 +1,6 @@
 // Draft, in force, stored: three configurations that the page never confuses. The draft survives reconnects and reloads.
 
-import type { Difference, Finding, Config, Schema, StoredConfig, WriteResult } from '../link/types';
+import type { Difference, ConfigIssue, Config, Schema, StoredConfig, WriteResult } from '../link/types';
 import { messageText, t } from '../words/words.svelte';
 import { call, get, post, Problem } from '../link/rest';
 import { live } from './live.svelte';
@@ -212,7 +212,7 @@ class ConfigStore {
       if (!isSettled && (what === 'writing' || what === 'storing' || what === 'loading'))
         this.doubt = { what, old, sinceMs: Date.now() };
     } else {
-      const findings = problem.errors.filter((e): e is Finding & typeof e => 'level' in e);
+      const findings = problem.errors.filter((e): e is ConfigIssue & typeof e => 'level' in e);
       const nothing =
         findings.length > 0 || (unanswered && what === 'writing') ? t('parameters.nothing_was_written') : '';
       const text = [findings.length > 0 ? '' : `${problem.detail}${nothing && '.'}`, nothing]
@@ -245,7 +245,7 @@ export type WriteOutcome = {
   text: string;
   difference?: Difference[];
   meanwhile?: Difference[];
-  findings?: Finding[];
+  findings?: ConfigIssue[];
 };
 
 /** What the service found in force after a write that it could not verify. */

@@ -1,6 +1,6 @@
 // The form of an import: which column is what, in which unit, and which cells are taken.
 
-import type { Column, ImportProfile } from '../link/types';
+import type { Column, ImportMapping } from '../link/types';
 import { DASH, MINUS } from '../format';
 import type { Text } from '../words/words.svelte';
 
@@ -17,7 +17,7 @@ export const QUANTITIES = [
   { id: 'soc', field: 'soc', name: 'common.soc', units: ['percent', 'fraction'] },
 ] as const satisfies readonly {
   id: string;
-  field: keyof ImportProfile;
+  field: keyof ImportMapping;
   name: Text;
   units: readonly string[];
 }[];
@@ -27,10 +27,10 @@ export const unitOf = (quantity: Quantity): `${Quantity}_unit` => `${quantity}_u
 
 /** The profile with the units of some quantities as the service picked them. */
 export function withUnits(
-  profile: ImportProfile,
-  found: ImportProfile,
+  profile: ImportMapping,
+  found: ImportMapping,
   picked: Iterable<Quantity>,
-): ImportProfile {
+): ImportMapping {
   const units = Object.fromEntries([...picked].map((each) => [unitOf(each), found[unitOf(each)]]));
   return { ...profile, ...units };
 }

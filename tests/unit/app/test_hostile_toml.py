@@ -10,7 +10,7 @@ from app.estimation.cell_model.cell_document import MOST_POINTS
 from app.estimation.cell_model.cell_file import format_cell, load_cell, parse_cell
 from app.estimation.errors import CellFileError
 from app.sources.loaded_battery import battery_from_files, load_battery, team_battery
-from app.sources.recordings.profile import parse_profile
+from app.sources.recordings.import_mapping import parse_profile
 
 HOSTILE = {
     "levels": "a = " + "[" * 100_000,

@@ -7,7 +7,7 @@ from simulator.bms_state import ChargingState
 from tests.c_master import CBalancer, CCharging
 from tests.master_memory import Config, MasterMemory
 
-SETTLE_S = 30.0  # of rest before balancing is judged
+SETTLE_S = 30.0  # rest before balancing is checked
 CONFIG = Config.from_image(default_image())
 
 

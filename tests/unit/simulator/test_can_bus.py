@@ -20,15 +20,15 @@ class Node:
     def __init__(self, bus: CanBus, bit_rate: int = RATE, *, listens_only: bool = False) -> None:
         self.bit_rate = bit_rate
         self.is_listening_only = listens_only
-        self.heard: list[tuple[float, CanFrame]] = []
+        self.received: list[tuple[float, CanFrame]] = []
         bus.attach(self)
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
-        self.heard.append((now_s, frame))
+        self.received.append((now_s, frame))
 
     @property
     def frames(self) -> list[CanFrame]:
-        return [frame for _, frame in self.heard]
+        return [frame for _, frame in self.received]
 
 
 @pytest.fixture
@@ -50,10 +50,10 @@ def listener(bus) -> Node:
 def test_a_frame_arrives_when_its_last_bit_has_passed(bus, sender, listener, frame, least, most):
     bus.send(sender, frame, 1.0)
     bus.run(1.0)
-    assert listener.heard == []
+    assert listener.received == []
     bus.run(1.01)
-    assert least <= (listener.heard[0][0] - 1.0) * RATE <= most
-    assert sender.heard == []
+    assert least <= (listener.received[0][0] - 1.0) * RATE <= most
+    assert sender.received == []
     assert bus.due_s == float("inf")
 
 
@@ -85,7 +85,7 @@ def test_a_busy_bus_carries_no_more_than_its_rate(bus, sender, listener):
     for k in range(60):
         bus.send(sender, CanFrame(k, False, bytes(8)), 1.0)
     bus.run(1.2)
-    times = np.array([at_s for at_s, _ in listener.heard])
+    times = np.array([at_s for at_s, _ in listener.received])
     assert len(times) == 60
     assert np.diff(times).min() * RATE >= 111
 

@@ -17,10 +17,10 @@ class Node:
     is_listening_only = False
 
     def __init__(self) -> None:
-        self.heard: list[CanFrame] = []
+        self.received: list[CanFrame] = []
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
-        self.heard.append(frame)
+        self.received.append(frame)
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_frames_go_both_ways(bus, node, port, computer):
     computer.send(can.Message(arbitration_id=0x18FF50E5, data=b"\7", is_extended_id=True))
     port.poll()
     bus.run(0.2)
-    assert node.heard == [CanFrame(0x18FF50E5, True, b"\7")]
+    assert node.received == [CanFrame(0x18FF50E5, True, b"\7")]
 
 
 @pytest.mark.parametrize(("errors", "state"), [(0, None), (100, "warning"), (PASSIVE, "passive")])

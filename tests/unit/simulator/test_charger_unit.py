@@ -10,20 +10,20 @@ def charge(
     unit: ChargerUnit, emf_v: float, seconds: float, dt_s: float = 0.1, command: ChargerCommand | None = None
 ) -> list[ChargerStatus]:
     """Run the unit on a battery of fixed voltage, commanding once a second if there is a command."""
-    heard = []
+    received = []
     for step in range(round(seconds / dt_s)):
         if command is not None and step % max(1, round(1.0 / dt_s)) == 0:
             unit.receive(command.to_bytes())
         data = unit.step(dt_s, emf_v + unit.current_a * BATTERY_OHM)
         if data is not None:
-            heard.append(ChargerStatus.from_bytes(data))
-    return heard
+            received.append(ChargerStatus.from_bytes(data))
+    return received
 
 
 def test_announces_itself_once_a_second_before_any_command():
-    heard = charge(ChargerUnit(), 350.0, 10.0)
-    assert len(heard) == 10
-    assert all(status.flags & ChargerFlags.TIMEOUT and status.current_a == 0.0 for status in heard)
+    received = charge(ChargerUnit(), 350.0, 10.0)
+    assert len(received) == 10
+    assert all(status.flags & ChargerFlags.TIMEOUT and status.current_a == 0.0 for status in received)
 
 
 def test_ramps_to_the_commanded_current_and_no_further():
@@ -61,9 +61,9 @@ def test_stops_five_seconds_after_the_last_command_and_resumes_with_the_next():
     charge(unit, 350.0, 10.0, command=command)
     charge(unit, 350.0, 3.8)  # the last command came 0.9 s before
     assert unit.current_a > 9.9
-    heard = charge(unit, 350.0, 1.5)
+    received = charge(unit, 350.0, 1.5)
     assert unit.current_a == 0.0
-    assert heard[-1].flags == ChargerFlags.TIMEOUT
+    assert received[-1].flags == ChargerFlags.TIMEOUT
     charge(unit, 350.0, 10.0, command=command)
     assert unit.current_a > 9.9
 
@@ -71,9 +71,9 @@ def test_stops_five_seconds_after_the_last_command_and_resumes_with_the_next():
 def test_control_byte_stops_without_any_flag():
     unit = ChargerUnit()
     charge(unit, 350.0, 10.0, command=ChargerCommand(400.0, 10.0, is_charging=True))
-    heard = charge(unit, 350.0, 3.0, command=ChargerCommand(400.0, 10.0, is_charging=False))
-    assert heard[-1].current_a == 0.0
-    assert heard[-1].flags == ChargerFlags(0)
+    received = charge(unit, 350.0, 3.0, command=ChargerCommand(400.0, 10.0, is_charging=False))
+    assert received[-1].current_a == 0.0
+    assert received[-1].flags == ChargerFlags(0)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,8 @@ def test_each_fault_stops_the_current_and_shows_its_flag(attribute, value, flag)
     command = ChargerCommand(400.0, 10.0, is_charging=True)
     charge(unit, 350.0, 10.0, command=command)
     setattr(unit, attribute, value)
-    heard = charge(unit, 350.0, 2.0, command=command)
-    assert heard[-1].flags == flag
+    received = charge(unit, 350.0, 2.0, command=command)
+    assert received[-1].flags == flag
     assert unit.current_a == 0.0
 
 

@@ -9,7 +9,7 @@ from simulator.loads import ConstantCurrent
 from simulator.vehicle import LinkCircuit
 
 SOURCE_V = 400.0
-PRECHARGE_LIMIT_S = 3.0  # of the firmware
+PRECHARGE_LIMIT_S = 3.0  # limit of the firmware
 
 
 def charged(circuit: LinkCircuit, for_s: float, step_s: float = 0.02) -> float:

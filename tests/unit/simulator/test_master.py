@@ -222,7 +222,7 @@ def test_charging_begins_with_a_charger_on_can_and_ends_with_its_silence_where_c
     assert host.simulation.master.relay_state is RelayState.CHARGER
     host.ask(Command(CommandId.CHARGE_STOP))
     host.run(2.0)
-    assert host.memory.charger("state") == ChargingState.OFF  # the charger is still heard
+    assert host.memory.charger("state") == ChargingState.OFF  # the charger is still received
     host.simulation.charger.is_plugged = False
     host.run(7.0)
     host.simulation.charger.is_plugged = True

@@ -168,7 +168,7 @@ def test_at_work_only_live_fields_are_taken(host, work):
 def test_from_the_precharge_on_the_car_is_at_work_and_at_rest_when_the_relays_have_opened(host):
     wanted = host.config(t_cell_max=50)
     host.simulation.set_load(ConstantCurrent(20.0))
-    host.run(SLOW_PERIOD_S)  # of the driver's wishes
+    host.run(SLOW_PERIOD_S)  # period of the driver's wishes
     host.run(0.05)
     assert host.simulation.master.relay_state is RelayState.PRECHARGE
     assert host.ask(Write(0, wanted)).result == Result.NOT_NOW

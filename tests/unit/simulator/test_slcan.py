@@ -13,7 +13,7 @@ class Computer:
         self.bus = CanBus()
         self.received = b""
         self.adapter = SlcanAdapter(self.bus, self.take)
-        self.heard: list[CanFrame] = []
+        self.bus_frames: list[CanFrame] = []
         self.bit_rate = 500_000
         self.bus.attach(self.adapter)
         self.bus.attach(self)
@@ -23,7 +23,7 @@ class Computer:
         self.received += data
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
-        self.heard.append(frame)
+        self.bus_frames.append(frame)
 
     def says(self, command: bytes) -> bytes:
         self.received = b""
@@ -51,7 +51,7 @@ def computer() -> Computer:
 def test_frames_reach_the_bus_and_are_acknowledged(computer):
     assert computer.says(b"t1232AABB\r") == b"z\r"
     assert computer.says(b"T1806E5F40\r") == b"Z\r"
-    assert computer.heard == [CanFrame(0x123, False, b"\xaa\xbb"), CanFrame(0x1806E5F4, True, b"")]
+    assert computer.bus_frames == [CanFrame(0x123, False, b"\xaa\xbb"), CanFrame(0x1806E5F4, True, b"")]
 
 
 def test_frames_from_the_bus_are_spelled_out(computer):
@@ -74,7 +74,7 @@ def test_a_closed_or_wrongly_clocked_channel_hears_nothing(computer):
 )
 def test_nonsense_is_refused_and_does_not_reach_the_bus(computer, command):
     assert computer.says(command) == b"\a"
-    assert computer.heard == []
+    assert computer.bus_frames == []
 
 
 def test_listen_only_does_not_send(computer):

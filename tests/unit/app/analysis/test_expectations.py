@@ -3,14 +3,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.analysis.expectations import Expectations, Raised, Values
+from app.analysis.expectations import Expectations, Raised, SnapshotValues
 from app.errors import ConfigError
 from app.sources.loaded_battery import team_battery
 
 
 def values(t_s, soc=0.5, volts=3.7, recorded=0.5):
     totals, cells = SimpleNamespace(soc=soc, current_a=None), SimpleNamespace(voltage_v=np.full(96, volts))
-    return Values(t_s, totals, cells, recorded)
+    return SnapshotValues(t_s, totals, cells, recorded)
 
 
 def held(text, alarms=(), samples=()):
@@ -30,7 +30,7 @@ TRIP = Raised(181.0, "cell-undervoltage", "trip", 30)
     ("expectation", "expected"),
     [
         ('[[alarm]]\ncode = "joint-resistance-high"', True),
-        ('[[alarm]]\ncode = "joint-loose"', True),  # of an earlier version
+        ('[[alarm]]\ncode = "joint-loose"', True),  # a code of an earlier version
         ('[[alarm]]\ncode = "joint-resistance-high"\ncell = "3/7"\nfrom_s = 60\nto_s = 80', True),
         ('[[alarm]]\ncode = "joint-resistance-high"\ncell = "3/8"', False),
         ('[[alarm]]\ncode = "joint-resistance-high"\nto_s = 60', False),

@@ -11,7 +11,7 @@ from app.live.pipeline_factory import PipelineFactory
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import import_file
 from app.sources.loaded_battery import load_battery
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.telemetry import ProtectionLimits
 from tests.peer_batteries import one_signal_a_cell
 from tests.recorded.peer_sessions import write_log, write_profile
@@ -33,7 +33,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return PipelineFactory("coulomb", None, of).pipeline("replay", "imported", "imported")
 
     log = write_log(peer, folder / "run.log", 8.0)
-    return import_file(log, ImportProfile(), folder / "sessions", pipeline, battery=battery).info.path
+    return import_file(log, ImportMapping(), folder / "sessions", pipeline, battery=battery).info.path
 
 
 def test_what_signals_carry_is_in_force_beside_what_the_profile_states(path: Path) -> None:

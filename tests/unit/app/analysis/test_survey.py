@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.analysis.survey import Piece, Survey, Surveyor
+from app.analysis.survey import Survey, Surveyor, SurveyPiece
 
 N = 96
 STEP_S = 0.1
@@ -19,7 +19,7 @@ def piece(start_s, seconds, current_a, *, open_v=3.7, degc=30.0, soc=0.5, bled=N
     bits = np.zeros((len(time_s), N))
     if bled is not None:
         bits[:, bled] = 1.0
-    return Piece(time_s, current, volts, np.full((len(time_s), N), degc), np.full((len(time_s), N), soc), bits)
+    return SurveyPiece(time_s, current, volts, np.full((len(time_s), N), degc), np.full((len(time_s), N), soc), bits)
 
 
 def survey_of(pieces, n_cells) -> Survey:

@@ -13,11 +13,16 @@ import pytest
 from tests.campaign import campaign, of_size
 
 AT_ONCE_S = 5.0  # for one answer, on a busy machine
-MOST_BYTES = 100_000  # of a refusal: no input is repeated in full
+MOST_BYTES = 100_000  # bytes of a refusal: no input is repeated in full
 NO_CAR = (503, 504)  # no link is configured
-LEFT_OUT = ("/simulator/balancing", "/setup/look", "/fetch", "/logout")  # simulate for minutes, or look for devices
+LEFT_OUT = (
+    "/simulator/balancing",
+    "/setup/check-link",
+    "/fetch",
+    "/logout",
+)  # simulate for minutes, or look for devices
 UNLIMITED = {  # texts that only the size of a request limits: they are looked up, or matched with If-Match
-    "if-match", "session_id", "other_id", "box_id", "lesson_id", "name", "body",
+    "if-match", "session_id", "other_id", "box_id", "draft_id", "name", "body",
 }  # fmt: skip
 TEXTS = (
     "", "nan", "-inf", "-0", "1e400", str(2**63), str(-(2**63)), "9" * 60_000, "v[" + "9" * 60_000 + "]",
@@ -213,13 +218,13 @@ def test_a_body_of_many_wrong_members_names_the_limit(client):
 )
 def test_a_dbc_with_numbers_of_many_digits_is_refused(client, line):
     files = {"a.dbc": 'VERSION ""\nBU_: A\n' + line.format("9" * 5000) + ' (1,0) [0|1] "V" A\n'}
-    answer = client.post("/api/v1/setup/learn", json={"files": files})
+    answer = client.post("/api/v1/setup/profile-drafts", json={"files": files})
     assert answer.status_code == 422
     assert "a.dbc" in answer.json()["detail"]
 
 
 def test_a_signal_that_begins_at_a_number_of_many_digits_is_left_out_and_named(client):
     signal = "Cell_1 : " + "9" * 5000 + '|16@1+ (1,0) [0|1] "V" A'
-    answer = client.post("/api/v1/setup/learn", json={"files": {"a.dbc": f"BO_ 1 M: 8 A\n SG_ {signal}\n"}})
+    answer = client.post("/api/v1/setup/profile-drafts", json={"files": {"a.dbc": f"BO_ 1 M: 8 A\n SG_ {signal}\n"}})
     assert answer.status_code == 200
     assert any("Cell_1" in check["what"]["text"] for check in answer.json()["checks"])

@@ -4,7 +4,7 @@ import pytest
 
 from app.battery.by_shape import MOST_CELLS, files_of_shape
 from app.battery.table_reader import ProfileError
-from app.sources.dbc.encoder import Speech
+from app.sources.dbc.encoder import FrameEncoder
 from app.sources.loaded_battery import load_battery
 
 
@@ -13,9 +13,9 @@ def test_every_value_of_every_cell_has_a_place_in_the_dbc_that_is_made(name, seg
     loaded = load_battery(name)
     assert loaded.battery.segments == segments
     assert loaded.battery.n_sensors == sum(segments)
-    speech = Speech(loaded.battery, loaded.speaks_dbc, loaded.definitions)
+    speech = FrameEncoder(loaded.battery, loaded.dbc_mapping, loaded.definitions)
     assert not speech.lanes.troubles
-    assert speech.unsaid() == {}
+    assert speech.not_encoded() == {}
     ids = [message.can_id for message in loaded.definitions.messages]
     assert len(ids) == len(set(ids))
     assert max(ids) < 0x800

@@ -3,7 +3,7 @@ import pytest
 from app.battery.library import bundled_profiles, load_part, load_profile, profile_files
 from app.battery.profile import read_document, understand
 from app.battery.shape import TEAM
-from app.battery.source import SpeaksMaster
+from app.battery.source import MemoryMap
 from app.battery.table_reader import ProfileError
 
 HEAD = '[battery]\nname = "x"\nsegments = [3, 2]\n'
@@ -21,7 +21,7 @@ def test_the_teams_profile_is_the_teams_shape():
     team = load_profile("team").profile
     assert team.battery.segments == (TEAM.cells_per_segment,) * TEAM.n_segments
     assert team.battery.n_sensors == TEAM.n_cells
-    assert isinstance(team.source, SpeaksMaster)
+    assert isinstance(team.source, MemoryMap)
 
 
 @pytest.mark.parametrize("name", [name for name in bundled_profiles() if name != "ivt-s"])

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.battery.sizing import Layout, figures_of
+from app.battery.sizing import CellLayout, figures_of
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellLimits, CellModel
 from app.estimation.cell_model.ocv import OcvCurve
 
 MODULE = load_cell("samsung-25r-10p")
-TEAM = Layout(8, 12)
+TEAM = CellLayout(8, 12)
 
 
 def straight(**changes):
@@ -68,7 +68,7 @@ def test_cells_weigh_what_table_one_says_and_less_than_the_segments_that_hold_th
 
 
 def test_resistance_and_power_are_those_of_the_circuit():
-    figures = figures_of(straight(), Layout(2, 3, 4), soc=0.5)
+    figures = figures_of(straight(), CellLayout(2, 3, 4), soc=0.5)
     assert figures["resistance_ohmic_mohm"].cell == pytest.approx(10.0)
     assert figures["resistance_10s_mohm"].cell == pytest.approx(10.0 + 5.0 * (1.0 - np.exp(-1.0)))
     assert figures["resistance_settled_mohm"].cell == pytest.approx(15.0)
@@ -84,7 +84,7 @@ def test_resistance_and_power_are_those_of_the_circuit():
 
 def test_where_the_voltage_ends_it_the_current_is_less_and_the_condition_says_so():
     cell = straight(limits=CellLimits(discharge_max_a=200.0, charge_max_a=200.0))
-    figures = figures_of(cell, Layout(1, 1), soc=0.5)
+    figures = figures_of(cell, CellLayout(1, 1), soc=0.5)
     assert figures["discharge_current_continuous_a"].cell == pytest.approx(0.7 / 0.015)
     assert figures["charge_current_continuous_a"].cell == pytest.approx(0.7 / 0.015)
     assert figures["discharge_current_10s_a"].cell > figures["discharge_current_continuous_a"].cell
@@ -94,7 +94,7 @@ def test_where_the_voltage_ends_it_the_current_is_less_and_the_condition_says_so
 
 def test_what_the_cell_file_does_not_say_is_missing_by_its_name():
     cell = straight(v_nominal_v=None, mass_kg=None, limits=CellLimits(charge_max_a=4.0))
-    figures = figures_of(cell, Layout(2, 3))
+    figures = figures_of(cell, CellLayout(2, 3))
     missing = {name: figure.missing for name, figure in figures.items() if figure.missing}
     assert missing == {
         "voltage_nominal_v": ("v_nominal_v",),
@@ -111,7 +111,7 @@ def test_what_the_cell_file_does_not_say_is_missing_by_its_name():
 
 def test_what_was_never_measured_is_called_extrapolated():
     cell = replace(straight(), fit_current_max_a=10.0)
-    figures = figures_of(cell, Layout(1, 1), temperature_degc=5.0)
+    figures = figures_of(cell, CellLayout(1, 1), temperature_degc=5.0)
     assert "measured at 25 to 25 degC" in figures["resistance_10s_mohm"].condition
     assert "measured up to 10 A" in figures["discharge_power_10s_kw"].condition
     assert "measured up to" not in figures["charge_power_10s_kw"].condition
@@ -119,7 +119,7 @@ def test_what_was_never_measured_is_called_extrapolated():
 
 @given(st.integers(1, 30), st.integers(1, 30), st.integers(1, 40), st.floats(0.02, 0.98))
 def test_a_battery_is_one_however_its_cells_are_counted(n_segments, n_in_series, n_parallel, soc):
-    figures = figures_of(straight(), Layout(n_segments, n_in_series, n_parallel), soc)
+    figures = figures_of(straight(), CellLayout(n_segments, n_in_series, n_parallel), soc)
     amps, volts = figures["discharge_current_continuous_a"].battery, figures["voltage_nominal_v"].battery
     assert figures["energy_nominal_mj"].battery == pytest.approx(volts * 2.0 * n_parallel * 3600.0 / 1e6)
     ohm = figures["resistance_settled_mohm"].battery / 1e3

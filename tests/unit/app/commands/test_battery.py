@@ -34,7 +34,7 @@ def test_every_bundled_profile_is_listed_and_shown(capsys):
 
 
 @pytest.mark.parametrize("name", ["foxbms-2", "one-signal-a-cell"])
-def test_bundled_profiles_have_no_doubts(name, capsys):
+def test_bundled_profiles_have_no_warnings(name, capsys):
     assert main(["battery", "check", name]) == 0, capsys.readouterr().out
 
 
@@ -108,7 +108,7 @@ def test_all_errors_are_told_at_once_each_with_file_line_and_field(car, capsys):
         "11: error: source.current.positive",
     ]
     assert [line for line in expected if f"wrong.toml:{line}" not in told] == []
-    assert told.endswith("5 errors, 0 doubts\n")
+    assert told.endswith("5 errors, 0 warnings\n")
 
 
 def test_a_bus_of_something_else_is_told_and_ends_with_1(car, tmp_path, capsys):

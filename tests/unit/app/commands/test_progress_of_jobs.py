@@ -49,12 +49,12 @@ def shares(shown: str) -> list[float]:
     return [float(each) for each in re.findall(r"([0-9.]+) %, \d+ (?:s|min) left", shown)]
 
 
-def recordings(folder: Path, *heard: Container[int]) -> list[Path]:
-    """A session each of three minutes, with a current and 96 voltages ten times a second where it was heard."""
+def recordings(folder: Path, *received: Container[int]) -> list[Path]:
+    """A session each of three minutes, with a current and 96 voltages ten times a second where it was received."""
     now_ns = 0
     recorder = Recorder(folder / "sessions", FunctionClock(lambda: now_ns, lambda: WALL_NS + now_ns), version="1.0")
     made = []
-    for steps in heard:
+    for steps in received:
         made.append(recorder.start("", {}).path)
         for k in range(1800):
             now_ns += 100_000_000
@@ -123,7 +123,7 @@ def test_an_identification_tells_its_rounds(tmp_path: Path) -> None:
 def test_filling_a_session_tells_how_far_it_is(tmp_path: Path) -> None:
     here, there = recordings(tmp_path, {*range(1800)} - {*range(600, 900)}, range(1800))
     found = shares(run("sessions", "fill", here, "--from", there, "--data", tmp_path))
-    assert found[0] < 10.0  # of reading, of which writing follows
+    assert found[0] < 10.0  # end of reading, before writing
     assert all(low <= high for low, high in pairwise(found))
     assert found[-1] >= 99.0
 

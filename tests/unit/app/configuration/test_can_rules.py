@@ -26,10 +26,10 @@ def rx(image=DEFAULT, index=1, **changes):
     return with_rx_messages(image, [replace(base, **changes)])
 
 
-def found(image, heard=None):
+def found(image, received=None):
     return [
         (f.level, f.code, f.error.field, f.error.element, f.error.value, f.error.limit, f.error.why)
-        for f in can_findings(image, heard or {})
+        for f in can_findings(image, received or {})
     ]
 
 

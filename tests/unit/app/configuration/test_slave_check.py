@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.configuration.slave_check import Reading, SlaveCheckLog, judge, read_slave
+from app.configuration.slave_check import CellReading, SlaveCheckLog, judge, read_slave
 from app.errors import ConfigError, MasterSilent, NotNow
 from firmware_protocol.memory_map import CHIP_MISSING, FIELDS, MASTER_SIZE
 
@@ -12,7 +12,7 @@ REFERENCE = [3.80 + 0.001 * i for i in range(12)]
 
 def readings(errors, sigma=0.1e-3, pack=2):
     values = [None if e is None else r + e for r, e in zip(REFERENCE, errors, strict=True)]
-    return [Reading(pack * 12 + i, value, None if value is None else sigma) for i, value in enumerate(values)]
+    return [CellReading(pack * 12 + i, value, None if value is None else sigma) for i, value in enumerate(values)]
 
 
 def verdict_of(errors):

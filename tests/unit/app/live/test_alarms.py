@@ -312,7 +312,7 @@ def test_a_restart_shows_by_the_uptime_alone(pipeline, master):
     master.uptime_ms = 0
     snapshot, _ = run(pipeline, master, 20)
     (told,) = [alarm for alarm in snapshot.alarms if alarm.code == "master-restarted"]
-    assert told.message.args["cause"] == Message("boot-not-told")
+    assert told.message.args["cause"] == Message("boot-cause-unknown")
 
 
 def test_the_first_start_that_is_heard_is_no_restart(pipeline, master):

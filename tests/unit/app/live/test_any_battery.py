@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.battery.battery import Battery, SignalName, spread
-from app.battery.source import CellSignals, Reading, SpeaksDbc, StateSignal
+from app.battery.source import CellSignals, DbcMapping, ScalarSignal, StateSignal
 from app.live.history import History
 from app.live.learned_state import LearnedState, learned_file, load_learned_state, save_learned_state
 from app.live.pipeline_factory import PipelineFactory
@@ -37,7 +37,7 @@ def loaded(segments, n_sensors=0, **limits):
             last = min(8, n_sensors - at)
             text += "".join(f' SG_ T{at + k} : {8 * k}|8@1- (1,0) [0|0] "degC" X\n' for k in range(last))
     text += 'BO_ 1 I: 4 BMS\n SG_ I : 0|16@1- (0.1,0) [0|0] "A" X\n SG_ U : 16|16@1+ (0.1,0) [0|0] "V" X\n'
-    source = SpeaksDbc(("x.dbc",), entries, Reading(SignalName("I", "I")), Reading(SignalName("I", "U")))
+    source = DbcMapping(("x.dbc",), entries, ScalarSignal(SignalName("I", "I")), ScalarSignal(SignalName("I", "U")))
     return LoadedBattery(battery, source, parse_definitions(text.encode(), "x.dbc"), {})
 
 

@@ -102,7 +102,7 @@ def test_a_lost_slave_keeps_its_cells_last_values_and_the_others_stay_live(pipel
     known = half["last_known"]["accumulator"]
     assert known["voltage_v"]["value"] == pytest.approx(whole.accumulator.voltage_v)  # when it was whole
     assert known["voltage_v"]["time"] == pytest.approx(at_s, abs=0.1)
-    assert "voltage_min_v" not in known  # of the cells that are measured
+    assert "voltage_min_v" not in known  # the measured cells have their own
     assert [i for i, pack in enumerate(half["last_known"]["packs"]) if pack] == [3]
 
 

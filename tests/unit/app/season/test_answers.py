@@ -5,7 +5,7 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.season.answers import LIMITS, overviews_at
 from app.season.history import SeasonSource
-from app.sessions.worker import Limits, Workers
+from app.sessions.worker import JobLimits, Workers
 from app.sessions.worker.workers import LEAST_BYTES
 from app.sources.loaded_battery import team_battery
 
@@ -19,7 +19,7 @@ def workers():
 
 def overviews(workers, folder):
     source = SeasonSource(str(folder), team_battery().battery, False, load_cell("samsung-25r-10p"))
-    return workers.run(Limits(LIMITS.cpu_s, LEAST_BYTES), overviews_at, source, set(), "")
+    return workers.run(JobLimits(LIMITS.cpu_s, LEAST_BYTES), overviews_at, source, set(), "")
 
 
 def test_a_season_without_sessions_needs_little_memory(workers, tmp_path):

@@ -40,7 +40,7 @@ def test_sessions_of_one_day_tell_where_a_cell_is_and_no_month():
         first = overview_of(grown_within(days), PACKS).cells[0]
         assert first.cell == 7
         assert first.resistance_trend.is_sure
-        assert first.resistance_trend.tells_month is tells
+        assert first.resistance_trend.is_reportable is tells
         codes = {reason.code for reason in first.reasons}
         assert "season-resists" in codes
         assert ("season-resistance-grows" in codes) is tells

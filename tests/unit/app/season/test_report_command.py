@@ -7,7 +7,7 @@ import numpy as np
 from app.cli import main
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from tests.recorded.arrays import START_S, SessionMaker
 
 CELL = load_cell("samsung-25r-10p")
@@ -22,7 +22,7 @@ def test_sessions_of_one_day_tell_no_month_on_the_command_line_and_in_print(tmp_
     for hour in range(5):
         volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * WEAK_OHM * (1 + 0.02 * hour)
         make(TIME_S, CURRENT_A, volts, 25, start_s=START_S + 3600 * hour, cell_file=format_cell(CELL))
-    build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
+    build_lake(LakeFolder(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
     asked = ["season", "report", "--data", str(tmp_path)]
     assert main(asked) == 0
     said = capsys.readouterr().out
@@ -31,4 +31,4 @@ def test_sessions_of_one_day_tell_no_month_on_the_command_line_and_in_print(tmp_
     assert resistance.endswith("5 sessions")
     assert main([*asked, "--json"]) == 0
     (car,) = json.loads(capsys.readouterr().out)["cars"]
-    assert car["overview"]["groups"][0]["resistance"]["tells_month"] is False
+    assert car["overview"]["groups"][0]["resistance"]["is_reportable"] is False

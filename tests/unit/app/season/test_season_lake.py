@@ -10,9 +10,9 @@ import pytest
 
 from app.errors import ConfigError, ExtraMissing, NotNow
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from app.season.season_lake import REMEMBERED, SeasonLake
-from app.season.store.store import Limits, QueryFailed
+from app.season.store.store import QueryFailed, QueryLimits
 from app.sessions.worker import Workers
 from app.telemetry import Event
 from app.words import Message
@@ -103,7 +103,7 @@ def test_a_question_that_hangs_is_killed(lake, tmp_path, monkeypatch, workers):
     monkeypatch.setattr("app.season.season_lake.START_S", 0.0)
     asked = SeasonLake(tmp_path, str(lake), workers, builds=False)
     with pytest.raises(QueryFailed, match="longer than"):
-        asked.query("SELECT 1 AS one", {}, Limits(seconds=0.01))
+        asked.query("SELECT 1 AS one", {}, QueryLimits(seconds=0.01))
 
 
 def test_a_service_that_ends_waits_for_no_question(lake, tmp_path):
@@ -111,7 +111,7 @@ def test_a_service_that_ends_waits_for_no_question(lake, tmp_path):
     asked = SeasonLake(tmp_path, str(lake), workers, builds=False)
     sql = "SELECT sum(a.range * b.range) FROM range(100000000) a, range(100000000) b"
     with ThreadPoolExecutor(1) as thread:
-        answer = thread.submit(asked.query, sql, {}, Limits(seconds=SEEN_S))
+        answer = thread.submit(asked.query, sql, {}, QueryLimits(seconds=SEEN_S))
         until(lambda: workers._busy)
         asked.stop()
         workers.close()
@@ -143,14 +143,14 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch, worker
 
 
 def test_an_answer_is_remembered_until_the_lake_changes(data, workers):
-    build_lake(Place(data / "lake"), session_files([data / "sessions"]))
+    build_lake(LakeFolder(data / "lake"), session_files([data / "sessions"]))
     lake, made = SeasonLake(data, None, workers, builds=False), []
 
     def answer(question):
         return lake.remembered((question,), lambda: made.append(question) or len(made))
 
     assert [answer("a"), answer("a"), answer("b"), answer("a")] == [1, 1, 2, 1]
-    build_lake(Place(data / "lake"), session_files([data / "sessions"]), again=True)
+    build_lake(LakeFolder(data / "lake"), session_files([data / "sessions"]), again=True)
     assert answer("a") == 3
     for k in range(REMEMBERED):
         answer(k)

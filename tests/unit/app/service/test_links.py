@@ -9,7 +9,7 @@ import pytest
 
 from app.clock import Clock
 from app.errors import LinkLost
-from app.service.links import STUCK_S, Links
+from app.service.links import STUCK_S, ServiceLinks
 from app.sources.items import LinkChange
 from app.words import Message
 from firmware_protocol.framing import START_STREAM, STOP_STREAM, FrameDecoder
@@ -17,7 +17,7 @@ from tests.fake_clock import FakeClock
 
 
 def links(serial_url=None, can_url=None, *, may_transmit=False):
-    return Links(serial_url, can_url, lambda item: None, Clock(), may_transmit=may_transmit)
+    return ServiceLinks(serial_url, can_url, lambda item: None, Clock(), may_transmit=may_transmit)
 
 
 def test_without_a_serial_port_requests_and_the_stream_are_refused():
@@ -54,7 +54,7 @@ def test_closed_links_are_not_opened():
 
 def test_links_are_stuck_whose_thread_their_driver_keeps():
     clock = FakeClock()
-    made = Links("loop://", "virtual:test", lambda item: None, clock, may_transmit=True)
+    made = ServiceLinks("loop://", "virtual:test", lambda item: None, clock, may_transmit=True)
     assert made.stuck() == [], "not opened yet"
     made.serial.beat_ns = made.can.beat_ns = clock.monotonic_ns()
     clock.advance(STUCK_S - 1)
@@ -83,7 +83,7 @@ def test_another_master_on_the_same_port_gets_nothing_of_what_the_first_was_aske
             pass
 
     first = plug_in()
-    made = Links(str(port), None, items.put, Clock(), may_transmit=False)
+    made = ServiceLinks(str(port), None, items.put, Clock(), may_transmit=False)
     with ThreadPoolExecutor() as pool:
         made.open()
         wait_until_open()

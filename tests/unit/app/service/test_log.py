@@ -2,7 +2,7 @@ import io
 import logging
 import threading
 
-from app.service.log import MOST, WINDOW_S, LinesInTurn, OfOneKind
+from app.service.log import MOST, WINDOW_S, QueuedLines, RepeatFilter
 from tests.service_process import WAIT_S, until
 
 
@@ -13,7 +13,7 @@ def line(text, *values, at_s=0.0):
 
 
 def test_many_lines_of_one_kind_become_a_few_and_a_count():
-    few = OfOneKind()
+    few = RepeatFilter()
     assert sum(few.filter(line("no %s", number)) for number in range(162_000)) == MOST
     later = line("no %s", "room", at_s=WINDOW_S)
     assert few.filter(later)
@@ -21,14 +21,14 @@ def test_many_lines_of_one_kind_become_a_few_and_a_count():
 
 
 def test_lines_of_other_kinds_are_written():
-    few = OfOneKind()
+    few = RepeatFilter()
     for number in range(MOST + 1):
         few.filter(line("no %s", number))
     assert few.filter(line("yes %s", 1))
 
 
 def test_a_clock_that_is_set_back_silences_nothing():
-    few = OfOneKind()
+    few = RepeatFilter()
     for number in range(MOST + 1):
         few.filter(line("no %s", number))
     assert few.filter(line("no %s", 1, at_s=-100.0))
@@ -48,7 +48,7 @@ class HeldTerminal(io.StringIO):
 
 def test_a_terminal_that_is_held_holds_nobody_who_logs():
     terminal = HeldTerminal()
-    handler = LinesInTurn(terminal)
+    handler = QueuedLines(terminal)
     for number in range(3000):
         handler.handle(line("no %s", number))
     terminal.go_on.set()
@@ -68,7 +68,7 @@ class FullDisk(io.StringIO):
 
 def test_a_full_disk_costs_only_the_lines(capsys):
     disk = FullDisk()
-    handler = LinesInTurn(disk)
+    handler = QueuedLines(disk)
     handler.handle(line("one"))
     handler.handle(line("two"))
     handler.end()

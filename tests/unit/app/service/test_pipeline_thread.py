@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.errors import NotNow
-from app.live.load import Shed
+from app.live.load_shedding import ShedLoad
 from app.live.pipeline_factory import PipelineFactory
 from app.service import pipeline_thread
 from app.service.pipeline_thread import STALL_S
@@ -171,13 +171,13 @@ def test_at_the_end_a_full_inbox_is_recorded_to_the_last_item_though_nothing_is_
 
 
 @pytest.mark.parametrize(
-    ("shed", "shown", "judged"), [(Shed.NOTHING, 5, 5), (Shed.PREDICTION, 5, 0), (Shed.PAGES, 1, 0)]
+    ("shed", "shown", "judged"), [(ShedLoad.NOTHING, 5, 5), (ShedLoad.PREDICTION, 5, 0), (ShedLoad.PAGES, 1, 0)]
 )
 def test_what_is_left_out_for_the_recorder_is_never_an_estimate(bench, clock, master, monkeypatch, shed, shown, judged):
     asked, waits = [], []
     monkeypatch.setattr(bench.pipeline, "predict", lambda: asked.append(True))
     monkeypatch.setattr(
-        bench.live, "_load", SimpleNamespace(now=lambda waited_s: shed, give_way=lambda took_s: waits.append(True))
+        bench.live, "_load", SimpleNamespace(now=lambda waited_s: shed, shed=lambda took_s: waits.append(True))
     )
     for _ in range(5):
         clock.advance(0.1)

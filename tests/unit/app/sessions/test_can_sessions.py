@@ -1,4 +1,4 @@
-"""Signals of a car that is heard over CAN alone: what its messages carry is in the series, the exports, the lists."""
+"""Signals of a car on CAN alone: what its messages carry is in the series, the exports, the lists."""
 
 import numpy as np
 import pytest

@@ -4,7 +4,7 @@ import pytest
 
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.recorder import Recorder
-from app.sessions.retention import TRASH_NS, Retention, RetentionRule, apply_rule, clock_doubt
+from app.sessions.retention import TRASH_NS, Retention, RetentionRule, apply_rule, clock_problem
 from tests.fake_clock import FakeClock, FunctionClock
 
 DAY_NS = 86_400 * 10**9
@@ -81,9 +81,9 @@ def test_without_a_rule_there_is_no_thread(catalogue):
         (400, True, None),
     ],
 )
-def test_a_clock_is_believed_where_it_goes_with_the_sessions(catalogue, days, is_set, doubt):
-    found = clock_doubt(catalogue, NOW_NS + days * DAY_NS, is_set_by_others=is_set)
-    assert (found and found.code.removeprefix("retention-")) == doubt
+def test_a_clock_is_believed_where_it_goes_with_the_sessions(catalogue, days, is_set, problem):
+    found = clock_problem(catalogue, NOW_NS + days * DAY_NS, is_set_by_others=is_set)
+    assert (found and found.code.removeprefix("retention-")) == problem
 
 
 def test_a_clock_that_is_400_days_ahead_deletes_nothing_and_says_so_once(catalogue):

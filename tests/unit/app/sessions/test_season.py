@@ -24,7 +24,7 @@ def test_a_season_of_a_hundred_sessions_is_listed_quickly(recorder: Recorder, st
     first_s, cpu = time.process_time() - cpu, time.process_time()
     assert {session.frames for session in catalogue.list()} == {700}
     again_s, cpu = time.process_time() - cpu, time.process_time()
-    assert Catalogue(folder).list() == catalogue.list()  # of a program that was just started
+    assert Catalogue(folder).list() == catalogue.list()  # a program that was just started
     restarted_s = time.process_time() - cpu
     assert first_s < 1.0
     assert again_s < 0.1

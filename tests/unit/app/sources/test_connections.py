@@ -185,22 +185,22 @@ class _Lesson:
 
 def test_one_lesson_at_a_time_has_the_bus_and_a_choice_ends_it(setup):
     first, second = _Lesson(), _Lesson()
-    ids = [setup.begin_lesson(first), setup.begin_lesson(second)]
+    ids = [setup.begin_draft(first), setup.begin_draft(second)]
     assert ids[0] != ids[1]
     assert (first.closed, second.closed) == (1, 0)
-    assert setup.lesson == (ids[1], second)
+    assert setup.draft == (ids[1], second)
     setup.choose(ORION)
-    assert (second.closed, setup.lesson) == (1, None)
-    setup.end_lesson()
+    assert (second.closed, setup.draft) == (1, None)
+    setup.end_draft()
     assert second.closed == 1
 
 
 def test_a_choice_that_is_refused_leaves_the_lesson(setup):
-    lesson = _Lesson()
-    setup.begin_lesson(lesson)
+    draft = _Lesson()
+    setup.begin_draft(draft)
     with pytest.raises(ConfigError):
         setup.choose(Connections(can="can0"))
-    assert lesson.closed == 0
+    assert draft.closed == 0
 
 
 @pytest.mark.usefixtures("written")

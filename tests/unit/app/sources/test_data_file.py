@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import pytest
 
 from app.configuration.history import ConfigHistory
-from app.configuration.slave_check import Cause, CheckedCell, SlaveCheckLog, Verdict
+from app.configuration.slave_check import Cause, CheckedCell, SlaveCheckLog, SlaveVerdict
 from app.season.estimates.results import _SET as SET
 from app.season.estimates.results import SCHEMA, Results
 from app.sessions.transfer.session_copy import SessionCopy
@@ -122,7 +122,7 @@ def test_lines_of_the_signed_log_that_are_none_hide_no_other_and_end_no_write(tm
 
 def test_lines_of_the_slave_checks_that_are_none_hide_no_other(tmp_path: Path):
     log = SlaveCheckLog(tmp_path)
-    verdict = Verdict((CheckedCell(0, 3.7, 0.001, 3.71, -0.01, False),), get_args(Cause)[0], (0,), None, 0.005)
+    verdict = SlaveVerdict((CheckedCell(0, 3.7, 0.001, 3.71, -0.01, False),), get_args(Cause)[0], (0,), None, 0.005)
     log.append(1, "ada", 0, "voltage", "Fluke", 0.0, "", verdict)
     path = tmp_path / "slave-checks.jsonl"
     (line,) = path.read_text().splitlines()

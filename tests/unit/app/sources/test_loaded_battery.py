@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from app.battery.library import bundled_profiles
-from app.battery.source import SpeaksMaster
+from app.battery.source import MemoryMap
 from app.battery.table_reader import ProfileError
 from app.sources.loaded_battery import battery_from_files, load_battery, team_battery
 
@@ -32,8 +32,8 @@ def test_files_of_a_bundled_battery_give_it_again(name: str) -> None:
 
 
 def test_team_speaks_by_its_master() -> None:
-    assert isinstance(team_battery().source, SpeaksMaster)
-    assert team_battery().speaks_dbc is None
+    assert isinstance(team_battery().source, MemoryMap)
+    assert team_battery().dbc_mapping is None
     assert team_battery().battery.segments == (12,) * 8
 
 

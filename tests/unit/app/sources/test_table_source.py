@@ -15,14 +15,14 @@ from app.sessions.transfer.import_session import import_file
 from app.sources.items import CanItem, TableItem
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, load_battery, team_battery
 from app.sources.recordings.battery_log import BatteryLog
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.source import NOTHING_RECEIVED
 from app.sources.table_source import TableSource, battery_of_table, numbers_of_rows
 from tests.campaign import examples
 
 VOLTS = st.floats(0.6, 5.9)
 TIMES_S = (0.0, 0.1, 0.15, 5.0, 5.0001, 700.0)
-PROFILE = ImportProfile(time="t", current="I", voltages="U{n}", soc="soc", soc_unit="fraction", temperatures="T{n}")
+PROFILE = ImportMapping(time="t", current="I", voltages="U{n}", soc="soc", soc_unit="fraction", temperatures="T{n}")
 
 
 def pipeline(battery: LoadedBattery):

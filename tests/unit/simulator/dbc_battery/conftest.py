@@ -17,18 +17,18 @@ class Listening:
 
     def __init__(self) -> None:
         self.due_s = 0.0
-        self.heard: list[tuple[float, dict[str, np.ndarray]]] = []
+        self.received: list[tuple[float, dict[str, np.ndarray]]] = []
 
     def begin(self, now_s: float) -> None:
         self.due_s = now_s
 
     def frames(self, now_s, readings):
         self.due_s = now_s + 0.1
-        self.heard.append((now_s, {kind: np.array(values) for kind, values in readings.items()}))
+        self.received.append((now_s, {kind: np.array(values) for kind, values in readings.items()}))
         return [(0x100, b"\0" * 8)]
 
     def last(self, kind: str) -> np.ndarray:
-        return self.heard[-1][1][kind]
+        return self.received[-1][1][kind]
 
 
 class Rig:

@@ -24,7 +24,7 @@ def test_relays_close_by_pre_charge_when_the_car_asks(rig):
     assert not rig.voice.last("state.closed")[0]
     rig.draw(5.0)
     rig.run(5.0)
-    states = [heard["state.precharge"][0] for _, heard in rig.voice.heard]
+    states = [received["state.precharge"][0] for _, received in rig.voice.received]
     assert 1.0 in states
     assert rig.voice.last("state.closed")[0] == 1.0
     assert rig.simulation.current_a == pytest.approx(5.0)
@@ -52,7 +52,7 @@ def test_charging_ends_full_and_below_the_limit(make_rig):
             break
     assert rig.simulation.bms.charging.state.name == "DONE"
     assert not rig.voice.last("state.fault")[0]
-    assert max(heard["voltage"].max() for _, heard in rig.voice.heard) < 4.2
+    assert max(received["voltage"].max() for _, received in rig.voice.received) < 4.2
     assert rig.voice.last("voltage").max() == pytest.approx(4.15, abs=0.015)
 
 
@@ -114,11 +114,11 @@ def test_a_sensor_that_is_stuck_or_off_says_so_for_all_its_cells(rig):
 def test_a_bms_without_power_is_silent_and_comes_back(rig):
     rig.run(2.0)
     FaultBoard(rig.simulation).inject("master-supply-lost", 0, 1.5)
-    n = len(rig.voice.heard)
+    n = len(rig.voice.received)
     rig.run(1.4)
-    assert len(rig.voice.heard) == n
+    assert len(rig.voice.received) == n
     rig.run(1.0)
-    assert len(rig.voice.heard) > n
+    assert len(rig.voice.received) > n
 
 
 def test_a_trip_opens_the_relays_and_stays_until_it_is_cleared(make_rig):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.analysis.black_box.box import Beyond, box_from_json
-from app.analysis.black_box.excerpt import Window, build
+from app.analysis.black_box.excerpt import BoxWindow, build
 from app.analysis.incidents import AFTER_S, FOLLOWS_S, Trigger, incident_id, incidents, is_trigger, main_trigger
 
 WALL_S = 1_790_000_000.0
@@ -26,7 +26,7 @@ def window(voltage_v=3.5, **changes):
         "fit": (TIME_S < 100.45).astype(float),
         "load": (TIME_S < 100.45).astype(float),
     }
-    return Window(**values | changes)
+    return BoxWindow(**values | changes)
 
 
 def trigger(at_s=100.0, code="trip-cell-undervoltage", severity="trip", cell=CELL, value=2.4, limit=2.5, unit="V"):
@@ -133,7 +133,7 @@ def test_trips_and_faults_of_the_battery_are_worth_one(severity, code, expected)
 @pytest.mark.parametrize("n", [0, 1, 30])
 def test_without_all_samples_it_is_incomplete_and_still_json(n):
     part = window(np.nan)
-    cut = Window(**{name: getattr(part, name)[:n] for name in part.__dataclass_fields__})
+    cut = BoxWindow(**{name: getattr(part, name)[:n] for name in part.__dataclass_fields__})
     box = boxed(around=cut)
     assert box.is_complete is False
     stored = json.loads(json.dumps(asdict(box), allow_nan=False))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from app.analysis.evidence.evidence import NoEvidence, cell_of_test, coverage, evidence_of, judge, limit_rows
-from app.analysis.evidence.looks import Values
+from app.analysis.evidence.master_samples import SampledValues
 from app.analysis.evidence.steps import STEPS
 from app.analysis.evidence.timing import Timing, Unmeasured
 from app.estimation.cell_model.cell_file import format_cell, load_cell
@@ -50,7 +50,7 @@ def test_what_says_nothing_of_the_master_fails_nothing(why):
         ("v_cell_max", 4.21, "beyond"),
         ("v_cell_min", 2.49, "beyond"),
         ("t_cell_max", 60, "within"),
-        ("t_cell_max", 61, "beyond"),  # of the rules, though the data sheet allows 75
+        ("t_cell_max", 61, "beyond"),  # limit of the rules, though the data sheet allows 75
         ("t_cell_min", -21, "beyond"),
         ("i_disc_max", 201, "pulses"),
     ],
@@ -64,7 +64,7 @@ def test_limits_stand_against_the_data_sheet_and_the_rules(field, value, standin
 def values(missing_v=(), missing_t=()):
     voltage, temperature = np.full(96, 39_000, np.uint16), np.full(96, 25, np.int8)
     voltage[list(missing_v)], temperature[list(missing_t)] = 0, -128
-    return Values(is_ok=True, is_loaded=True, current=(0, 0), voltage=voltage, temperature=temperature)
+    return SampledValues(is_ok=True, is_loaded=True, current=(0, 0), voltage=voltage, temperature=temperature)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def values(missing_v=(), missing_t=()):
         (values(), 1.0, True),
         (values(missing_v=[5]), 1.0, False),
         (values(missing_t=range(12, 20)), 4 / 12, True),
-        (values(missing_t=range(12, 21)), 3 / 12, False),  # of this pack, though of all cells 91 % have one
+        (values(missing_t=range(12, 21)), 3 / 12, False),  # share of this pack, though 91 % of all cells have one
     ],
 )
 def test_coverage_counts_the_pack_with_the_fewest(seen, least, is_enough):

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.analysis.evidence.looks import looks
+from app.analysis.evidence.master_samples import master_samples
 from app.analysis.evidence.steps import STEPS, Cycles
-from app.analysis.evidence.timing import Limits, Timing, Unmeasured, clock_rate, measure
+from app.analysis.evidence.timing import ConfiguredLimits, Timing, Unmeasured, clock_rate, measure
 from firmware_protocol.framing import BAUD_RATE, Frame, decode_chunk, encode_frame
 from tests.campaign import examples, of_size
 from tests.reaction import CELL, FAULTS_OF_STEPS, Car
@@ -23,15 +23,15 @@ def driven(seed, names, ts_ms=40, clock_rate=1.0):
     """All frames of a car, the rate of its clock, its limits, and of each step its truth and frames."""
     car = Car(seed, ts_ms=ts_ms, clock_rate=clock_rate)
     reactions = {name: car.react(name) for name in names}
-    return car.frames, rate_of(car.frames), Limits.of(car.config), reactions
+    return car.frames, rate_of(car.frames), ConfiguredLimits.of(car.config), reactions
 
 
 def rate_of(frames):
-    return clock_rate(looks(frames, BAUD_RATE))
+    return clock_rate(master_samples(frames, BAUD_RATE))
 
 
 def measured(name, part, rate, limits):
-    return measure(looks(part, BAUD_RATE), name, limits, Cycles(), rate)
+    return measure(master_samples(part, BAUD_RATE), name, limits, Cycles(), rate)
 
 
 @pytest.mark.parametrize("seed", range(of_size(1, 2, 4, 8)))
@@ -103,7 +103,7 @@ def test_what_cannot_be_measured_says_why():
     assert measured("temperature-high", part, rate, limits) == Unmeasured("not-seen")  # it opened for another reason
     late = measured("voltage-high", part[12:], rate, limits)
     assert late == Unmeasured("violated-before")
-    opened = next(i for i, each in enumerate(looks(part, BAUD_RATE)) if each.values and not each.values.is_ok)
+    opened = next(i for i, each in enumerate(master_samples(part, BAUD_RATE)) if each.values and not each.values.is_ok)
     assert measured("voltage-high", part[: opened - 2], rate, limits) == Unmeasured("not-opened")
 
 

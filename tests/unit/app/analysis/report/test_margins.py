@@ -5,7 +5,7 @@ import pytest
 
 from app.analysis.limits import LimitsOverTime, MovingLimit
 from app.analysis.report.report import MarginWatch
-from app.analysis.survey import Piece
+from app.analysis.survey import SurveyPiece
 
 LIMITS = {"t_cell_max": 45.0, "v_cell_min": 2.5, "v_cell_max": 4.2, "i_disc_max": 200.0, "i_disc_min": -100.0}
 
@@ -13,7 +13,7 @@ LIMITS = {"t_cell_max": 45.0, "v_cell_min": 2.5, "v_cell_max": 4.2, "i_disc_max"
 def piece(time_s, degc):
     rows = len(time_s)
     table = np.full((rows, 3), 3.7)
-    return Piece(
+    return SurveyPiece(
         np.array(time_s, dtype=float),
         np.full(rows, 20.0),
         table,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.analysis.incidents import Trigger
-from app.analysis.root_cause.recording import UNKNOWN, Recording
+from app.analysis.root_cause.recording import UNKNOWN, SessionStretch
 from app.analysis.root_cause.relays import current_hypotheses, relay_hypotheses
 from app.estimation.cell_model.cell_file import load_cell
 
@@ -23,7 +23,7 @@ def recording(
     amps = np.where(hides(time_s), np.nan, np.where(is_on & (time_s < OPENED_S - coasts_s), 80.0, 0.0))
     n, nothing = time_s.size, np.full(time_s.size, np.nan)
     cells = np.full((n, 4), 3.7)
-    return Recording(
+    return SessionStretch(
         time_s=time_s, current_a=amps, steady_a=amps, voltage_v=cells, temperature_degc=cells, soc=nothing,
         flags=is_on.astype(int) | 2, charger_state=np.full(n, UNKNOWN), charger_flags=np.full(n, UNKNOWN),
         fan_duty=nothing, boards=None, line=None, bus=None, events=(), limits={}, start_s=0.0, bits=BITS, segments=(4,),

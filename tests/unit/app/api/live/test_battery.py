@@ -24,7 +24,7 @@ def test_a_battery_by_its_dbc_has_its_own_shape_and_says_why_it_cannot_be_writte
     assert len(body["sensors"]) == 180
     assert (body["source"], body["can_write"]) == ("dbc", False)
     assert body["why_not"]["code"] == "battery-not-writable"
-    assert body["limits"]["discharge_current_max_a"] is None  # a signal that was not heard yet
+    assert body["limits"]["discharge_current_max_a"] is None  # a signal that was not received yet
 
 
 @pytest.mark.parametrize(

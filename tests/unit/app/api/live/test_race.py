@@ -30,7 +30,7 @@ def test_a_plan_that_cannot_be_names_the_field(client, body, field):
 def test_the_drivers_display_is_off_and_says_what_is_missing(client):
     state = client.get("/api/v1/driver-can").json()
     assert (state["target"], state["message"], state["shown"], state["target_wh"]) == (None, None, "none", None)
-    assert state["hindrance"]["code"] == "no-can"
+    assert state["block_reason"]["code"] == "no-can"
     assert client.post("/api/v1/driver-can/message", json={"message": "box"}).status_code == 409
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.estimates.results import Results, set_of
-from app.season.estimates.session import Job, estimate_session
+from app.season.estimates.session import EstimateJob, estimate_session
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from tests.unit.app.conftest import SessionMaker
 
 CELL = load_cell("samsung-25r-10p")
@@ -33,7 +33,7 @@ def season_made(tmp_path_factory):
         ohm = np.where(np.arange(96) == 30, 0.003, 0.002) + 1e-6 * day
         volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * ohm
         make_session(TIME_S, CURRENT_A, volts, 25, start_s=START_S + day * DAY_S, cell_file=format_cell(CELL))
-    assert len(build_lake(Place(folder / "lake"), session_files([folder / "sessions"])).made) == 6
+    assert len(build_lake(LakeFolder(folder / "lake"), session_files([folder / "sessions"])).made) == 6
     return folder
 
 
@@ -84,7 +84,7 @@ def test_a_swap_is_recorded_and_taken_back(season):
     (cell,) = season.get("/api/v1/season/cells/30").json()
     assert cell["module"] == [0, 0, 0, 1, 1, 1]
     assert len(cell["resistance"]["measured"]) == 6
-    assert cell["resistance"]["line"] == []  # of three sessions of the new one
+    assert cell["resistance"]["line"] == []  # only three sessions have the new one
     assert season.delete(f"/api/v1/season/swaps/{swap['id']}").status_code == 200
     assert season.delete(f"/api/v1/season/swaps/{swap['id']}").status_code == 404
     assert season.get("/api/v1/season/cells/30").json()[0]["module"] == [0] * 6
@@ -100,7 +100,7 @@ def test_what_estimating_again_changed_is_told(season, tmp_path):
     results, own = Results(tmp_path), set_of("session", None, "fused")
     results.begin(own)
     for path in session_files([tmp_path / "sessions"]):
-        results.write(own, estimate_session(Job(str(path), (None,)))[0])
+        results.write(own, estimate_session(EstimateJob(str(path), (None,)))[0])
     changed = season.get("/api/v1/season/changes").json()
     assert changed["sets"] == [own.id]
     assert len(changed["changes"]) == 6
@@ -124,7 +124,7 @@ def two_cars_made(tmp_path_factory):
         volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * ohm
         more = {"start_s": START_S + day * DAY_S, "cell_file": format_cell(CELL)}
         make_session(TIME_S, CURRENT_A, volts, 25, metadata={"car": "E 26" if day % 2 else "E 25"}, **more)
-    build_lake(Place(folder / "lake"), session_files([folder / "sessions"]))
+    build_lake(LakeFolder(folder / "lake"), session_files([folder / "sessions"]))
     return folder
 
 

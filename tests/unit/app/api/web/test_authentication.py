@@ -7,7 +7,7 @@ import pytest
 from starlette.datastructures import Headers
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.access.guesses import PER_MINUTE
+from app.api.access.login_attempts import PER_MINUTE
 from app.api.web import authentication as auth
 from app.api.web.authentication import Authentication, User, is_own_host, is_same_origin
 from app.api.web.problems import Problem
@@ -62,9 +62,9 @@ WRITES = [
     ("POST", "/simulator/unplug"),
     ("POST", "/simulator/scenario"),
     ("PUT", "/setup"),
-    ("POST", "/setup/look"),
-    ("POST", "/setup/learn"),
-    ("POST", "/setup/learn/x"),
+    ("POST", "/setup/check-link"),
+    ("POST", "/setup/profile-drafts"),
+    ("POST", "/setup/profile-drafts/x"),
     ("POST", "/setup/batteries"),
     ("PUT", "/race-plan"),
     ("DELETE", "/race-plan"),

@@ -23,8 +23,8 @@ from tests.tls_clients import trusting_all
 from tests.unit.app.api.web.served import HIGH_WATER, Served, rest_of
 
 MOST = 40
-OWN = MOST // 2  # of one address
-MARGIN_S = 3.0  # of real time, on a busy machine
+OWN = MOST // 2  # connections of one address
+MARGIN_S = 3.0  # real time, on a busy machine
 GET = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 POST = b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 200000\r\n\r\n"
 WEBSOCKET = (

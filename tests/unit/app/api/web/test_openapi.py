@@ -105,7 +105,7 @@ def test_what_an_example_asks_is_taken_by_its_model(client) -> None:
     examples = json.loads((files("app.api.schemas") / "examples.json").read_text(encoding="utf-8"))
     assert client.put("/api/v1/race-plan", json=examples["RacePlanIn"]).status_code == 200
     assert client.put("/api/v1/recorder", json=examples["PlanIn"]).status_code == 200
-    assert client.post("/api/v1/login", json=examples["Login"]).status_code == 200
+    assert client.post("/api/v1/login", json=examples["LoginIn"]).status_code == 200
     assert client.post("/api/v1/sessions/nothing/markers", json=examples["NewMarker"]).status_code == 404
 
 

@@ -104,7 +104,7 @@ def test_forward_backward_filter_shifts_nothing_and_passes_a_line():
     assert np.argmax(passed[150:250]) == np.argmax(wave[150:250])
 
 
-PLATEAU = np.interp(SOC, [0.0, 0.1, 0.35, 0.65, 1.0], [2.9, 3.2, 3.29, 3.295, 3.4])  # of an LFP cell
+PLATEAU = np.interp(SOC, [0.0, 0.1, 0.35, 0.65, 1.0], [2.9, 3.2, 3.29, 3.295, 3.4])  # OCV of an LFP cell
 
 
 @pytest.mark.parametrize("volts", [VOLTS, PLATEAU], ids=["NMC", "LFP"])

@@ -71,11 +71,11 @@ class Listener:
     """An estimator that only notes what it is told."""
 
     def __init__(self):
-        self.heard = []
+        self.received = []
 
     def step(self, dt_s, current_a, voltages_v, temperatures_degc):
-        self.heard.append((dt_s, current_a, voltages_v.tolist(), temperatures_degc.tolist()))
-        return len(self.heard)
+        self.received.append((dt_s, current_a, voltages_v.tolist(), temperatures_degc.tolist()))
+        return len(self.received)
 
 
 @given(st.lists(st.floats(-200.0, 200.0), min_size=1, max_size=50), st.sampled_from([1, 14, 216]))
@@ -88,8 +88,8 @@ def test_every_sample_is_estimated_again_in_its_order_as_it_was_then(currents_a,
     estimator, last = first.again(np.full(n_cells, 1.6), np.full(n_cells, True), lambda: fresh)
     assert estimator is fresh
     assert last == len(currents_a)
-    assert [each[1] for each in fresh.heard] == currents_a
-    assert [each[2][0] for each in fresh.heard] == [3.0 + k / 100.0 for k in range(len(currents_a))]
+    assert [each[1] for each in fresh.received] == currents_a
+    assert [each[2][0] for each in fresh.received] == [3.0 + k / 100.0 for k in range(len(currents_a))]
 
 
 @pytest.mark.parametrize(("learned", "is_worth_it"), [(96, True), (90, True), (80, False), (0, False)])

@@ -10,7 +10,7 @@ from app.estimation.health.cell_watch import JUDGE_S, CellWatch
 from tests.campaign import of_size
 
 N, PER_PACK, DT_S = 96, 12, 0.1
-STANDING_S = 0.5  # of a sample while nothing changes
+STANDING_S = 0.5  # time of a sample while nothing changes
 PAIR_OHM = 1e-3
 WARM = np.full(N, 30.0)
 

@@ -7,7 +7,7 @@ from app.estimation.health.segments import Segments
 
 N, PER_PACK = 96, 12
 SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
-PAIR_OHM = 1e-3  # of the RC pair, 10 s
+PAIR_OHM = 1e-3  # resistance of the RC pair, 10 s
 
 
 def drive(watch, resistance_ohm, seconds, rng):

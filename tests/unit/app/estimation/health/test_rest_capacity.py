@@ -8,7 +8,7 @@ from app.estimation.health.capacity import REST_A, REST_S, CapacityBetweenRests,
 
 CELL = load_cell()
 N = 3
-SHARES = np.array([0.8, 0.9, 1.0])  # of the nominal capacity
+SHARES = np.array([0.8, 0.9, 1.0])  # shares of the nominal capacity
 
 
 class Battery:

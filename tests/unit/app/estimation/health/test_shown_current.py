@@ -9,7 +9,7 @@ from app.estimation.health.cell_voltages import CellVoltages, shown_current, slo
 from app.estimation.health.stretch import Stretch
 
 MODEL = load_cell("samsung-25r-10p")
-STEP_S, SAMPLES = 0.01, 10  # of what is measured; a sample each so many
+STEP_S, SAMPLES = 0.01, 10  # step of the measurement; samples in a mean
 PARTED_S, END_S, HOLD_S, CELL = 60.0, 61.0, 0.4, 5
 
 

@@ -206,5 +206,5 @@ def test_beyond_the_measured_currents_is_said_and_is_less_sure():
     assert (one.beyond_measured, other.beyond_measured) == (False, True)
     assert other.current_a == one.current_a
     assert other.high_w - other.low_w > 1.5 * (one.high_w - one.low_w)
-    unsaid = state_of_power(PowerModel(replace(CELL, fit_current_max_a=0.0), WIDE), states(0.5))
-    assert unsaid.discharge[0].beyond_measured is None
+    not_encoded = state_of_power(PowerModel(replace(CELL, fit_current_max_a=0.0), WIDE), states(0.5))
+    assert not_encoded.discharge[0].beyond_measured is None

@@ -7,7 +7,7 @@ from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.history import DAY_S, SeasonSource, lost_in_pause
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from app.season.report import cell_of
 from app.sessions.swaps import Swap
 from app.sources.loaded_battery import load_battery, team_battery
@@ -32,7 +32,7 @@ def lake(tmp_path_factory):
         metadata = {"source": "simulator"} if day == 3 else None
         start_s = START_S + day * DAY_S
         make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, cell_file=format_cell(CELL), metadata=metadata)
-    build_lake(Place(folder / "lake"), session_files([folder / "sessions"]))
+    build_lake(LakeFolder(folder / "lake"), session_files([folder / "sessions"]))
     return str(folder / "lake")
 
 
@@ -106,7 +106,7 @@ def test_a_second_accumulator_of_a_car_has_a_profile_of_its_own_name(tmp_path):
         volts = CELL.ocv.voltage(0.8 - LEAK * day * (day % 2 * (np.arange(96) == LEAKY))) - CURRENT_A[:, None] * 0.002
         start_s, red = START_S + day * DAY_S, {"car": "red"}
         make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, metadata=red, battery=accumulators[day % 2])
-    build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
+    build_lake(LakeFolder(tmp_path / "lake"), session_files([tmp_path / "sessions"]))
     found = []
     for each in accumulators:
         (history,) = SeasonSource(str(tmp_path / "lake"), each.battery, False, CELL).histories()
@@ -130,7 +130,7 @@ def test_two_cars_with_one_battery_share_nothing(tmp_path):
         files[car] += [make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, metadata={"car": car})]
     lakes = {}
     for name, paths in (files | {"both": files["red"] + files["blue"]}).items():
-        build_lake(Place(tmp_path / name), paths)
+        build_lake(LakeFolder(tmp_path / name), paths)
         lakes[name] = source(str(tmp_path / name)).histories()
     assert [history.car for history in lakes["both"]] == ["blue", "red"]
     for both, alone in zip(lakes["both"], lakes["blue"] + lakes["red"], strict=True):
@@ -144,7 +144,7 @@ def test_two_cars_with_one_battery_share_nothing(tmp_path):
     blue_after, red_after = source(str(tmp_path / "both"), swaps=swaps).histories()
     assert blue_after.is_present[:, LEAKY].all()  # it is red's module that was swapped
     assert red_after.is_present[:, LEAKY].tolist() == [False, False, True]
-    assert blue_after.is_present[:, WEAK].tolist() == [False, True, True]  # of which car nobody said
+    assert blue_after.is_present[:, WEAK].tolist() == [False, True, True]  # the swap names no car
     assert red_after.is_present[:, WEAK].tolist() == [False, False, True]
     assert red.self_discharge_per_day[LEAKY] == pytest.approx(LEAK, rel=0.1)
     assert blue.self_discharge_per_day[WEAK] == pytest.approx(LEAK, rel=0.1)

@@ -11,7 +11,7 @@ from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.season.estimates.changes import changes
 from app.season.estimates.results import Results, set_of
 from app.season.estimates.run import Engine, estimate_season, open_engine
-from app.season.estimates.session import Job, estimate_session
+from app.season.estimates.session import EstimateJob, estimate_session
 from app.season.tags import write_tags
 from app.sessions.catalogue import Catalogue
 from tests.recorded.arrays import SessionMaker
@@ -133,7 +133,7 @@ def test_resistance_is_told_over_the_cell_file_at_the_temperature_and_soc_of_the
     r0 = float(np.interp(0.6, cell.soc_grid, cell.r0_ohm[len(cell.r0_ohm) // 2]))
     volts = ocv - current_a[:, None] * r0 * factor
     path = SessionMaker(tmp_path)(time_s, current_a, volts, cell_file=TEXT)
-    (result,) = estimate_session(Job(str(path), (None,)))
+    (result,) = estimate_session(EstimateJob(str(path), (None,)))
     told = np.array(result["resistance_factor"])
     assert np.corrcoef(told, factor)[0, 1] > 0.999
     assert told[-1] / told[0] == pytest.approx(1.6, rel=0.05)
@@ -144,6 +144,6 @@ def test_worker_processes_give_what_this_process_gives(season, tmp_path):
     with open_engine("processes", 1) as pool:
         estimate_season(sessions(season)[:1], WANTED, "fused", results, pool)
     (found,) = results.read_all(WANTED[0][0])
-    (here,) = estimate_session(Job(str(sessions(season)[0].path), (None,)))
+    (here,) = estimate_session(EstimateJob(str(sessions(season)[0].path), (None,)))
     changing = {"processor_s", "process"}
     assert {k: v for k, v in found.items() if k not in changing} == {k: v for k, v in here.items() if k not in changing}

@@ -9,7 +9,7 @@ import pytest
 from app.cli import main
 from app.season.lake import build
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
+from app.season.lake.place import LakeFolder
 from app.season.lake.schema import LAKE_VERSION, TABLES
 from app.sessions.reading.reader import SessionFile
 from tests.recorded.season import TIME_S
@@ -63,17 +63,17 @@ def test_samples_hold_every_signal_in_its_unit_and_in_order(lake, season):
 def test_what_is_up_to_date_is_left_and_what_has_changed_is_made_again(copies):
     sessions, lake = copies
     paths = session_files([sessions])
-    assert build_lake(Place(lake), paths).current == [path.stem for path in paths]
+    assert build_lake(LakeFolder(lake), paths).current == [path.stem for path in paths]
     paths[0].touch()
-    assert build_lake(Place(lake), paths).made == [paths[0].stem]
-    assert len(build_lake(Place(lake), paths, again=True).made) == 2
+    assert build_lake(LakeFolder(lake), paths).made == [paths[0].stem]
+    assert len(build_lake(LakeFolder(lake), paths, again=True).made) == 2
 
 
 def test_a_newer_program_makes_again_what_is_older(copies, monkeypatch):
     sessions, lake = copies
     paths = session_files([sessions])
     monkeypatch.setattr(build, "LAKE_VERSION", LAKE_VERSION + 1)
-    assert len(build_lake(Place(lake), paths).made) == 2
+    assert len(build_lake(LakeFolder(lake), paths).made) == 2
 
 
 def test_a_damaged_session_is_named_and_left_out(copies, capsys):
@@ -98,13 +98,13 @@ def test_a_session_that_takes_too_much_memory_is_left_out_alone(copies, monkeypa
 
     whole = build.facts_of
     monkeypatch.setattr(build, "facts_of", facts_of)
-    built = build_lake(Place(lake), [first, second], again=True)
+    built = build_lake(LakeFolder(lake), [first, second], again=True)
     assert (built.made, built.failed) == ([second.stem], [(first.stem, "MemoryError")])
 
 
 def test_an_unclosed_session_waits(make_session, tmp_path):
     path = make_session([0.0, 0.1], [0.0, 0.0], closed=False)
-    built = build_lake(Place(tmp_path / "lake"), [path])
+    built = build_lake(LakeFolder(tmp_path / "lake"), [path])
     assert built.not_closed == [path.stem]
     assert folders(tmp_path / "lake") == []
 
@@ -120,7 +120,7 @@ def test_a_disk_that_fails_in_the_middle_leaves_the_old_files(copies, monkeypatc
 
     monkeypatch.setattr(build, "write_samples", fail)
     with pytest.raises(OSError, match="No space"):
-        build_lake(Place(lake), paths, again=True)
+        build_lake(LakeFolder(lake), paths, again=True)
     assert {path: path.read_bytes() for path in lake.rglob("*") if path.is_file()} == before
 
 
@@ -144,16 +144,16 @@ def test_after_a_kill_every_file_is_whole_and_the_next_build_mends_the_session(c
     sessions, lake = copies
     paths = session_files([sessions])
     paths[0].touch()
-    arguments = [str(sessions), str(lake), "3"]  # of five files
+    arguments = [str(sessions), str(lake), "3"]  # three of five files
     killed = subprocess.run([sys.executable, "-c", KILLED, *arguments], check=False, cwd=Path.cwd())
     assert killed.returncode == 9
     assert [pq.read_table(path, partitioning=None).num_rows > 0 for path in lake.rglob("*.parquet")] == [True] * 10
-    assert paths[0].stem in build_lake(Place(lake), paths).made
+    assert paths[0].stem in build_lake(LakeFolder(lake), paths).made
     assert [path.name for path in lake.rglob(".*") if path.is_file()] == [".lock"]
 
 
 def test_a_lake_lies_wherever_fsspec_reaches(season):
-    place = Place("memory://season/lake")
+    place = LakeFolder("memory://season/lake")
     build_lake(place, session_files([season]))
     assert len(place.find("car=*/season=*/session=*/*.parquet")) == 10
     assert len(build_lake(place, session_files([season])).current) == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.analysis.survey import Piece
+from app.analysis.survey import SurveyPiece
 from app.season.lake.cell_sums import CellSums
 
 TIME_S = np.arange(0.0, 60.1, 0.5)
@@ -13,7 +13,9 @@ def piece():
     shape = (len(TIME_S), 2)
     bleeds = np.zeros(shape)
     bleeds[:, 1] = 1.0
-    return Piece(TIME_S, np.zeros(len(TIME_S)), np.full(shape, 4.0), np.full(shape, 25.0), np.full(shape, 0.5), bleeds)
+    return SurveyPiece(
+        TIME_S, np.zeros(len(TIME_S)), np.full(shape, 4.0), np.full(shape, 25.0), np.full(shape, 0.5), bleeds
+    )
 
 
 @pytest.mark.parametrize(("ohm", "bled_ah"), [(20.0, [0.0, 4.0 / 20.0 * 60.0 / 3600.0]), (None, [np.nan, np.nan])])

@@ -45,7 +45,7 @@ def test_the_laps_add_up_to_what_lies_within_them(facts):
     inside = (TIME_S >= 1.0) & (TIME_S < 1.0 + 3 * LAP_S)
     whole = CURRENT_A[inside & (CURRENT_A > 0)].sum() * 0.5 / 3600
     laps = sum(cell(facts, lap, 12)["charge_out_ah"] for lap in (1, 2, 3))
-    assert laps == pytest.approx(whole, rel=0.02)  # of each lap the first sample stands for no time
+    assert laps == pytest.approx(whole, rel=0.02)  # the first sample of a lap stands for no time
 
 
 def test_a_cells_resistance_is_found_of_session_and_lap(facts):

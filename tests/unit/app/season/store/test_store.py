@@ -4,8 +4,8 @@ import pytest
 
 from app.errors import ConfigError
 from app.season.lake.build import build_lake, session_files
-from app.season.lake.place import Place
-from app.season.store import Limits, QueryFailed, SeasonStore
+from app.season.lake.place import LakeFolder
+from app.season.store import QueryFailed, QueryLimits, SeasonStore
 from app.season.store.questions import ask, find_question, questions
 from app.season.store.store import TABLE_NAMES, with_parameters
 
@@ -69,10 +69,10 @@ def test_a_missing_value_is_named(store):
 
 
 def test_an_answer_is_cut_where_it_is_too_long(store):
-    answer = store.query("SELECT cell FROM cells ORDER BY cell", limits=Limits(rows=3))
+    answer = store.query("SELECT cell FROM cells ORDER BY cell", limits=QueryLimits(rows=3))
     assert answer.rows() == [[0], [0], [0]]
     assert answer.is_cut
-    assert not store.query("SELECT 1", limits=Limits(rows=1)).is_cut
+    assert not store.query("SELECT 1", limits=QueryLimits(rows=1)).is_cut
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_a_question_that_takes_too_long_is_stopped(store):
     sql = "SELECT sum(a.cell * b.cell * c.cell) FROM cells a, cells b, cells c"
     began = time.monotonic()
     with pytest.raises(QueryFailed):
-        store.query(sql, limits=Limits(seconds=0.2))
+        store.query(sql, limits=QueryLimits(seconds=0.2))
     assert time.monotonic() - began < 30.0
 
 
@@ -156,7 +156,7 @@ def test_an_unknown_question_or_parameter_is_named(store):
 def test_what_is_built_meanwhile_is_in_the_next_answer(season, tmp_path):
     store = SeasonStore(tmp_path / "lake")
     assert rows(store, "SELECT count(*) FROM sessions") == [[0]]
-    build_lake(Place(tmp_path / "lake"), session_files([season])[:1])
+    build_lake(LakeFolder(tmp_path / "lake"), session_files([season])[:1])
     assert rows(store, "SELECT count(*) FROM sessions") == [[1]]
 
 
@@ -184,7 +184,7 @@ def test_duckdb_reaches_nothing_but_the_lake(lake, tmp_path, sql):
 
 
 def test_duckdb_reads_a_lake_by_url(season):
-    place = Place("memory://store/lake")
+    place = LakeFolder("memory://store/lake")
     build_lake(place, session_files([season]))
     store = SeasonStore("memory://store/lake")
     assert rows(store, "SELECT count(*) FROM cells") == [[768]]
@@ -194,7 +194,9 @@ def test_duckdb_reads_a_lake_by_url(season):
 
 def test_memory_is_limited(lake):
     with pytest.raises(QueryFailed, match="memory"):
-        SeasonStore(lake).query("SELECT list(a.cell), list(b.cell) FROM cells a, cells b", limits=Limits(memory_mb=16))
+        SeasonStore(lake).query(
+            "SELECT list(a.cell), list(b.cell) FROM cells a, cells b", limits=QueryLimits(memory_mb=16)
+        )
 
 
 def test_sessions_of_different_batteries_stand_in_one_table(lake, season, tmp_path):
@@ -202,7 +204,7 @@ def test_sessions_of_different_batteries_stand_in_one_table(lake, season, tmp_pa
     import pyarrow.parquet as pq
 
     folder = tmp_path / "lake"
-    build_lake(Place(folder), session_files([season]))
+    build_lake(LakeFolder(folder), session_files([season]))
     path = next(folder.rglob("car=team*/**/samples.parquet"))
     table = pq.read_table(path, partitioning=None)
     pq.write_table(table.rename_columns([name.replace("v[95]", "other") for name in table.column_names]), path)

@@ -23,7 +23,7 @@ def values(sent_s: float, *, age_s: float = 0.1, run: str = "a", soc: float = 0.
     return json.dumps({"time": 1e9, "sent": {"run": run, "s": sent_s}, "age_s": ages, "soc": soc}).encode()
 
 
-def heard(delays_s: list[float], *, offset_s: float = 5000.0, at_s: float = 100.0) -> tuple[Car, float]:
+def received(delays_s: list[float], *, offset_s: float = 5000.0, at_s: float = 100.0) -> tuple[Car, float]:
     """A car that told its state once a second over ways of these lengths; return when the last message came."""
     car, now_s = Car("red"), at_s
     car.take("status", b"online", at_s, is_retained=False)
@@ -34,7 +34,7 @@ def heard(delays_s: list[float], *, offset_s: float = 5000.0, at_s: float = 100.
 
 
 def test_a_car_is_live_by_its_own_time_of_measuring():
-    car, now_s = heard([0.05] * 5)
+    car, now_s = received([0.05] * 5)
     assert car.state(now_s) == "live"
     assert car.age_s("voltage", now_s) == pytest.approx(0.1, abs=0.01)
     assert car.age_s("voltage", now_s + 1.0) == pytest.approx(1.1, abs=0.01)
@@ -42,13 +42,13 @@ def test_a_car_is_live_by_its_own_time_of_measuring():
 
 @pytest.mark.parametrize("offset_s", [0.0, 86_400.0, -86_400.0, 1.7e9])
 def test_the_difference_of_the_clocks_does_not_count(offset_s):
-    car, now_s = heard([0.3] * 5, offset_s=offset_s)
+    car, now_s = received([0.3] * 5, offset_s=offset_s)
     assert car.age_s("voltage", now_s) == pytest.approx(0.1, abs=0.01)
 
 
 @given(st.lists(st.floats(0, 60), min_size=4, max_size=40), st.floats(-1e6, 1e6))
 def test_an_age_is_too_small_by_no_more_than_the_shortest_way(delays_s, offset_s):
-    car, now_s = heard(delays_s, offset_s=offset_s)
+    car, now_s = received(delays_s, offset_s=offset_s)
     true_s = now_s - (100.0 + len(delays_s) - 1) + 0.1
     came_s = accumulate((second + delay_s for second, delay_s in enumerate(delays_s)), max)
     shortest_s = min(at_s - second for second, at_s in enumerate(came_s))
@@ -56,19 +56,19 @@ def test_an_age_is_too_small_by_no_more_than_the_shortest_way(delays_s, offset_s
 
 
 def test_values_that_waited_in_a_cut_link_are_old():
-    car, _ = heard([0.05] * 10)
+    car, _ = received([0.05] * 10)
     car.take("accumulator", values(110 - 5000.0), 230.0, is_retained=False)
     assert car.age_s("voltage", 230.0) == pytest.approx(120.1, abs=0.2)
     assert car.state(230.0) == "silent"
 
 
 def test_a_first_message_alone_is_not_live():
-    car, now_s = heard([0.0])
+    car, now_s = received([0.0])
     assert car.state(now_s) == "late"
 
 
 def test_a_service_that_starts_again_has_another_clock():
-    car, now_s = heard([0.05] * 5)
+    car, now_s = received([0.05] * 5)
     for second in range(5):
         now_s += 1.0
         car.take("accumulator", values(3.0 + second, run="b"), now_s, is_retained=False)
@@ -77,7 +77,7 @@ def test_a_service_that_starts_again_has_another_clock():
 
 
 def test_two_services_under_one_name_are_told_and_never_live():
-    car, now_s = heard([0.05] * 5)
+    car, now_s = received([0.05] * 5)
     car.take("accumulator", values(5.0, run="b"), now_s + 1.0, is_retained=False)
     assert car.shown(now_s + 1.0, 1e9)["alarms"] == []  # it was started again, as far as anybody can tell
     for second in range(2, 12):
@@ -98,7 +98,7 @@ def test_what_the_broker_kept_is_never_live():
 
 
 def test_a_car_vanishes_by_its_last_will_or_its_silence_and_since_when_is_told():
-    car, now_s = heard([0.05] * 5)
+    car, now_s = received([0.05] * 5)
     assert car.state(now_s + SILENT_S) == "vanished"
     assert car.shown(now_s + 3600, 2e9)["since"] == pytest.approx(2e9 - 3600 - 0.1, abs=0.01)
     car.take("status", b"offline", now_s, is_retained=False)
@@ -108,7 +108,7 @@ def test_a_car_vanishes_by_its_last_will_or_its_silence_and_since_when_is_told()
 
 
 def test_a_car_whose_own_link_is_gone_is_silent_though_its_service_speaks():
-    car, now_s = heard([0.05] * 5)
+    car, now_s = received([0.05] * 5)
     car.take("accumulator", values(now_s - 5000.0, age_s=SILENT_S + 1), now_s, is_retained=False)
     assert car.state(now_s) == "silent"
     car.take("accumulator", values(now_s - 5000.0, age_s=LIVE_S), now_s, is_retained=False)

@@ -12,7 +12,7 @@ from app.service.mqtt.publisher import NAME_CONFLICT_S, MqttPublisher, event_bod
 from app.sources.items import LinkChange
 from app.telemetry import Alarm, Event
 from app.telemetry.encoding import aged
-from app.telemetry.service_state import Recording
+from app.telemetry.service_state import RecordingState
 from app.words import Message
 from tests.fake_clock import FakeClock
 
@@ -22,7 +22,7 @@ EVENT = Event(1, "info", "noted", Message("verbatim", text="noted"))
 def test_a_snapshot_is_published_in_parts_and_what_is_missing_is_null(bench, master):
     master.set("v", [0 if i == 5 else 37000 + i for i in range(96)])
     bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
-    recording = Recording("s1", 5_500_000_000, 7, 4096)
+    recording = RecordingState("s1", 5_500_000_000, 7, 4096)
     bodies = {topic: json.loads(body) for topic, body in messages(bench.live.snapshot, recording)}
     assert set(bodies) == {
         *("accumulator", "master", "links", "alarms", "recording"),
@@ -91,7 +91,7 @@ def test_without_a_recording_its_topic_is_null(bench, master):
 
 def test_a_simulated_car_is_marked_in_every_object(bench, master):
     bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
-    recording = Recording("s1", 5_500_000_000, 7, 4096)
+    recording = RecordingState("s1", 5_500_000_000, 7, 4096)
     alarm = Alarm(1, "cell-overtemperature", "trip", Message("cell-overtemperature"), 0, True)
     for source in ("simulator", "serial"):
         snapshot = replace(bench.live.snapshot, source=source, alarms=(alarm,))

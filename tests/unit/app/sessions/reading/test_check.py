@@ -18,7 +18,7 @@ from app.sessions.transfer.repair import repair
 from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.memory_map import MAP_HASH
-from tests.campaign import campaign, of_size, tell_figure
+from tests.campaign import campaign, of_size, report_figure
 from tests.unit.app.sessions.conftest import MONO_NS, WALL_NS, Stream
 
 COPIES = of_size(25, 100, 300, 1000)
@@ -87,7 +87,7 @@ def test_no_damaged_copy_is_called_sound_although_its_content_differs(sound, tmp
         if not problems(path := damaged(tmp_path / "copy.sqlite", sound, seed)) and content(path) != as_recorded
     ]
     assert called_sound == []
-    tell_figure(
+    report_figure(
         f"{COPIES} damaged copies of a session: {len(called_sound)} called sound although their content differs"
     )
 

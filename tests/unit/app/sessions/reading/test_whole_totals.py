@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.analysis.laps.figures import Lap, figures_of
-from app.analysis.report.findings import headline, key_figures
+from app.analysis.report.summary import headline, key_figures
 from app.analysis.session_survey import read_pieces, read_totals, survey_session
 from app.season.lake.cell_sums import CellSums
 from app.season.lake.facts import _of_session

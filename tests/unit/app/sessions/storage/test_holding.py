@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.battery.battery import Battery
-from app.battery.source import CellSignals, SpeaksDbc
+from app.battery.source import CellSignals, DbcMapping
 from app.sessions.storage.battery_columns import Holder, grid_of
 from app.sources.dbc.assembly import Assembler
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 from tests.campaign import examples
 
 S = 1_000_000
@@ -44,8 +44,8 @@ def test_each_row_has_the_newest_value_that_is_not_too_old_however_it_came(times
 def test_rows_are_what_the_assembler_makes_live(times_us):
     values = np.arange(len(times_us), dtype=float)
     entry = CellSignals("V{cell}", max_age_s=0.7)
-    assembler = Assembler(Battery("x", (1,)), SpeaksDbc(("x.dbc",), {"voltage": (entry,)}, period_s=0.1))
-    told = Values(np.array(times_us) * 1000, np.zeros(len(times_us), np.intp), values)
+    assembler = Assembler(Battery("x", (1,)), DbcMapping(("x.dbc",), {"voltage": (entry,)}, period_s=0.1))
+    told = ChannelValues(np.array(times_us) * 1000, np.zeros(len(times_us), np.intp), values)
     live = {m.t_ns // 1000: m.voltage_v[0] for m in assembler.feed({"voltage": told}, 6 * S * 1000)}
     grid_us = np.array(sorted(live))
     rows = Holder(1, 0.7).rows([(np.array([0]), np.array(times_us), values[:, None])], grid_us)

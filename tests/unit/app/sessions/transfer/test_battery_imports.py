@@ -15,9 +15,9 @@ from app.live.pipeline_factory import PipelineFactory
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import NotASession
 from app.sessions.reading.reader import SessionFile
-from app.sessions.transfer.import_session import Imported, import_file
+from app.sessions.transfer.import_session import ImportedSession, import_file
 from app.sources.loaded_battery import LoadedBattery, load_battery
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from tests.peer_batteries import PEERS, cell_number, segments_in_fd_frames
@@ -40,7 +40,7 @@ def test_an_import_tells_how_far_it_is_from_the_first_line_to_the_last_frame(tmp
     log = write_log(peer, tmp_path / "peer.log", DURATION_S)
     folder = tmp_path / "sessions"
     import_file(
-        log, ImportProfile(), folder, pipeline, battery=battery, on_progress=lambda done, of: told.append(done / of)
+        log, ImportMapping(), folder, pipeline, battery=battery, on_progress=lambda done, of: told.append(done / of)
     )
     assert told == sorted(told)
     assert 0.0 < told[0] < 0.2
@@ -52,13 +52,13 @@ def test_an_import_that_does_not_look_ahead_writes_the_same_session(tmp_path: Pa
     battery = load_battery(str(write_profile(peer, tmp_path)))
     log = write_log(peer, tmp_path / "peer.log", DURATION_S)
     written = []
-    for looks_ahead in (True, False):
+    for predicts in (True, False):
         factory = PipelineFactory("fused", None, battery)
         made = import_file(
             log,
-            ImportProfile(),
+            ImportMapping(),
             tmp_path / "sessions",
-            lambda _, of=factory, ahead=looks_ahead: of.pipeline("replay", "imported", "imported", looks_ahead=ahead),
+            lambda _, of=factory, ahead=predicts: of.pipeline("replay", "imported", "imported", predicts=ahead),
             battery=battery,
         )
         with closing(sqlite3.connect(made.info.path)) as session:
@@ -68,10 +68,10 @@ def test_an_import_that_does_not_look_ahead_writes_the_same_session(tmp_path: Pa
     assert written[0][2], "the cells were estimated"
 
 
-def imported(peer: Peer, folder: Path, ending: str = "log", duration_s: float = DURATION_S) -> Imported:
+def imported(peer: Peer, folder: Path, ending: str = "log", duration_s: float = DURATION_S) -> ImportedSession:
     battery = load_battery(str(write_profile(peer, folder)))
     log = write_log(peer, folder / f"peer.{ending}", duration_s)
-    return import_file(log, ImportProfile(), folder / "sessions", pipeline, battery=battery)
+    return import_file(log, ImportMapping(), folder / "sessions", pipeline, battery=battery)
 
 
 def by_cantools(peer: Peer, duration_s: float) -> dict[str, list[tuple[float, float]]]:
@@ -134,7 +134,7 @@ def test_bus_logging_in_mf4_says_the_same(tmp_path: Path, make) -> None:
     frames = peer.frames(OF_FRAMES_S)
     log = write_mf4(tmp_path / "peer.mf4", [(t_ns / 1e9, can_id, data) for t_ns, can_id, data in frames])
     battery = load_battery(str(write_profile(peer, tmp_path)))
-    done = import_file(log, ImportProfile(), tmp_path / "sessions", pipeline, battery=battery)
+    done = import_file(log, ImportMapping(), tmp_path / "sessions", pipeline, battery=battery)
     with SessionFile(done.info.path) as session:
         assert [(frame.can_id, frame.data) for frame in session.can_frames()] == [
             (each, data) for _, each, data in frames
@@ -158,14 +158,14 @@ def test_a_log_of_another_bus_is_refused_and_leaves_nothing(tmp_path: Path) -> N
     battery = load_battery(str(write_profile(segments_in_fd_frames(), tmp_path)))
     log = write_log(cell_number(), tmp_path / "other.log", 1.0)
     with pytest.raises(ImportFailed, match=r"no frame in it tells a cell voltage of 1: FD"):
-        import_file(log, ImportProfile(), tmp_path / "sessions", pipeline, battery=battery)
+        import_file(log, ImportMapping(), tmp_path / "sessions", pipeline, battery=battery)
     assert not list((tmp_path / "sessions").glob("*"))
 
 
 def test_an_empty_log_is_refused_as_one_without_frames(tmp_path: Path) -> None:
     (tmp_path / "empty.log").write_bytes(b"")
     with pytest.raises(ImportFailed, match=r"^empty\.log: .*frame"):
-        import_file(tmp_path / "empty.log", ImportProfile(), tmp_path / "sessions", pipeline)
+        import_file(tmp_path / "empty.log", ImportMapping(), tmp_path / "sessions", pipeline)
 
 
 def test_cells_that_were_never_heard_are_counted(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_a_cell_test_is_a_battery_of_one_cell(tmp_path: Path) -> None:
     path = tmp_path / "cell.csv"
     lines = [f"{k / 10},{1.23456789 + k % 3},{3.70001234 + k * 1e-6},{25.125}" for k in range(100)]
     path.write_text("\n".join(["t,I,U 1,T 1", *lines]))
-    profile = ImportProfile(time="t", current="I", voltages="U {n}", temperatures="T {n}")
+    profile = ImportMapping(time="t", current="I", voltages="U {n}", temperatures="T {n}")
     done = import_file(path, profile, tmp_path / "sessions", pipeline)
     with SessionFile(done.info.path) as session:
         assert session.battery.segments == (1,)
@@ -192,7 +192,7 @@ def test_a_table_has_the_shape_of_the_battery_that_is_named(tmp_path: Path) -> N
     path = tmp_path / "pack.csv"
     names = ",".join(f"U{i}" for i in range(72))
     path.write_text(f"t,I,{names}\n" + "".join(f"{k},5,{','.join(['3.7'] * 72)}\n" for k in range(20)))
-    profile = ImportProfile(time="t", current="I", voltages="U{n}")
+    profile = ImportMapping(time="t", current="I", voltages="U{n}")
     orion = load_battery("orion-bms-2")
     done = import_file(path, profile, tmp_path / "sessions", pipeline, battery=orion)
     with SessionFile(done.info.path) as session:

@@ -16,7 +16,7 @@ from app.sessions.export.export import export
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.session_info import write_note
 from app.sessions.recording.recorder import Recorder
-from app.sessions.transfer.fill import FILLED_LINK, HeardOnCanAlone, NothingInCommon, fill_gaps
+from app.sessions.transfer.fill import FILLED_LINK, CanOnlySession, NoOverlap, fill_gaps
 from tests.fake_clock import FunctionClock
 from tests.unit.app.sessions.conftest import Stream
 
@@ -36,15 +36,15 @@ def recorder_at(folder: Path, mono_ns: int, wall_ns: int) -> Recorder:
     )
 
 
-def record(folder, stream, heard, mono_ns, wall_ns, *, jitter=lambda: 0, extra=b"") -> Path:
-    """A session of the frames whose numbers are in `heard`, each with an estimate, and a CAN frame every second."""
+def record(folder, stream, received, mono_ns, wall_ns, *, jitter=lambda: 0, extra=b"") -> Path:
+    """A session of the frames whose numbers are in `received`, each with an estimate, and a CAN frame every second."""
     recorder = recorder_at(folder, mono_ns, wall_ns)
     info = recorder.start("endurance", {"driver": "Anna"})
     for step in range(LENGTH):
         at_ns = step * 100_000_000
         uptime_ms = stream.uptime_ms
         _, _, raw = stream.next()
-        if step in heard:
+        if step in received:
             t_ns = mono_ns + at_ns + jitter()
             recorder.frame(t_ns, wall_ns + at_ns, 0, raw + extra, not extra)
             recorder.estimates(t_ns, uptime_ms, np.full(96, 0.9 - step * 1e-4), np.full(96, 0.02))
@@ -145,7 +145,7 @@ def test_sessions_of_different_runs_are_not_mixed(run, tmp_path, stream):
     stream.uptime_ms = 10_000_000
     other = record(tmp_path / "other", stream, set(range(50)), CAR_MONO_NS, CAR_WALL_NS)
     content = pit.read_bytes()
-    with pytest.raises(NothingInCommon, match="not the same run"):
+    with pytest.raises(NoOverlap, match="not the same run"):
         fill_gaps(pit, other, t_wall_ns=1)
     assert pit.read_bytes() == content
 
@@ -186,7 +186,7 @@ def test_a_session_heard_on_can_alone_is_refused_with_the_reason(run, tmp_path):
         recorder.can_frame(PIT_MONO_NS + step * 10**8, PIT_WALL_NS + step * 10**8, 0x100, bytes([step]))
     recorder.close()
     for pair in ((info.path, car), (car, info.path)):
-        with pytest.raises(HeardOnCanAlone, match=f"{info.id} was heard on CAN alone"):
+        with pytest.raises(CanOnlySession, match=f"{info.id} was heard on CAN alone"):
             fill_gaps(*pair, t_wall_ns=1)
 
 

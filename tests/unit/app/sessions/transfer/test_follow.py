@@ -295,7 +295,7 @@ def test_a_recorder_that_is_away_is_told_and_asked_again(pit):
     tries = iter(range(3))
     Followers([follower]).stop()
     follower.run(Patient(lambda: next(tries, None) is None))
-    assert (follower.state.is_reached, follower.state.heard_s) == (False, None)
+    assert (follower.state.is_reached, follower.state.last_contact_s) == (False, None)
     assert follower.state.error
 
 

@@ -11,11 +11,11 @@ from app.live.pipeline_factory import PipelineFactory
 from app.sessions.transfer import import_jobs
 from app.sessions.transfer.import_jobs import ImportJobs, ImportState
 from app.sources.loaded_battery import LoadedBattery
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.words import render
 from tests.in_process import InProcess
 
-PROFILE = ImportProfile(time="t", current="I", voltages="Cell {n}")
+PROFILE = ImportMapping(time="t", current="I", voltages="Cell {n}")
 TABLE = "t,I,Cell 1,Cell 2\n" + "".join(f"{row / 10},12,3.7,3.71\n" for row in range(5))
 
 
@@ -37,7 +37,7 @@ class Watched(ImportJobs):
         if name == "state":
             self.told.append(value)
 
-    def run(self, body: str | bytes, profile: ImportProfile = PROFILE, name: str = "theirs.csv") -> ImportState:
+    def run(self, body: str | bytes, profile: ImportMapping = PROFILE, name: str = "theirs.csv") -> ImportState:
         """Import a file and return the state at the end."""
         number, path = self.new_path(name)
         path.write_bytes(body.encode() if isinstance(body, str) else body)

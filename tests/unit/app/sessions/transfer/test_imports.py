@@ -16,17 +16,17 @@ from app.live.pipeline_factory import PipelineFactory
 from app.sessions.export.export import export
 from app.sessions.export.formats import Names
 from app.sessions.reading.reader import SessionFile
-from app.sessions.transfer.import_session import Imported, import_file
+from app.sessions.transfer.import_session import ImportedSession, import_file
 from app.sources.loaded_battery import LoadedBattery
 from app.sources.recordings.guess import guess
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.table import read_table
 from app.words import render
 
 START_S = 1_780_000_000.0
 N = 40
 ROWS = 60
-ORION = ImportProfile(
+ORION = ImportMapping(
     time="Time", current="Pack Current (A)", charge_positive=True, voltages="Cell {n} (mV)", voltage_unit="mV",
     temperatures="Thermistor {n} (C)", soc="Pack SOC (%)",
 )  # fmt: skip
@@ -71,7 +71,7 @@ def csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def imported(csv: Path, tmp_path_factory: pytest.TempPathFactory) -> Imported:
+def imported(csv: Path, tmp_path_factory: pytest.TempPathFactory) -> ImportedSession:
     """It as a session, for tests that only read."""
     return import_file(csv, ORION, tmp_path_factory.mktemp("sessions"), pipeline)
 
@@ -112,7 +112,9 @@ def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp
         ("ld", "number"),
     ],
 )
-def test_what_is_exported_comes_back_the_same(imported: Imported, tmp_path: Path, name: str, names: Names) -> None:
+def test_what_is_exported_comes_back_the_same(
+    imported: ImportedSession, tmp_path: Path, name: str, names: Names
+) -> None:
     signals = ["i_fs", "soc", *(f"v[{i}]" for i in range(N)), *(f"t[{i}]" for i in range(N))]
     with SessionFile(imported.info.path) as session:
         export(session, tmp_path / f"own.{name}", name, names=names)
@@ -129,7 +131,7 @@ def test_what_is_exported_comes_back_the_same(imported: Imported, tmp_path: Path
         assert second[signal].minimum == pytest.approx(first[signal].minimum, abs=1e-3, nan_ok=True)
 
 
-def test_a_parquet_file_says_the_same_as_the_csv(csv: Path, imported: Imported, tmp_path: Path) -> None:
+def test_a_parquet_file_says_the_same_as_the_csv(csv: Path, imported: ImportedSession, tmp_path: Path) -> None:
     table = read_table(csv)
     path = tmp_path / "log.parquet"
     parquet.write_table(pyarrow.table({name: pyarrow.array(v) for name, v in table.columns.items()}), path)
@@ -167,7 +169,7 @@ def log_of(path: Path) -> Path:
 def test_a_can_log_with_a_dbc_becomes_a_session(tmp_path: Path, ending: str) -> None:
     dbc = tmp_path / "bus.dbc"
     dbc.write_text(DBC)
-    profile = ImportProfile(
+    profile = ImportMapping(
         current="PackCurrent", voltages="CellVoltage[CellID]", temperatures="Temp{n}", soc="PackSOC", hold_s=2.0
     )
     log = log_of(tmp_path / f"bus.{ending}")
@@ -193,7 +195,7 @@ def test_a_can_log_without_a_dbc_is_of_our_own_master(tmp_path: Path) -> None:
                 can.Message(timestamp=START_S + step / 10, arbitration_id=0x100, is_extended_id=False,
                             data=bytes.fromhex("281e9087e8030000"), channel="can0")
             )  # fmt: skip
-    done = import_file(path, ImportProfile(), tmp_path / "sessions", pipeline)
+    done = import_file(path, ImportMapping(), tmp_path / "sessions", pipeline)
     with SessionFile(done.info.path) as session:
         assert session.info.can_frames == 50
         assert "i_fs" in session.signal_names()
@@ -219,7 +221,7 @@ def test_more_cells_than_a_battery_may_have_are_refused(tmp_path):
     path = tmp_path / "big.csv"
     path.write_text("t,I," + ",".join(f"C{i}" for i in range(1001)) + "\n0,1," + ",".join(["3.7"] * 1001))
     with pytest.raises(ImportFailed, match="1001 cells, a battery has up to 1000"):
-        import_file(path, ImportProfile(time="t", current="I", voltages="C{n}"), tmp_path / "sessions", pipeline)
+        import_file(path, ImportMapping(time="t", current="I", voltages="C{n}"), tmp_path / "sessions", pipeline)
 
 
 def test_rows_that_come_too_quickly_are_left_out_and_counted(csv, tmp_path):

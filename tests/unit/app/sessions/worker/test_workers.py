@@ -12,14 +12,14 @@ import pytest
 
 from app.errors import ImportFailed, LimitExceeded, NotNow, WorkerEnded
 from app.sessions.transfer.import_jobs import columns_of
-from app.sessions.worker import Limits, Workers, command_of
+from app.sessions.worker import JobLimits, Workers, command_of
 from app.sessions.worker import workers as module
 from app.sessions.worker.process import NICENESS
 from app.words import Message, render
 from firmware_protocol.dbc_import import from_dbc
 from firmware_protocol.errors import DecodeError
 
-FEW = Limits(20, 256 << 20)
+FEW = JobLimits(20, 256 << 20)
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_an_error_that_cannot_be_sent_keeps_its_text(workers):
     ("limits", "job", "words"),
     [
         (FEW, (hold, 1 << 30), "256 MB of memory"),
-        (Limits(1), (turn,), "1 s of processor time"),
+        (JobLimits(1), (turn,), "1 s of processor time"),
         (FEW, (nest,), "nested deeper"),
     ],
     ids=["memory", "time", "nesting"],
@@ -149,7 +149,7 @@ def test_a_process_that_ended_is_no_limit_and_the_next_job_runs(workers, job, co
 
 def test_one_that_waits_for_ever_is_ended(workers):
     with pytest.raises(LimitExceeded, match="not done within"):
-        workers.run(Limits(20, wall_s=0.2), sleep, 600.0)
+        workers.run(JobLimits(20, wall_s=0.2), sleep, 600.0)
 
 
 def test_too_many_at_once_are_refused(monkeypatch):

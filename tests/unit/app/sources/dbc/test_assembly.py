@@ -4,25 +4,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.battery.battery import Battery, SignalName
-from app.battery.source import CellSignals, Reading, SpeaksDbc
+from app.battery.source import CellSignals, DbcMapping, ScalarSignal
 from app.sources.dbc.assembly import LEAST_AGE_S, PERIODS_BRIDGED, UNKNOWN_AGE_S, Assembler
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 
 S = 1_000_000_000
-CURRENT = Reading(SignalName("", "I"))
+CURRENT = ScalarSignal(SignalName("", "I"))
 
 
 def values(*rows):
     """Values of (time in seconds, channel, value)."""
     times, index, value = zip(*rows, strict=True)
-    return Values(np.array([round(t * S) for t in times]), np.array(index, np.intp), np.array(value, float))
+    return ChannelValues(np.array([round(t * S) for t in times]), np.array(index, np.intp), np.array(value, float))
 
 
 def assembler(max_age_s=None, n_cells=2, period_s=0.1):
     entry = CellSignals("V{cell}", max_age_s=max_age_s)
     return Assembler(
         Battery("x", (n_cells,)),
-        SpeaksDbc(("x.dbc",), {"voltage": (entry,)}, current=CURRENT, period_s=period_s),
+        DbcMapping(("x.dbc",), {"voltage": (entry,)}, current=CURRENT, period_s=period_s),
     )
 
 
@@ -114,7 +114,7 @@ def test_nothing_heard_of_the_battery_makes_no_measurement(given):
 @pytest.mark.parametrize("ages_s", [(1.0,), (1.0, 4.0)])
 def test_a_value_is_missing_after_the_longest_age_that_the_profile_names(ages_s):
     entries = tuple(CellSignals(f"V{k}_{{cell}}", max_age_s=age_s) for k, age_s in enumerate(ages_s))
-    hear = Assembler(Battery("x", (2,)), SpeaksDbc(("x.dbc",), {"voltage": entries}))
+    hear = Assembler(Battery("x", (2,)), DbcMapping(("x.dbc",), {"voltage": entries}))
     hear.feed({"voltage": values((0.05, 0, 3.0))})
     lived = [m.t_ns / S - 0.05 for m in hear.feed({}, 8 * S) if np.isfinite(m.voltage_v[0])]
     assert max(lived) == pytest.approx(ages_s[-1], abs=0.1)

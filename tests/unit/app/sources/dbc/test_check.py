@@ -1,7 +1,7 @@
 import pytest
 
 from app.battery.profile import read_document, understand
-from app.sources.dbc.check import doubts_of
+from app.sources.dbc.check import issues_of
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.words import render
@@ -33,19 +33,19 @@ SOC = '[source.soc]\nsignal = "Pack.SOC"\n'
 HEATS = '[[source.temperature]]\nsignal = "T{cell}"\nbase = 1\n'
 
 
-def doubts(profile, frames=None, dbc=None):
+def issues(profile, frames=None, dbc=None):
     profile = understand(read_document(profile, "x.toml", lambda name: None))
     definitions = parse_definitions((dbc or STATES_DBC).encode(), "x.dbc")
     frames = None if frames is None else frames_of(frames)
-    return doubts_of(profile.battery, profile.source, definitions, "x.toml", frames)
+    return issues_of(profile.battery, profile.source, definitions, "x.toml", frames)
 
 
 def of_code(found, code):
-    return [doubt for doubt in found if doubt.what.code == code]
+    return [issue for issue in found if issue.what.code == code]
 
 
 def codes(*args):
-    return {(doubt.what.code, doubt.is_error) for doubt in doubts(*args)}
+    return {(issue.what.code, issue.is_error) for issue in issues(*args)}
 
 
 def battery(cells, sensors=0, more=""):
@@ -53,7 +53,7 @@ def battery(cells, sensors=0, more=""):
     return head + more + '[source]\ndbc = "x.dbc"\n'
 
 
-def heard(n=20, volts=(3700, 3720), pack=74, heat=65, soc=100, period_s=0.1):
+def received(n=20, volts=(3700, 3720), pack=74, heat=65, soc=100, period_s=0.1):
     cells = b"".join(volt.to_bytes(2, "little") for volt in volts) + bytes([heat, 0])
     status = bytes(2) + pack.to_bytes(2, "little") + bytes([soc])
     return [
@@ -92,16 +92,16 @@ def test_cells_that_the_profile_does_not_have_and_oddities_of_the_dbc_are_told()
 def test_an_empty_log_and_a_log_of_another_car_are_told():
     text = battery(2) + VOLTAGES + READINGS
     assert ("check-empty-log", False) in codes(text, [])
-    assert {("check-nothing-of-it", False), ("check-never-heard", False)} <= codes(text, [(0, 0x7F0, b"\0")])
+    assert {("check-nothing-of-it", False), ("check-not-received", False)} <= codes(text, [(0, 0x7F0, b"\0")])
 
 
 def test_a_sound_battery_with_all_its_readings_has_no_doubts_in_its_log():
-    assert doubts(battery(2, 1) + VOLTAGES + HEATS + READINGS + SOC, heard()) == []
+    assert issues(battery(2, 1) + VOLTAGES + HEATS + READINGS + SOC, received()) == []
 
 
 def test_errors_come_first_and_name_line_and_field():
-    found = doubts(battery(2, 1) + VOLTAGES + HEATS.replace("T{", "X{"), heard())
-    assert [doubt.is_error for doubt in found] == sorted((doubt.is_error for doubt in found), reverse=True)
+    found = issues(battery(2, 1) + VOLTAGES + HEATS.replace("T{", "X{"), received())
+    assert [issue.is_error for issue in found] == sorted((issue.is_error for issue in found), reverse=True)
     assert (found[0].what.code, found[0].file, found[0].field) == (
         "no-signal-fits",
         "x.toml",
@@ -112,22 +112,22 @@ def test_errors_come_first_and_name_line_and_field():
 
 def test_a_signal_of_two_messages_is_a_doubt_and_with_its_message_none():
     text = battery(2) + VOLTAGES + READINGS
-    (doubt,) = of_code(doubts(text + SOC.replace("Pack.", "")), "signal-of-several")
-    assert set(doubt.what.args["names"]) == {"Pack", "Twin"}
-    assert not doubt.is_error
-    assert of_code(doubts(text + SOC), "signal-of-several") == []
+    (issue,) = of_code(issues(text + SOC.replace("Pack.", "")), "signal-of-several")
+    assert set(issue.what.args["names"]) == {"Pack", "Twin"}
+    assert not issue.is_error
+    assert of_code(issues(text + SOC), "signal-of-several") == []
 
 
 def test_two_signals_of_one_cell_are_named():
     text = battery(2) + VOLTAGES + VOLTAGES.replace("V{cell}", "V1").replace("base = 1", "first = 2") + READINGS
-    (doubt,) = of_code(doubts(text), "check-two-signals")
-    assert doubt.what.args["number"] == 2
-    assert set(doubt.what.args["names"]) == {"Cells.V1", "Cells.V2"}
+    (issue,) = of_code(issues(text), "check-two-signals")
+    assert issue.what.args["number"] == 2
+    assert set(issue.what.args["names"]) == {"Cells.V1", "Cells.V2"}
 
 
 def test_a_reading_that_is_never_heard_is_named():
-    found = doubts(battery(2) + VOLTAGES + READINGS + SOC, [frame for frame in heard() if frame[1] == 1])
-    assert sorted(doubt.field for doubt in of_code(found, "check-never-heard")) == [
+    found = issues(battery(2) + VOLTAGES + READINGS + SOC, [frame for frame in received() if frame[1] == 1])
+    assert sorted(issue.field for issue in of_code(found, "check-not-received")) == [
         "source.current",
         "source.pack_voltage",
         "source.soc",
@@ -135,17 +135,17 @@ def test_a_reading_that_is_never_heard_is_named():
 
 
 def test_a_kind_that_is_never_heard_is_told_once_and_not_by_cell():
-    found = doubts(battery(2, 1) + VOLTAGES + HEATS + READINGS, [frame for frame in heard() if frame[1] == 2])
-    assert [doubt.field for doubt in of_code(found, "check-nothing-of-it")] == ["source.voltage", "source.temperature"]
-    assert of_code(found, "check-cells-never-heard") == []
+    found = issues(battery(2, 1) + VOLTAGES + HEATS + READINGS, [frame for frame in received() if frame[1] == 2])
+    assert [issue.field for issue in of_code(found, "check-nothing-of-it")] == ["source.voltage", "source.temperature"]
+    assert of_code(found, "check-cells-not-received") == []
 
 
 @pytest.mark.parametrize(("volts", "length"), [((3700, 65535), 8), ((3700, 3720), 2)])
 def test_a_cell_that_is_invalid_all_the_time_or_in_no_frame_was_never_heard(volts, length):
     text = battery(2) + VOLTAGES + "invalid = [65535]\n" + READINGS
-    frames = [(t, i, data[:length] if i == 1 else data) for t, i, data in heard(volts=volts)]
-    (doubt,) = of_code(doubts(text, frames), "check-cells-never-heard")
-    assert doubt.what.args["numbers"] == "2"
+    frames = [(t, i, data[:length] if i == 1 else data) for t, i, data in received(volts=volts)]
+    (issue,) = of_code(issues(text, frames), "check-cells-not-received")
+    assert issue.what.args["numbers"] == "2"
 
 
 @pytest.mark.parametrize(
@@ -166,21 +166,21 @@ def test_a_cell_that_is_invalid_all_the_time_or_in_no_frame_was_never_heard(volt
     ],
 )
 def test_what_a_log_says_against_a_profile_is_told(more, given, code, args):
-    found = of_code(doubts(battery(2) + VOLTAGES + more + READINGS, heard(**given)), code)
-    assert [doubt.what.args | (args or {}) for doubt in found] == ([] if args is None else [found[0].what.args])
+    found = of_code(issues(battery(2) + VOLTAGES + more + READINGS, received(**given)), code)
+    assert [issue.what.args | (args or {}) for issue in found] == ([] if args is None else [found[0].what.args])
 
 
 def test_a_sum_is_not_judged_while_a_cell_is_unknown():
     text = battery(3) + VOLTAGES + READINGS
-    assert of_code(doubts(text, heard(pack=111)), "check-sum-off") == []
+    assert of_code(issues(text, received(pack=111)), "check-sum-off") == []
 
 
 def test_frames_with_a_wrong_checksum_are_counted():
     peer = cell_number()
     frames = [(t, i, data[:7] + bytes([data[7] ^ 1]) if i == 0x036 else data) for t, i, data in peer.frames(7.2)]
     text = battery(72, 12) + peer.profile + READINGS.replace("Pack_V", "Pack_Inst_V")
-    (doubt,) = of_code(doubts(text, frames, peer.dbc()), "check-bad-checksums")
-    assert doubt.what.args["n"] == sum(can_id == 0x036 for _, can_id, _ in frames)
+    (issue,) = of_code(issues(text, frames, peer.dbc()), "check-bad-checksums")
+    assert issue.what.args["n"] == sum(can_id == 0x036 for _, can_id, _ in frames)
 
 
 @pytest.mark.parametrize(
@@ -189,13 +189,15 @@ def test_frames_with_a_wrong_checksum_are_counted():
 )
 def test_the_cells_without_a_signal_are_listed_as_people_count_and_many_of_them_shortened(cells, of_dbc, numbers, n):
     lines = "".join(f' SG_ V{k} : {8 * (k // 2)}|8@1+ (0.02,0) [0|5] "V" X\n' for k in of_dbc)
-    found = doubts(battery(cells) + VOLTAGES, None, HEAD + "BO_ 1 Cells: 64 BMS\n" + lines)
-    (doubt,) = of_code(found, "check-without-signal")
-    assert (doubt.what.args["numbers"], doubt.what.args["n"]) == (numbers, n)
+    found = issues(battery(cells) + VOLTAGES, None, HEAD + "BO_ 1 Cells: 64 BMS\n" + lines)
+    (issue,) = of_code(found, "check-without-signal")
+    assert (issue.what.args["numbers"], issue.what.args["n"]) == (numbers, n)
 
 
 def test_every_doubt_can_be_said_in_both_languages():
-    found = doubts(battery(9, 2, NOTHING) + VOLTAGES + VOLTAGES + READINGS + SOC.replace("Pack.", ""), heard(pack=200))
+    found = issues(
+        battery(9, 2, NOTHING) + VOLTAGES + VOLTAGES + READINGS + SOC.replace("Pack.", ""), received(pack=200)
+    )
     assert len(found) >= 5
     for language in ("en", "nb"):
-        assert all("{" not in render(doubt.what, language=language) for doubt in found)
+        assert all("{" not in render(issue.what, language=language) for issue in found)

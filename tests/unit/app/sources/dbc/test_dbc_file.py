@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from app.errors import ImportFailed
 from app.sources.dbc.dbc_file import load_definitions, parse_definitions
-from app.sources.dbc.definitions import Layout
+from app.sources.dbc.definitions import BitLayout
 from app.sources.dbc.repair import repaired
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: BMS\n'
@@ -77,7 +77,7 @@ def test_the_same_message_is_the_same_from_every_format(tmp_path, name, text):
     (message,) = load_definitions(path).messages
     assert (message.can_id, message.name, message.length) == (0x100, "Cells", 8)
     for signal, start in zip(message.signals, (0, 16), strict=True):
-        assert signal.layout == Layout(start, 16, scale=0.001)
+        assert signal.layout == BitLayout(start, 16, scale=0.001)
         assert signal.unit == "V"
 
 
@@ -193,8 +193,8 @@ def test_a_sound_file_stays_as_it_is_but_for_spaces():
         (' SG_ V2 : 16|0@1+ (1,0) [0|0] "V" X\n', "dbc-signal-length", {"name": "V2", "bits": 0}),
         (' SG_ V2 : 16|65@1+ (1,0) [0|0] "V" X\n', "dbc-signal-length", {"name": "V2", "bits": 65}),
         (' SG_ V2 : 16|16@1+ (0,0) [0|0] "V" X\n', "dbc-factor-zero", {"name": "V2"}),
-        (' SG_ V-2 : 16|16@1+ (1,0) [0|0] "V" X\n', "dbc-name-mended", {"name": "V-2", "as_name": "V_2"}),
-        (' SG_ 2V : 16|16@1+ (1,0) [0|0] "V" X\n', "dbc-name-mended", {"name": "2V", "as_name": "_2V"}),
+        (' SG_ V-2 : 16|16@1+ (1,0) [0|0] "V" X\n', "dbc-name-repaired", {"name": "V-2", "as_name": "V_2"}),
+        (' SG_ 2V : 16|16@1+ (1,0) [0|0] "V" X\n', "dbc-name-repaired", {"name": "2V", "as_name": "_2V"}),
         (' SG_ V1 : 16|16@1+ (1,0) [0|0] "V" X\n', "dbc-name-twice", {"name": "V1", "as_name": "V1_2"}),
         ("BO_ 257 Cells: 8 BMS\n", "dbc-name-twice", {"name": "Cells", "as_name": "Cells_2"}),
         ("BO_ 256 More: 8 BMS\n", "dbc-id-twice", {"name": "More", "id": "0x100"}),

@@ -5,7 +5,7 @@ import pytest
 
 from app.battery.profile import read_document, understand
 from app.sources.dbc.dbc_file import parse_definitions
-from app.sources.dbc.encoder import Speech
+from app.sources.dbc.encoder import FrameEncoder
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: B\n'
 CYCLE = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
@@ -16,7 +16,9 @@ CELLS = '[[source.voltage]]\nsignal = "U{cell}"\n'
 def speech(messages, profile, segments=(2,), more=""):
     text = f'[battery]\nname = "x"\nsegments = {list(segments)}\n[source]\ndbc = "x.dbc"\n{profile}'
     understood = understand(read_document(text, "x.toml", lambda name: None))
-    return Speech(understood.battery, understood.source, parse_definitions((HEAD + messages + more).encode(), "x.dbc"))
+    return FrameEncoder(
+        understood.battery, understood.source, parse_definitions((HEAD + messages + more).encode(), "x.dbc")
+    )
 
 
 def first(of, **readings):
@@ -97,7 +99,7 @@ def test_states_that_share_a_signal_are_told_by_the_number_that_says_them(held, 
 
 def test_what_has_no_place_in_the_dbc_is_told():
     of = speech(ONE, CELLS, segments=(4,))
-    assert of.unsaid()["voltage"] == [2, 3]
+    assert of.not_encoded()["voltage"] == [2, 3]
 
 
 def test_a_length_that_no_frame_has_is_filled_up_and_marked_as_fd():

@@ -61,8 +61,8 @@ def bus():
 
 
 def voltages(items: list[CanItem]) -> np.ndarray:
-    """What the source says at the end of what it heard."""
-    source = DbcSource(LOADED.battery, LOADED.speaks_dbc, LOADED.definitions)
+    """What the source says at the end of what it received."""
+    source = DbcSource(LOADED.battery, LOADED.dbc_mapping, LOADED.definitions)
     for number, item in enumerate(items, 1):
         source.feed(replace(item, t_mono_ns=10**9 + number * STEP_NS))
     now_ns = 10**9 + (len(items) + 1) * STEP_NS

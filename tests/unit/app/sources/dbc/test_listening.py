@@ -1,4 +1,4 @@
-"""A bus that is heard for some time: what is kept of it, when it ends, and what is said where it cannot be heard."""
+"""Frames received on a bus for some time: what is kept, when it ends, and the error where the bus fails."""
 
 import threading
 import time
@@ -43,10 +43,10 @@ def test_frames_are_kept_in_their_order_with_the_mark_of_29_bits(bus) -> None:
     node.send(frame(0x123, b"", is_extended_id=True))
     node.send(frame(0x400, bytes(64), is_fd=True))
     until(lambda: len(listener.frames()) == 3)
-    heard = listener.frames()
-    assert heard.can_id.tolist() == [0x123, 0x123 | CAN_ID_EXTENDED, 0x400]
-    assert heard.length.tolist() == [2, 0, 64]
-    assert heard.t_ns.tolist() == sorted(heard.t_ns.tolist())
+    received = listener.frames()
+    assert received.can_id.tolist() == [0x123, 0x123 | CAN_ID_EXTENDED, 0x400]
+    assert received.length.tolist() == [2, 0, 64]
+    assert received.t_ns.tolist() == sorted(received.t_ns.tolist())
 
 
 def test_errors_of_the_bus_and_requests_are_no_frames(bus) -> None:
@@ -96,8 +96,8 @@ def test_an_adapter_that_is_pulled_ends_the_wait_and_what_was_heard_stays(monkey
     adapter = _Pulled()
     monkeypatch.setattr(listening, "open_bus", lambda arguments: adapter)
     listener = BusListener("virtual:pulled")
-    heard = listener.wait(600.0)  # ends with the adapter
-    assert heard.can_id.tolist() == [0x7]
+    received = listener.wait(600.0)  # ends with the adapter
+    assert received.can_id.tolist() == [0x7]
     assert "No such device" in str(listener.lost)
     listener.close()
     assert adapter.closed.is_set()

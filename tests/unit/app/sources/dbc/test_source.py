@@ -170,7 +170,7 @@ def test_the_state_is_what_the_bms_tells_a_fault_before_all(state, faults, expec
     found = measured(told(state, faults))
     assert (found.master.state, found.relays_open) == (expected, is_open)
     assert found.master.fit == (expected != "fault")
-    assert found.master.why.code == "bms-tells-state"
+    assert found.master.why.code == "bms-state"
 
 
 def test_a_profile_without_states_claims_none():
@@ -179,7 +179,7 @@ def test_a_profile_without_states_claims_none():
     fed(silent, told(state=1, faults=6))
     found = silent.measure(S // 5, S)
     assert (found.master.state, found.master.fit, found.relays_open) == ("unknown", None, False)
-    assert found.master.why.code == "bms-tells-no-state"
+    assert found.master.why.code == "bms-no-state"
 
 
 def test_every_reading_comes_in_si_units():
@@ -355,5 +355,5 @@ def test_the_load_is_a_share_of_the_bit_rate_that_is_told_and_of_no_guess(url, p
     if expected is None:
         assert status.line_load is None
     else:
-        bits = status.rate_hz * 135  # of a frame with eight bytes, with the most stuffing
+        bits = status.rate_hz * 135  # bits of a frame with eight bytes and the most stuffing
         assert status.line_load == pytest.approx(bits / expected, rel=0.05)

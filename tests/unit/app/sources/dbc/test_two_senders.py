@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.sources.dbc.battery_decoder import Values
+from app.sources.dbc.battery_decoder import ChannelValues
 from app.sources.dbc.two_senders import FOUND, MOST, TwoSenders
 from app.words import render
 
@@ -16,7 +16,7 @@ def feed(watch: TwoSenders, rows: np.ndarray, cells: slice = slice(None)) -> Non
     """(n, m) voltages of some cells, one row after the other, as one batch each."""
     index = np.arange(N_CELLS)[cells]
     for row in rows:
-        watch.take(Values(np.zeros(len(index), np.int64), index, np.asarray(row, float)))
+        watch.take(ChannelValues(np.zeros(len(index), np.int64), index, np.asarray(row, float)))
 
 
 def own(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -51,7 +51,7 @@ def test_several_frames_of_one_batch_count_like_batches_of_one():
     apart, together = TwoSenders(N_CELLS), TwoSenders(N_CELLS)
     feed(apart, rows)
     index = np.tile(np.arange(N_CELLS), len(rows))
-    together.take(Values(np.zeros(rows.size, np.int64), index, rows.ravel()))
+    together.take(ChannelValues(np.zeros(rows.size, np.int64), index, rows.ravel()))
     assert together.cells.tolist() == apart.cells.tolist()
 
 

@@ -266,7 +266,7 @@ def adapter():
     bus.shutdown()
 
 
-def heard(adapter, *lines):
+def received(adapter, *lines):
     adapter.serialPortOrig.write("".join(lines).encode())
     found = []
     while adapter.serialPortOrig.in_waiting:
@@ -277,13 +277,13 @@ def heard(adapter, *lines):
 
 def test_an_adapter_delivers_whole_frames_of_both_kinds_of_id(adapter):
     first, second = line("t", 0x7FF, b"\x01\x02"), line("T", 0x18FF50E5, bytes(8))
-    assert heard(adapter, first, second) == [(0x7FF, b"\x01\x02"), (0x18FF50E5, bytes(8))]
+    assert received(adapter, first, second) == [(0x7FF, b"\x01\x02"), (0x18FF50E5, bytes(8))]
 
 
 def test_two_lines_that_became_one_are_no_frame_and_the_next_one_is(adapter):
     first, second, third = (line("t", i, bytes([i] * 8)) for i in (1, 2, 3))
-    assert heard(adapter, first[:9] + second, third) == [(3, bytes([3] * 8))]
-    assert heard(adapter, first[:-3] + "\r", second) == [(2, bytes([2] * 8))]
+    assert received(adapter, first[:9] + second, third) == [(3, bytes([3] * 8))]
+    assert received(adapter, first[:-3] + "\r", second) == [(2, bytes([2] * 8))]
 
 
 @settings(max_examples=examples(15))

@@ -33,8 +33,8 @@ def bus():
 def test_a_frame_reaches_the_bus_and_the_sink(bus):
     node, link, items = bus
     link.send(0x18FF50E5 | CAN_ID_EXTENDED, b"\x01\x02")
-    heard = node.recv(2)
-    assert (heard.arbitration_id, heard.is_extended_id, bytes(heard.data)) == (0x18FF50E5, True, b"\x01\x02")
+    received = node.recv(2)
+    assert (received.arbitration_id, received.is_extended_id, bytes(received.data)) == (0x18FF50E5, True, b"\x01\x02")
     told = items.get(timeout=2)
     assert isinstance(told, CanItem)
     assert (told.can_id, told.data, told.sent) == (0x18FF50E5 | CAN_ID_EXTENDED, b"\x01\x02", True)
@@ -54,8 +54,8 @@ def test_a_frame_of_can_fd_comes_whole_and_requests_carry_nothing_and_are_not_de
     node, _, items = bus
     node.send(can.Message(arbitration_id=0x100, is_extended_id=False, is_remote_frame=True, dlc=8))
     node.send(can.Message(arbitration_id=0x400, is_extended_id=False, is_fd=True, data=bytes(range(64))))
-    heard = items.get(timeout=2)
-    assert (heard.can_id, heard.data) == (0x400, bytes(range(64)))
+    received = items.get(timeout=2)
+    assert (received.can_id, received.data) == (0x400, bytes(range(64)))
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,7 @@ def test_a_window_brings_its_bytes_and_no_byte_beside_it():
         ([(420, b"\x01"), (2982, b"\x10\x27")], {420: b"\x01", 2982: b"\x10\x27"}),  # flags and the SOC
         ([(1884, b"\xfb\xff")], {}),  # half a number is not mixed with its old half
         ([(1884, b"\xfb\xff"), (1886, b"\xff\xff")], {1884: b"\xfb\xff\xff\xff"}),
-        ([(1897, b"\x01\x02\x03\x04\x05")], {1898: b"\x02\x03\x04\x05"}),  # of an array
+        ([(1897, b"\x01\x02\x03\x04\x05")], {1898: b"\x02\x03\x04\x05"}),  # part of an array
         ([(2391, b"\x77")], {}),  # padding between fields
         ([(421, b"\x01")], {}),  # the ninth flag without the others of its byte
     ],

@@ -15,7 +15,7 @@ from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageTy
 
 SECOND = 1_000_000_000
 SUMMARY = 0x100  # soc, v_tot and i_fs in the default tables
-LIMITS = {  # of the configuration: counts, and what they are in the measurement
+LIMITS = {  # limits of the configuration: counts, and their values in the measurement
     "v_cell_min": (25_100, "cell_voltage_min_v", 2.51),
     "v_cell_max": (41_900, "cell_voltage_max_v", 4.19),
     "t_cell_min": (-5, "temperature_min_degc", -5.0),

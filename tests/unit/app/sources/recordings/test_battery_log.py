@@ -7,11 +7,11 @@ import pytest
 
 from app.errors import ImportFailed
 from app.sources.recordings.battery_log import battery_log
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.table import Table
 from app.words import render
 
-PROFILE = ImportProfile(time="t", current="I", voltages="V{n}")
+PROFILE = ImportMapping(time="t", current="I", voltages="V{n}")
 
 
 def table(n=4, **columns):
@@ -99,7 +99,7 @@ def test_time_begins_at_the_first_row_and_a_wall_clock_is_kept():
 
 
 def test_without_a_time_rows_are_a_tenth_of_a_second_apart_and_that_is_said():
-    log = battery_log(table(), ImportProfile(current="I", voltages="V{n}"))
+    log = battery_log(table(), ImportMapping(current="I", voltages="V{n}"))
     assert log.time_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert said(log) == ["no column is the time: rows are taken 0.1 s apart"]
 

@@ -17,7 +17,7 @@ from app.sources.dbc.frames import load_log
 from app.sources.recordings import can_log, mf4_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from tests.recorded.mf4 import write_mf4
@@ -39,7 +39,7 @@ VAL_ 300 Mode 1 "charge" ;
 """
 PACK, CELLS, OTHER = 256, 0x200 | CAN_ID_EXTENDED, 300
 T0 = 1_780_000_000.0
-PROFILE = ImportProfile(current="Current", voltages="Voltage[CellID]", soc="Pack.Soc", hold_s=1.0)
+PROFILE = ImportMapping(current="Current", voltages="Voltage[CellID]", soc="Pack.Soc", hold_s=1.0)
 
 
 def pack(at_s, current_a, soc=50):
@@ -92,7 +92,16 @@ def test_frames_are_put_in_the_order_of_their_time_whatever_part_of_a_log_is_tak
     path.write_text("\n".join(lines) + "\n")
     whole = load_log(path)
     assert whole.data.shape == (8, 64)
-    assert whole.can_id.tolist() == [0x700, 0x106, 0x104, 0x105, 0x102, 0x103, 0x100, 0x101]  # of one time in order
+    assert whole.can_id.tolist() == [
+        0x700,
+        0x106,
+        0x104,
+        0x105,
+        0x102,
+        0x103,
+        0x100,
+        0x101,
+    ]  # equal times stay in order
     monkeypatch.setattr(columns, "AT_ONCE", 3)
     parts = load_log(path)
     for name in ("t_ns", "can_id", "length", "data"):
@@ -145,7 +154,7 @@ def test_the_columns_of_a_log_are_those_of_its_frames_and_a_name_of_two_messages
     [
         (DRIVE, "Pack.Current", np.arange(5) / 2, [12.3, -1, -2, -3, -4]),
         ([(0, OTHER, b"\x00\x01")], "Mode", [0], [1]),  # a word by its number
-        ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Current", [0, 0.1], [1.0, 2.0]),  # of a frame that is cut
+        ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Current", [0, 0.1], [1.0, 2.0]),  # a frame that is cut
         ([(0, PACK, b"\x0a\x00"), pack(0.1, 2.0)], "Pack.Soc", [0.1], [50.0]),
     ],
 )
@@ -157,7 +166,7 @@ def test_one_signal_is_read_out_of_frames(log, dbc, frames, signal, times_s, exp
 
 def test_what_is_in_no_frame_is_named(log, dbc):
     with pytest.raises(ImportFailed, match="current = 'Amps'"):
-        read_signals(log(*DRIVE), dbc).table(ImportProfile(current="Amps", voltages="Voltage[CellID]"))
+        read_signals(log(*DRIVE), dbc).table(ImportMapping(current="Amps", voltages="Voltage[CellID]"))
     path = log((0, 0x7FF, b"\1"), (0.1, PACK | CAN_ID_EXTENDED, bytes(4)))
     with pytest.raises(ImportFailed, match=r"drive\.log: none of its frames is in bus\.dbc"):
         sorted(read_signals(path, dbc).found)
@@ -231,7 +240,7 @@ def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path, dbc):
     bad = BadRows()
     assert len(list(read_frames(tmp_path / "bad.log", bad))) == 38
     assert [line for line, _ in bad.first] == [8, 10]
-    table = read_signals(tmp_path / "bad.log", dbc).table(ImportProfile(current="Current", voltages="Soc"))
+    table = read_signals(tmp_path / "bad.log", dbc).table(ImportMapping(current="Current", voltages="Soc"))
     assert len(table.columns["time"]) == 38
     assert any("2 of 40 frames cannot be read" in note and "line 8" in note for note in map(render, table.notes))
 

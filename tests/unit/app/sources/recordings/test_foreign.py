@@ -17,7 +17,13 @@ FOREIGN = Path(__file__).parent / "foreign"
 
 
 @pytest.mark.parametrize(
-    ("name", "length_s", "cells", "current_a", "heat_degc"),  # of the last row; the current is positive on discharge
+    (
+        "name",
+        "length_s",
+        "cells",
+        "current_a",
+        "heat_degc",
+    ),  # values of the last row; the current is positive on discharge
     [
         ("arbin.csv", 271.2135, 1, -2.650138, 24.68785),
         ("archive.csv", 20.0, 1, -0.55, 23.4),

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.sources.recordings.guess import guess, with_units
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.table import Table
 from tests.campaign import examples
 
@@ -66,7 +66,7 @@ EXPORT = ["time_s", "elapsed_s", "uptime_s", "i_fc (A)", "v[0] (V)", "v[1] (V)",
     ],
 )  # fmt: skip
 def test_the_profile_of_a_table_is_guessed(columns: dict[str, float], expected: dict[str, str]) -> None:
-    assert guess(table_of(columns)) == ImportProfile(**expected)
+    assert guess(table_of(columns)) == ImportMapping(**expected)
 
 
 def test_an_export_has_no_current_where_it_has_none_and_its_finer_time() -> None:
@@ -102,15 +102,15 @@ DAY_S = 86_400.0
 )
 def test_the_unit_of_time_is_the_coarsest_that_can_be(values: list[float], unit: str) -> None:
     table = Table("x", {"at": np.array(values)})
-    assert with_units(ImportProfile(time="at"), table, ["time"]).time_unit == unit
+    assert with_units(ImportMapping(time="at"), table, ["time"]).time_unit == unit
 
 
 def test_units_are_picked_for_the_quantities_that_are_asked_for() -> None:
     table = table_of({"i": 12_000.0, "soc": 0.4, "a1": 3700.0, "a2": 3650.0, "b": 300.0})
-    given = ImportProfile(current="i", soc="2", voltages="a{n}", temperatures="b")
+    given = ImportMapping(current="i", soc="2", voltages="a{n}", temperatures="b")
     found = with_units(given, table, ["current", "soc", "voltage", "temperature", "time"])
     assert (found.current_unit, found.soc_unit) == ("mA", "fraction")
     assert (found.voltage_unit, found.temperature_unit) == ("mV", "K")
     assert with_units(given, table, []) == given
-    nowhere = ImportProfile(current="none", voltages="none{n}")
+    nowhere = ImportMapping(current="none", voltages="none{n}")
     assert with_units(nowhere, table, ["current", "voltage"]) == nowhere

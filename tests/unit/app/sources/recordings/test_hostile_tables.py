@@ -6,8 +6,8 @@ import pytest
 
 from app.errors import ImportFailed
 from app.sources.recordings.csv_table import MOST_COLUMNS
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import kind_of
-from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import column_number, load_table, read_table
 
 AT_ONCE_S = 5.0  # on a busy machine; the worst took minutes
@@ -87,7 +87,7 @@ def test_a_column_whose_number_has_thousands_of_digits_fits_no_pattern(tmp_path)
 @pytest.mark.parametrize("cells", ["9" * 60_000, "1-99999", "²", "1-2-3"])
 def test_cells_that_are_no_numbers_are_refused(cells):
     with pytest.raises(ImportFailed, match="cells"):
-        ImportProfile(cells=cells)
+        ImportMapping(cells=cells)
 
 
 def test_blank_lines_take_no_time_to_be_no_log(tmp_path):

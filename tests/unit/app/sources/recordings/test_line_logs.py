@@ -19,7 +19,8 @@ EXTENDED = 0x18FF50E5 | CAN_ID_EXTENDED
     [
         (savvycan_frame, "166064000,0000021A,false,Rx,0,3,FE,36,12,", (166.064, 0x21A, b"\xfe\x36\x12")),
         (savvycan_frame, "1500,18FF50E5,true,Tx,1,2,01,02", (0.0015, EXTENDED, b"\1\2")),
-        (savvycan_frame, "1500,0x131,false,0,3,01,02,03", (0.0015, 0x131, b"\1\2\3")),  # of before 2017: no direction
+        # the format before 2017: no direction
+        (savvycan_frame, "1500,0x131,false,0,3,01,02,03", (0.0015, 0x131, b"\1\2\3")),
         (savvycan_frame, "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2", None),
         (crtd_frame, "1705316400.05 3R11 131 00 0F", (1705316400.05, 0x131, b"\0\x0f")),
         (crtd_frame, "1705316400.05 R29 18FF50E5 00", (1705316400.05, EXTENDED, b"\0")),

@@ -5,11 +5,11 @@ from dataclasses import asdict
 
 import pytest
 
+from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.preview import ROWS, preview
-from app.sources.recordings.profile import ImportProfile
 from app.words import render
 
-PROFILE = ImportProfile(time="t", current="I", voltages="C{n}")
+PROFILE = ImportMapping(time="t", current="I", voltages="C{n}")
 DBC = """
 VERSION ""
 BU_: BMS
@@ -45,7 +45,7 @@ def test_the_first_rows_are_shown_in_our_units_which_the_values_tell(path):
 
 
 def test_columns_and_cells_are_told_with_samples(path):
-    found = preview(path, ImportProfile(current="I", voltages="C{n}", voltage_unit="mV", cells="1,3"), [])
+    found = preview(path, ImportMapping(current="I", voltages="C{n}", voltage_unit="mV", cells="1,3"), [])
     assert [column.name for column in found.columns] == ["t", "I", "C1", "C2", "C3"]
     assert found.columns[1].samples == (-12, -13, -14)
     assert found.columns[4].samples == (None, None, None)
@@ -65,7 +65,7 @@ def test_columns_and_cells_are_told_with_samples(path):
     ],
 )
 def test_what_is_in_the_way_is_told_beside_the_columns(path, change, error):
-    found = preview(path, ImportProfile(**{**asdict(PROFILE), "voltage_unit": "mV", "time_unit": "ms"} | change), [])
+    found = preview(path, ImportMapping(**{**asdict(PROFILE), "voltage_unit": "mV", "time_unit": "ms"} | change), [])
     assert found.understood is None
     assert error in render(found.error)
     assert len(found.columns) == 5
@@ -76,10 +76,10 @@ def test_a_can_log_is_told_by_its_dbc(tmp_path):
     dbc.write_text(DBC)
     frames = ("101#00201C", "101#012A1C", "100#7B00")  # two cells, then the current
     log.write_text("".join(f"({1_780_000_000 + k / 10:.6f}) can0 {frames[k % 3]}\n" for k in range(30)))
-    nothing = preview(log, ImportProfile(), [], dbc)
+    nothing = preview(log, ImportMapping(), [], dbc)
     assert "current is not named" in render(nothing.error)
     assert "PackCurrent" in [column.name for column in nothing.columns]
-    named = ImportProfile(current="PackCurrent", voltages="CellVoltage[CellID]", voltage_unit="mV")
+    named = ImportMapping(current="PackCurrent", voltages="CellVoltage[CellID]", voltage_unit="mV")
     found = preview(log, named, ["voltage", "time"], dbc)
     assert found.error is None
     assert (found.profile.voltages, found.profile.voltage_unit, found.profile.time) == (named.voltages, "V", "")

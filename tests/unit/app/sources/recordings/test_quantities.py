@@ -18,7 +18,7 @@ from app.sources.recordings.quantities import (
     signed,
     sounds_like,
     state_of,
-    tells_state,
+    states_direction,
     unit_of,
 )
 from app.sources.recordings.table import load_table
@@ -170,9 +170,9 @@ def test_a_current_with_a_sign_keeps_it() -> None:
     current, state = np.array([1.0, -1.0]), np.array([1.0, -1.0])
     assert signed(current, {"State": state}) == (pytest.approx(current), None)
     assert signed(np.abs(current), {"Other": state})[1] is None
-    assert tells_state("Step Type")
-    assert tells_state("工步类型")
-    assert not tells_state("Estate")
+    assert states_direction("Step Type")
+    assert states_direction("工步类型")
+    assert not states_direction("Estate")
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0])

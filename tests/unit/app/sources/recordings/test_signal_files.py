@@ -47,7 +47,7 @@ def test_any_bytes_are_an_ld_or_a_reason(tmp_path_factory: pytest.TempPathFactor
         read_signals(path, "ld")
 
 
-HEADER_SIZE, CHANNEL_SIZE = 0x6E2, 124  # of MoTeC's header and of one channel in the chain
+HEADER_SIZE, CHANNEL_SIZE = 0x6E2, 124  # bytes of MoTeC's header and of one channel in the chain
 FLOAT32, INT16 = (7, 4, "<f4"), (3, 2, "<i2")
 
 
@@ -100,7 +100,7 @@ def test_a_chain_of_channels_that_bites_its_tail_ends(tmp_path: Path) -> None:
     [
         (ld_of(), "no signal with numbers"),
         (ld_of(("I", "A", 0, FLOAT32, [1.0], 0)), "no signal with numbers"),  # a channel without a rate
-        (ld_of(("I", "A", 1, (9, 9, "<f4"), [1.0], 0)), "cannot be read"),  # of no type that is known
+        (ld_of(("I", "A", 1, (9, 9, "<f4"), [1.0], 0)), "cannot be read"),  # an unknown type
         (ld_of(("I", "A", 1, FLOAT32, [1.0, 2.0], 0))[:-3], "cannot be read"),  # cut off
     ],
 )

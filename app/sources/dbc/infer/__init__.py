@@ -1,0 +1,1 @@
+"""A battery's profile inferred from a DBC and from received frames."""

@@ -1,0 +1,324 @@
+"""Frames that say themselves which cell they tell: a cell number, module and cell, a base number and k values."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.battery.source import CellSignals
+from app.sources.dbc.definitions import MessageDefinition, SignalDefinition
+from app.sources.dbc.infer.bus_survey import (
+    FIRST,
+    GROUP,
+    NO_NUMBER,
+    NO_QUANTITY,
+    NUMBER,
+    SEGMENT,
+    TEMPERATURE,
+    VOLTAGE,
+    BusSurvey,
+    distinct,
+    name_set,
+    numbers,
+    skeleton,
+    tokens,
+    words,
+)
+from app.sources.dbc.infer.proposal import CellProposal, Member, judged
+from app.words import Message, Text
+
+_MOST_BITS = 16
+MOST_NUMBERS = 1000
+_LEAST_LONE = 8  # numbers of a segment signal that are rather those of cells
+UNKNOWN_COUNT = 12  # cells of a segment, where neither frames nor the DBC tell how many there are
+_NUMBER_WORDS = name_set("id ids idx index indices num number nr no nbr")
+_OF_A_NUMBER = {"", "#", "id", "num", "number", "nr", "no", "count", "index", "-", "none"}  # what stands for a unit
+_CELL_WORDS = name_set("cell zelle celle sensor therm thermistor ntc temp channel ch")
+
+
+@dataclass(frozen=True, slots=True)
+class _Number:
+    """A signal that may number what its frame tells."""
+
+    signal: SignalDefinition
+    part: str  # segment, group, cell
+    seen: tuple[int, ...]  # sorted; empty where nothing was received
+
+
+def frame_number_proposals(survey: BusSurvey, kind: str) -> Iterator[CellProposal]:
+    """Yield each message that tells a quantity of the cell that it numbers."""
+    for message in survey.definitions.by_id().values():
+        for values in _value_signals(survey, kind, message):
+            counted = _numbers(survey, message, values)
+            found = _proposal(survey, kind, message, values, counted) if counted else None
+            if found is not None:
+                yield found
+
+
+def _value_signals(survey: BusSurvey, kind: str, message: MessageDefinition) -> Iterator[list[SignalDefinition]]:
+    """Signals of a message that can carry the quantity: those of one name but for its numbers, or one by itself."""
+    families: dict[str, list[SignalDefinition]] = {}
+    for signal in message.signals:
+        if words(signal.name) & (_NUMBER_WORDS | NO_QUANTITY) or signal.is_multiplexer:
+            continue
+        if judged(survey, kind, ((message, signal),), 1) is not None:
+            families.setdefault(_lettered(signal.name), []).append(signal)
+    for family in families.values():
+        by_layout = {signal.layout.length for signal in family}
+        if len(by_layout) == 1 and not any(signal.conditions for signal in family):
+            yield sorted(family, key=lambda s: (numbers(s.name), s.name))
+
+
+def _lettered(name: str) -> str:
+    """A name without its numbers and single letters, `volt_A` and `VoltB` alike."""
+    return "".join(token for token in tokens(skeleton(name)) if len(token) > 1 or token in "vtu")
+
+
+def _numbers(survey: BusSurvey, message: MessageDefinition, values: list[SignalDefinition]) -> list[_Number]:
+    found = []
+    for signal in message.signals:
+        own = words(signal.name)
+        numeric = signal.is_multiplexer or bool(own & (NUMBER | SEGMENT | GROUP))
+        if signal in values or not numeric or signal.layout.length > _MOST_BITS or signal.layout.is_float:
+            continue
+        is_whole = signal.layout.scale == 1.0 and signal.layout.offset == int(signal.layout.offset)
+        if signal.layout.length < 2 or not is_whole or signal.unit.lower() not in _OF_A_NUMBER or own & NO_NUMBER:
+            continue
+        if own & (VOLTAGE | TEMPERATURE) and not own & _NUMBER_WORDS:
+            continue
+        seen = distinct([survey.signal(message, signal.name)])
+        if survey.of(message) is not None and len(seen) == 0:
+            continue
+        if len(seen) and (seen[0] < 0 or len(seen) > MOST_NUMBERS):
+            continue
+        found.append(_Number(signal, _part_of(signal, own), tuple(int(each) for each in seen)))
+    return found
+
+
+def _part_of(signal: SignalDefinition, own: frozenset[str]) -> str:
+    if own & SEGMENT and not own & _CELL_WORDS:
+        return "segment"
+    if own & GROUP:
+        return "group"
+    if own & SEGMENT and any(f"{word}_" in signal.name.lower() for word in SEGMENT) and not own & {"cell", "zelle"}:
+        return "segment"
+    return "cell"
+
+
+def _proposal(
+    survey: BusSurvey, kind: str, message: MessageDefinition, values: list[SignalDefinition], counted: list[_Number]
+) -> CellProposal | None:
+    segment = _best([each for each in counted if each.part == "segment"])
+    cells = [each for each in counted if each.part == "cell"]
+    group = _best([each for each in counted if each.part == "group"])
+    members: tuple[Member, ...] = tuple((message, signal) for signal in values)
+    if len(values) > 1 and len(cells) == len(values):  # each value with its own number
+        entries = tuple(
+            CellSignals(
+                signal=signal.name,
+                message=message.name,
+                numbers=_segment_names(segment) | {"cell": cell.signal.name},
+                base=_bases(segment, cells),
+            )
+            for signal, cell in zip(values, _paired(values, cells), strict=True)
+        )
+        n, segments = _size(survey, message, segment, cells, 1, 1)
+        reason = Message("infer-own-numbers", message=message.name, k=len(values))
+        return _built(survey, kind, entries, n, segments, members, [reason, *_unknown(cells)])
+    cell = _best(cells)
+    if len(values) == 1:
+        if len(cells) > 1 and segment is not None:  # several cells have a number, the one value is of all of them
+            cell, segment = segment, None
+        number = cell or group
+        if number is None and segment is not None and len(segment.seen) >= _LEAST_LONE:
+            segment, number = None, segment
+        if number is None:
+            return None
+        entry = CellSignals(
+            values[0].name,
+            message.name,
+            numbers=_segment_names(segment) | {"cell": number.signal.name},
+            base=_bases(segment, [number]),
+        )
+        n, segments = _size(survey, message, segment, [number], 1, 1)
+        return _built(
+            survey, kind, (entry,), n, segments, members, [_reason(message, segment, number), *_unknown([number])]
+        )
+    number = group or cell or segment
+    if number is None:
+        return None
+    segment = None if number is segment else segment
+    step = 1 if _counts_cells(number, len(values)) else len(values)
+    pattern, lowest = _cell_pattern(values)
+    if not pattern:
+        return None
+    base = _bases(segment, []) | {"group": _lowest(number), "cell": lowest}
+    named = _segment_names(segment) | {"group": number.signal.name}
+    entries = (CellSignals(pattern, message.name, named, {k: v for k, v in base.items() if v}, group_cells=step),)
+    n, segments = _size(survey, message, segment, [number], step, len(values))
+    reason = Message("infer-base-number", message=message.name, number=number.signal.name, k=len(values), step=step)
+    return _built(survey, kind, entries, n, segments, members, [reason, *_unknown([number])])
+
+
+def _unknown(found: list[_Number]) -> list[Text]:
+    """The question to a person where the number of cells is unknown."""
+    is_known = any(each.seen or each.signal.choices or _declares(each) for each in found)
+    return [] if is_known else [Message("infer-count-unknown", number=found[0].signal.name)]
+
+
+def _declares(number: _Number) -> bool:
+    most = number.signal.maximum
+    return most is not None and 1 <= most < 2**number.signal.layout.length - 1
+
+
+def _built(
+    survey: BusSurvey,
+    kind: str,
+    entries: tuple[CellSignals, ...],
+    n: int,
+    segments: tuple[int, ...] | None,
+    members: tuple[Member, ...],
+    reasons: list[Text],
+) -> CellProposal | None:
+    if not 2 <= n <= MOST_NUMBERS:
+        return None
+    message, signal = members[0]
+    if survey.of(message) is None:  # a number that the DBC declares says little: names must say more than a `V`
+        spelled = {word for word in words(signal.name) | words(message.name) if len(word) > 1}
+        if not spelled & (_CELL_WORDS | (VOLTAGE if kind == "voltage" else TEMPERATURE)):
+            return None
+    judgement = judged(survey, kind, members, n if survey.of(message) is not None else min(n, UNKNOWN_COUNT))
+    if judgement is None:
+        return None
+    score, found = judgement
+    if found is not None:
+        entries = tuple(_with_fit(entry, found.unit, found.invalid) for entry in entries)
+    return CellProposal(kind, entries, n, segments, members, tuple(reasons), score + 1.0, found)
+
+
+def _with_fit(entry: CellSignals, unit: str, invalid: tuple[int, ...]) -> CellSignals:
+    return CellSignals(
+        entry.signal, entry.message, entry.numbers, entry.base, entry.group_cells, unit=unit, invalid=invalid
+    )
+
+
+def _best(found: list[_Number]) -> _Number | None:
+    """The one with most numbers; of those that were not received the widest."""
+    return max(found, key=lambda each: (len(each.seen), each.signal.layout.length), default=None)
+
+
+def _segment_names(segment: _Number | None) -> dict[str, str]:
+    return {} if segment is None else {"segment": segment.signal.name}
+
+
+def _run(seen: tuple[int, ...]) -> tuple[int, ...]:
+    """The numbers up to which at least half are there: a lone 255 is no cell, cells that were not received yet are."""
+    low = min(seen[0], 1) if seen else 0
+    step = float(np.median(np.diff(seen))) if len(seen) > 1 else 1.0
+    full = [n for n, each in enumerate(seen, 1) if 2 * n * step >= each - low + 1]
+    return seen[: full[-1]] if full else seen[:1]
+
+
+def _lowest(number: _Number) -> int:
+    if number.seen:
+        return number.seen[0] if number.seen[0] <= 1 else 0
+    low = number.signal.minimum
+    return 1 if low == 1 else 0
+
+
+def _bases(segment: _Number | None, cells: list[_Number]) -> dict[str, int]:
+    found = {} if segment is None else {"segment": _lowest(segment)}
+    if cells:
+        found["cell"] = min(_lowest(each) for each in cells)
+    return {part: low for part, low in found.items() if low}
+
+
+def _counts_cells(number: _Number, k: int) -> bool:
+    """Whether a base number is that of its first cell."""
+    if len(number.seen) > 1:
+        gaps = np.diff(_run(number.seen))
+        return bool(len(gaps) and k > 1 and np.median(gaps) == k)
+    return bool(words(number.signal.name) & FIRST)
+
+
+def _size(
+    survey: BusSurvey, message: MessageDefinition, segment: _Number | None, cells: list[_Number], step: int, k: int
+) -> tuple[int, tuple[int, ...] | None]:
+    """Number of cells, and of each segment where the frame tells one."""
+    low = min(_lowest(each) for each in cells)
+    if segment is None:
+        if any(each.seen for each in cells):
+            last = max(_run(each.seen)[-1] for each in cells if each.seen)
+        else:
+            last = int(max(_declared_last(each) for each in cells))
+        return (last - low) * step + k, None
+    received = survey.of(message)
+    if received is None:
+        n_segments, n_cells = (
+            int(_declared_last(segment)) + 1,
+            int(max(_declared_last(each) for each in cells)) - low + 1,
+        )
+        n_segments -= _lowest(segment)
+        return n_segments * ((n_cells - 1) * step + k), (((n_cells - 1) * step + k),) * max(n_segments, 1)
+    of_segment = received.group.raw(segment.signal.name).astype(np.int64) + round(segment.signal.layout.offset)
+    sizes: dict[int, int] = {}
+    for each in cells:
+        run = _run(each.seen)
+        of_cell = received.group.raw(each.signal.name).astype(np.int64) + round(each.signal.layout.offset)
+        for one in _run(segment.seen):
+            here = of_cell[(of_segment == one) & (of_cell <= run[-1])]
+            last = (int(here.max()) - low) * step + k if len(here) else 0
+            sizes[one] = max(sizes.get(one, 0), last)
+    found = tuple(sizes.get(i, 0) for i in range(_lowest(segment), max(sizes, default=-1) + 1))
+    filled = tuple(each or max(found, default=0) for each in found)
+    return sum(filled), filled
+
+
+def _declared_last(number: _Number) -> float:
+    """The highest number that the DBC declares, where it declares one that means something."""
+    if number.signal.choices:
+        return max(number.signal.choices)
+    if number.signal.maximum is not None and _declares(number):
+        return number.signal.maximum
+    return UNKNOWN_COUNT - 1 + _lowest(number)
+
+
+def _paired(values: list[SignalDefinition], cells: list[_Number]) -> list[_Number]:
+    """The number of each value: of the same letter or digit at its end, else in the order of the frame."""
+    ends = {_end(each.signal.name): each for each in cells}
+    if len(ends) == len(cells) and all(_end(signal.name) in ends for signal in values):
+        return [ends[_end(signal.name)] for signal in values]
+    return sorted(cells, key=lambda each: each.signal.name)
+
+
+def _end(name: str) -> str:
+    found = [token for token in tokens(name) if token.isdigit() or (len(token) == 1 and token not in "vtu")]
+    return found[-1] if found else ""
+
+
+def _cell_pattern(values: list[SignalDefinition]) -> tuple[str, int]:
+    """Pattern of names that differ in one number or letter which runs on, and the lowest; "" where they do not."""
+    names = [signal.name for signal in values]
+    head = _same_start(names).rstrip("0123456789")
+    tail = _same_start([name[len(head) :][::-1] for name in names])[::-1].lstrip("0123456789")
+    ends = [name[len(head) : len(name) - len(tail)] for name in names]
+    if all(end.isdigit() for end in ends):
+        lowest = int(ends[0])
+        if [int(end) - lowest for end in ends] == list(range(len(ends))):
+            return f"{head}{{cell}}{tail}", lowest
+    if "".join(ends) in ("abcdefgh"[: len(ends)], "ABCDEFGH"[: len(ends)]):
+        return f"{head}{{cell:a}}{tail}", 0
+    return "", 0
+
+
+def _same_start(names: list[str]) -> str:
+    length = 0
+    while length < min(map(len, names)) and len({name[length] for name in names}) == 1:
+        length += 1
+    return names[0][:length]
+
+
+def _reason(message: MessageDefinition, segment: _Number | None, number: _Number) -> Text:
+    if segment is None:
+        return Message("infer-cell-number", message=message.name, number=number.signal.name)
+    return Message("infer-two-numbers", message=message.name, segment=segment.signal.name, number=number.signal.name)

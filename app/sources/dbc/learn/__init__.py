@@ -1,1 +1,0 @@
-"""What speaks on a bus, and the profile that it suggests."""
