@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.commands import battery_learn_serial
 from app.commands.arguments import Actions, existing, write_out
 from app.commands.console import Progress
 from app.errors import ConfigError
@@ -37,8 +38,16 @@ def add_arguments(actions: Actions) -> None:
     )  # fmt: skip
     source = learning.add_mutually_exclusive_group()
     source.add_argument("--log", type=Path, metavar="FILE", help="a CAN log: .log (candump), .trc, .asc, .blf, .mf4")
+    source.add_argument("--serial", metavar="PORT", help="read a serial line: a port, or socket://HOST:PORT")
+    source.add_argument("--capture", type=Path, metavar="FILE", help="bytes of a serial line: a file, or hex as text")
     source.add_argument("--can", metavar="IF:CH", help="listen to a bus: a python-can interface and channel")
     learning.add_argument("--seconds", type=float, default=30.0, metavar="S", help="how long to listen (default: 30)")
+    learning.add_argument("--baud", type=int, default=115_200, metavar="N", help="speed of the line (default: 115200)")
+    learning.add_argument(
+        "--parity", choices=("none", "even", "odd"), default="none", help="of the line (default: none)"
+    )
+    learning.add_argument("--start", default="", metavar="TEXT", help="text that starts its stream, as x")
+    learning.add_argument("--ask", action="store_true", help="send the read requests of the bundled serial profiles")
     learning.add_argument("--name", default="", help="what people call the battery (default: the DBC's name)")
     learning.add_argument("--out", type=Path, metavar="FILE", help="write the profile (default: standard output)")
     learning.add_argument("--signals", action="store_true", help="list every signal with its range too")
@@ -51,6 +60,8 @@ def add_arguments(actions: Actions) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what is received and write the profile; 1 where none fits."""
+    if args.serial is not None or args.capture is not None:
+        return battery_learn_serial.run(args)
     from app.battery.source import STATES
     from app.sources.dbc.frames import frames_of
     from app.sources.dbc.infer.inference import infer_profile
@@ -66,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"listening to {args.can} for {args.seconds:g} s", file=sys.stderr)
         frames = bus_frames(args.can, args.seconds)
     elif not args.dbc:
-        raise ConfigError("dbc", "", "say --dbc, --log or --can")
+        raise ConfigError("dbc", "", "--dbc, --log, --can, --serial or --capture")
     definitions, files = (definitions_of(args.dbc), args.dbc) if args.dbc else _bundled(frames)
     _print_oddities(definitions)
     draft = ProfileDraft(definitions, (), frames, "")

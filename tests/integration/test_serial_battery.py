@@ -135,3 +135,22 @@ def test_a_battery_that_answers_requests_is_live_recorded_and_exported(make_serv
             assert replayed["cells"]["voltage_v"] == pytest.approx(expected["voltage"])
     finally:
         line.close()
+
+
+def test_a_profile_is_proposed_from_a_line_that_is_read(voltwall, tmp_path):
+    line = SerialLine(JBD_REQUESTS)
+    try:
+        known = voltwall("battery", "learn", "--serial", line.url, "--baud", "9600", "--ask", "--seconds", "4")
+    finally:
+        line.close()
+    assert known.returncode == 0, known.stderr
+    assert "jbd fits" in known.stderr
+    line = SerialLine(stream=hex_line, start=b"x", period_s=0.2)
+    profile = tmp_path / "lines.toml"
+    try:
+        words = ("--serial", line.url, "--start", "x", "--seconds", "3", "--out", str(profile))
+        assert voltwall("battery", "learn", *words).returncode == 0
+    finally:
+        line.close()
+    checked = voltwall("battery", "check", str(profile))
+    assert "96 cells" in checked.stdout

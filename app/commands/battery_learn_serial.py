@@ -1,0 +1,86 @@
+"""`voltwall battery learn --serial`: bytes of a serial line, and the profile that they suggest."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from app.commands.arguments import write_out
+from app.errors import ConfigError
+
+_POLL_S = 0.1
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what the bytes consist of and write the profile; 1 where none fits."""
+    from app.battery.library import load_profile
+    from app.sources.serial.check import captured_bytes
+    from app.sources.serial.propose import ProposedLine, bundled_fit, profile_text, propose
+
+    try:
+        data = captured_bytes(args.capture) if args.capture is not None else _read(args)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            "capture", args.capture or args.serial, getattr(error, "strerror", None) or str(error)
+        ) from error
+    print(f"{len(data)} bytes", file=sys.stderr)
+    known = bundled_fit(data)
+    if known is not None:
+        print(f"the bundled profile {known} fits: its checksums hold. Set your cells in it.", file=sys.stderr)
+        write_out(load_profile(known).text, args.out)
+        return 0
+    found = propose(data)
+    if found is None:
+        print("nothing in it comes again and again: another speed or parity, or nobody asks? (--baud, --parity, --ask)")
+        return 1
+    if isinstance(found, ProposedLine):
+        print(f"{found.seen} lines of {found.columns} columns", file=sys.stderr)
+    else:
+        checksum = "no checksum (to confirm)" if found.checksum is None else found.checksum.kind
+        print(f"{found.seen} frames of {found.length} bytes, {checksum}", file=sys.stderr)
+    if found.voltages is None:
+        print("no numbers in it look like cell voltages (to confirm)", file=sys.stderr)
+    write_out(profile_text(found, args.name or "serial", args.baud), args.out)
+    return 0 if found.voltages is not None else 1
+
+
+def _read(args: argparse.Namespace) -> bytes:
+    """Bytes of a port; with `--ask` the read requests of the bundled profiles are sent, one after the other."""
+    from app.battery.serial import Port
+    from app.sources.links.serial import reason_of
+    from app.sources.links.serial_url import open_port
+    from app.words import render
+
+    requests = _requests() if args.ask else []
+    data, k = bytearray(), 0
+    try:
+        with open_port(args.serial, _POLL_S, Port(args.baud, args.parity)) as port:
+            if args.start:
+                port.write(args.start.encode("latin-1"))
+            end_s, ask_s = time.monotonic() + args.seconds, time.monotonic()
+            while time.monotonic() < end_s:
+                if requests and time.monotonic() >= ask_s:
+                    port.write(requests[k % len(requests)])
+                    k, ask_s = k + 1, time.monotonic() + 2 * _POLL_S
+                data += port.read(max(1, port.in_waiting))
+    except ConfigError:
+        raise
+    except Exception as error:  # drivers raise their own
+        raise ConfigError("serial", args.serial, render(reason_of(error))) from error
+    return bytes(data)
+
+
+def _requests() -> list[bytes]:
+    from app.battery.library import bundled_profiles
+    from app.battery.table_reader import ProfileError
+    from app.sources.loaded_battery import load_battery
+
+    found = []
+    for name in bundled_profiles():
+        try:
+            mapping = load_battery(name).serial
+        except ProfileError:  # a part
+            continue
+        found += [] if mapping is None else [part.poll for part in mapping.parts if part.poll]
+    return found

@@ -1,0 +1,301 @@
+"""A serial profile out of captured bytes: header, length, checksum, and the arrays that look like cell voltages."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.battery.library import bundled_profiles
+from app.battery.serial import ByteOrder, Checksum
+from app.battery.table_reader import ProfileError
+from app.sources.loaded_battery import load_battery
+from app.sources.serial.checksums import is_sound
+from app.sources.serial.framing import StreamReader
+
+LOOKED_AT = 65_536  # bytes
+FEWEST = 4  # frames
+MOST_FRAMES = 24  # that a checksum is tried on
+MOST_LENGTH = 4096
+SURE = 0.9  # of the frames
+CELL_V = (2.0, 4.6)
+NEIGHBOUR_V = 0.5
+LEAST_CELLS = 3
+SCALES = (1e-3, 1e-4)  # V
+KINDS = (
+    "sum8",
+    "xor8",
+    "sum16",
+    "sum16-complement",
+    "crc-16/modbus",
+    "crc-16/xmodem",
+    "crc-16/ibm-3740",
+    "crc-8",
+    "crc-32",
+)
+_SIZES = {"sum8": 1, "xor8": 1, "crc-8": 1, "crc-32": 4}
+_GRAM = 2
+MOST_TRIED = 16  # beginnings of a frame of one length
+_Rows = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class ProposedArray:
+    """A run of values that look like cell voltages."""
+
+    at: int
+    count: int
+    byte_order: ByteOrder
+    scale: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProposedFrame:
+    """A frame that comes again and again; without a checksum its beginning is to be confirmed."""
+
+    header: bytes
+    length: int
+    seen: int
+    end: bytes = b""
+    checksum: Checksum | None = None
+    voltages: ProposedArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ProposedLine:
+    """Lines of text with as many columns each."""
+
+    separator: str
+    columns: int
+    seen: int
+    base: int
+    voltages: tuple[int, int, float] | None = None  # first and last column, scale
+
+
+def bundled_fit(data: bytes) -> str | None:
+    """Return the bundled profile whose checksums hold in most of what was captured, None where none does."""
+    best: tuple[float, str | None] = (0.5, None)
+    for name in bundled_profiles():
+        try:
+            mapping = load_battery(name).serial
+        except ProfileError:  # a part
+            continue
+        if mapping is None or any(frame.checksum is None for frame in mapping.frames) or mapping.lines:
+            continue
+        reader = StreamReader(mapping)
+        found = reader.feed(data[:LOOKED_AT], 0)
+        share = sum(len(each.raw) for each in found) / max(len(data[:LOOKED_AT]), 1)
+        if len(found) >= 2 and share > best[0]:
+            best = share, name
+    return best[1]
+
+
+def propose(data: bytes) -> ProposedFrame | ProposedLine | None:
+    """Return what the bytes consist of; of several kinds of frames the one with the most cells."""
+    data = data[:LOOKED_AT]
+    line = _line(data)
+    if line is not None:
+        return line
+    best: ProposedFrame | None = None
+    for found in _frames(data):
+        if best is None or _worth(found) > _worth(best):
+            best = found
+    return best
+
+
+def _worth(found: ProposedFrame) -> tuple[int, bool, int]:
+    return (0 if found.voltages is None else found.voltages.count, found.checksum is not None, len(found.header))
+
+
+def profile_text(found: ProposedFrame | ProposedLine, name: str, baud: int) -> str:
+    """Return a profile, with what is to be confirmed in comments."""
+    voltages = found.voltages
+    n_cells = 0
+    if isinstance(found, ProposedFrame) and isinstance(voltages, ProposedArray):
+        n_cells = voltages.count
+    elif isinstance(voltages, tuple):
+        n_cells = voltages[1] - voltages[0] + 1
+    lines = [
+        "# To confirm: segments, cell, parity; add current, temperatures and SOC.",
+        "[battery]",
+        f'name = "{name}"',
+        f"segments = [{max(n_cells, 1)}]",
+        "",
+        "[battery.temperatures]",
+        "sensors = 0",
+        "",
+        "[serial]",
+        f"baud = {baud}",
+        "",
+    ]
+    if isinstance(found, ProposedLine):
+        lines += ["[[serial.line]]", f'separator = "{found.separator}"']
+        if isinstance(voltages, tuple):
+            base = ", base = 16" if found.base == 16 else ""
+            first, last, scale = voltages
+            value = f'signal = "cells.voltage", columns = [{first}, {last}]{base}, scale = {scale:g}'
+            lines.append(f"fields = [{{ {value} }}]")
+        return "\n".join([*lines, ""])
+    lines += ["[[serial.frame]]", f'header = "{found.header.hex(" ").upper()}"', f"length = {found.length}"]
+    if found.end:
+        lines.append(f'end = "{found.end.hex(" ").upper()}"')
+    if found.checksum is None:
+        lines.append("# no checksum was found: the beginning of the frame is to be confirmed")
+    else:
+        sum_ = found.checksum
+        lines.append(
+            f'checksum = {{ kind = "{sum_.kind}", from = {sum_.first}, to = {sum_.end}, at = {sum_.at}, '
+            f'byte_order = "{sum_.byte_order}" }}'
+        )
+    if isinstance(voltages, ProposedArray):
+        value = f'signal = "cells.voltage", type = "u16", at = {voltages.at}, count = {voltages.count}'
+        lines.append(f'fields = [{{ {value}, scale = {voltages.scale:g}, byte_order = "{voltages.byte_order}" }}]')
+    return "\n".join([*lines, ""])
+
+
+def _frames(data: bytes) -> Iterator[ProposedFrame]:
+    """Yield what comes again at a distance: with each pair of bytes that does as its header."""
+    raw = np.frombuffer(data, np.uint8)
+    if len(raw) < 4 * FEWEST:
+        return
+    codes = raw[:-1].astype(np.uint32) << 8 | raw[1:]
+    tried: Counter[int] = Counter()
+    for code, count in Counter(codes.tolist()).most_common(400):
+        places = np.flatnonzero(codes == code)
+        gaps = np.diff(places)
+        if count < FEWEST or not len(gaps):
+            break
+        length, times = Counter(gaps.tolist()).most_common(1)[0]
+        if not 4 <= length <= MOST_LENGTH or times < SURE * len(gaps) or tried[length] >= MOST_TRIED:
+            continue
+        tried[length] += 1
+        starts = places[places + length <= len(raw)]
+        if len(starts) < FEWEST:
+            continue
+        rows = raw[starts[:, None] + np.arange(length)]
+        yield _described(rows)
+
+
+def _described(rows: _Rows) -> ProposedFrame:
+    """The frames of a period, which may be several behind each other: with a checksum the first of them."""
+    constant = (rows == rows[0]).mean(axis=0) >= SURE
+    n_header = int(np.argmin(constant)) if not constant.all() else len(constant)
+    header = bytes(rows[0][: max(_GRAM, min(n_header, 4))])
+    found = ProposedFrame(header, rows.shape[1], len(rows))
+    with_sum = _with_checksum(found, rows, constant)
+    found = with_sum or found
+    return replace(found, voltages=_voltages(rows[:, : found.length]))
+
+
+def _with_checksum(found: ProposedFrame, rows: _Rows, constant: NDArray[np.bool_]) -> ProposedFrame | None:
+    different = np.unique(rows, axis=0)
+    if len(different) < 2:  # the same bytes again and again prove nothing but a CRC
+        different = rows[:1]
+    frames = [bytes(each) for each in different[:MOST_FRAMES]]
+    for length in _lengths(rows.shape[1]):
+        for n_end in (0, 1, 2):
+            if n_end and not constant[length - n_end : length].all():
+                continue
+            for checksum in _checksums(length, n_end):
+                if sum(is_sound(checksum, frame[:length]) for frame in frames[:3]) < min(2, len(frames)):
+                    continue
+                good = sum(is_sound(checksum, frame[:length]) for frame in frames)
+                if good >= SURE * len(frames) and (len(frames) > 1 or _SIZES.get(checksum.kind, 2) > 1):
+                    end = frames[0][length - n_end : length]
+                    return replace(found, length=length, end=end, checksum=checksum)
+    return None
+
+
+def _lengths(period: int) -> Sequence[int]:
+    return range(period, 5, -1) if period <= 160 else (period,)
+
+
+def _checksums(length: int, n_end: int) -> Iterator[Checksum]:
+    for kind in KINDS:
+        size = _SIZES.get(kind, 2)
+        at = -(size + n_end)
+        for first in range(min(5, length)):
+            yield Checksum(kind, first, at, at, "big")
+            if size > 1:
+                yield Checksum(kind, first, at, at, "little")
+
+
+def _voltages(rows: _Rows) -> ProposedArray | None:
+    """The longest run of 16-bit numbers that cells may have, in all frames; of two the one whose neighbours agree."""
+    best: tuple[int, float, ProposedArray] | None = None
+    for order, parity, scale in ((o, p, s) for o in ("little", "big") for p in (0, 1) for s in SCALES):
+        byte_order: ByteOrder = "little" if order == "little" else "big"
+        width = (rows.shape[1] - parity) // 2 * 2
+        words = np.ascontiguousarray(rows[:, parity : parity + width]).view("<u2" if order == "little" else ">u2")
+        volts = words.astype(np.float64) * scale
+        fits = ((volts >= CELL_V[0]) & (volts <= CELL_V[1])).mean(axis=0) >= SURE
+        near = (np.abs(np.diff(volts, axis=1)) <= NEIGHBOUR_V).mean(axis=0) >= SURE
+        for first, last in _runs(fits, near):
+            if last - first + 1 < LEAST_CELLS:
+                continue
+            rough = float(np.abs(np.diff(volts[:, first : last + 1], axis=1)).mean())
+            array = ProposedArray(parity + 2 * first, last - first + 1, byte_order, scale)
+            if best is None or (array.count, -rough) > (best[0], -best[1]):
+                best = array.count, rough, array
+    return None if best is None else best[2]
+
+
+def _runs(fits: NDArray[np.bool_], near: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    first: int | None = None
+    for k, is_cell in enumerate(fits.tolist()):
+        if first is not None and (not is_cell or not near[k - 1]):
+            yield first, k - 1
+            first = None
+        if is_cell and first is None:
+            first = k
+    if first is not None:
+        yield first, len(fits) - 1
+
+
+def _line(data: bytes) -> ProposedLine | None:
+    try:
+        text = data.decode("ascii")
+    except UnicodeDecodeError:
+        return None
+    rows = [each for each in text.replace("\r", "\n").split("\n")[1:-1] if each.strip()]
+    if len(rows) < FEWEST:
+        return None
+    for separator in (",", ";", "\t", " "):
+        columns = [each.split() if separator == " " else each.split(separator) for each in rows]
+        n, times = Counter(map(len, columns)).most_common(1)[0]
+        if n < LEAST_CELLS or times < SURE * len(rows):
+            continue
+        whole = [each for each in columns if len(each) == n]
+        for base in (10, 16):
+            numbers = _numbers(whole, base)
+            if numbers is not None:
+                return _with_voltages(ProposedLine(separator, n, len(whole), base), numbers)
+    return None
+
+
+def _numbers(rows: Sequence[Sequence[str]], base: int) -> NDArray[np.float64] | None:
+    """The columns as numbers, NaN for a word; None where most are none."""
+
+    def number(text: str) -> float:
+        try:
+            return float(text) if base == 10 else float(int(text, 16))
+        except ValueError:
+            return np.nan
+
+    found = np.array([[number(each) for each in row] for row in rows])
+    return found if np.isfinite(found).mean() > 0.5 else None
+
+
+def _with_voltages(found: ProposedLine, numbers: NDArray[np.float64]) -> ProposedLine:
+    best: tuple[int, int, float] | None = None
+    for scale in (1.0, *SCALES):
+        volts = numbers * scale
+        fits = ((volts >= CELL_V[0]) & (volts <= CELL_V[1])).mean(axis=0) >= SURE
+        near = (np.abs(np.diff(volts, axis=1)) <= NEIGHBOUR_V).mean(axis=0) >= SURE
+        for first, last in _runs(fits, near):
+            if last - first + 1 >= LEAST_CELLS and (best is None or last - first > best[1] - best[0]):
+                best = first, last, scale
+    return replace(found, voltages=best)
