@@ -3,17 +3,22 @@
 import argparse
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
+from typing import NoReturn
 
 from app import __version__
 from app.commands.console import RED, coloured, printable
 from app.errors import AppError
 from app.estimation.errors import EstimatorError
+from firmware_protocol.names import did_you_mean
 
 REFUSED = 2
 INTERRUPTED = 130  # as shells count a process that SIGINT ended
+_INVALID_CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
+_UNRECOGNIZED = re.compile(r"unrecognized arguments: ((\S+).*)")
 COMMANDS = {
     "serve": "start the pit wall: read the battery, estimate, record, serve the pages",
     "simulate": "run the simulated accumulator by itself, on a port that looks like the master's",
@@ -35,9 +40,34 @@ COMMANDS = {
 }
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser, and those below it, that names the command or flag that was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the usage and what is wrong, and exit with 2."""
+        if wrong := _INVALID_CHOICE.search(message):
+            known = [each.strip("' ") for each in wrong[2].split(",")]
+            message = message.replace(": invalid choice: ", ": unknown ", 1)
+            message = message.replace(f" (choose from {wrong[2]})", did_you_mean(wrong[1], known), 1)
+            message += f" Use one of {', '.join(known)}."
+        elif flags := _UNRECOGNIZED.search(message):
+            message = f"unknown {flags[1]}{did_you_mean(flags[2].partition('=')[0], self._flags())}"
+        super().error(message)
+
+    def _flags(self) -> list[str]:
+        """Every flag of this parser and of those below it."""
+        found: list[str] = []
+        for action in self._actions:
+            found += action.option_strings
+            if isinstance(action, argparse._SubParsersAction):
+                for below in action.choices.values():
+                    found += below._flags()
+        return found
+
+
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """Return the whole parser; with `only`, one that knows just that command's options (others are not imported)."""
-    parser = argparse.ArgumentParser(prog="voltwall", description="The pit wall for a Formula Student battery.")
+    parser = Parser(prog="voltwall", description="The pit wall for a Formula Student battery.")
     parser.add_argument("--version", action="version", version=f"voltwall {__version__}")
     parser.add_argument("--no-color", action="store_true", help="no colours, as with NO_COLOR in the environment")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

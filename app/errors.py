@@ -10,10 +10,12 @@ AppError
   WorkerEnded          the process that worked on it was ended from outside, or crashed
 """
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.words import Message, Text, render
 from firmware_protocol.errors import EncodeError
+from firmware_protocol.names import closest
 
 MOST_SHOWN = 300  # characters of a value in a message
 
@@ -67,8 +69,11 @@ class MasterSilent(LinkError):
     """The port is open, the master did not answer in time."""
 
 
-MEANINGS = {  # results without an offset
+MEANINGS = {
     "UNKNOWN_REQUEST": Message("refused-unknown-request"),
+    "BAD_LENGTH": Message("refused-bad-length"),
+    "OUT_OF_BOUNDS": Message("refused-out-of-bounds"),
+    "OUT_OF_RANGE": Message("refused-out-of-range"),
     "NOT_NOW": Message("refused-not-now"),
     "EEPROM_FAILED": Message("refused-eeprom-failed"),
     "NOTHING_STORED": Message("refused-nothing-stored"),
@@ -82,12 +87,11 @@ class MasterRefused(LinkError):
         self.request = request
         self.result = result
         self.offset = offset
-        if offset is not None:
-            super().__init__(Message("master-refused-at", request=request, result=result, offset=offset))
-        elif result in MEANINGS:
-            super().__init__(Message("master-refused-why", request=request, result=result, why=MEANINGS[result]))
+        why = MEANINGS.get(result) or result
+        if offset is None:
+            super().__init__(Message("master-refused-why", request=request.lower(), why=why))
         else:
-            super().__init__(Message("master-refused", request=request, result=result))
+            super().__init__(Message("master-refused-at", request=request.lower(), why=why, offset=offset))
 
 
 class NotNow(AppError):
@@ -146,3 +150,44 @@ def limit_of(error: EncodeError) -> Text:
         case "buffer":
             return Message("samples-of-buffer", bounds=error.bounds)
     return error.bounds
+
+
+_KINDS = {
+    "int": Message("a-whole-number"),
+    "float": Message("a-number"),
+    "bool": Message("true-or-false"),
+    "string": Message("a-text"),
+    "dict": Message("an-object"),
+    "model": Message("an-object"),
+}
+
+
+def validation_text(error: Mapping[str, Any]) -> Text:
+    """Return what is wrong with an input, from one of pydantic's `errors()`."""
+    kind, context = str(error["type"]), error.get("ctx", {})
+    match kind:
+        case "missing":
+            return Message("field-required")
+        case "greater_than_equal":
+            return Message("input-at-least", limit=context["ge"])
+        case "less_than_equal":
+            return Message("input-at-most", limit=context["le"])
+        case "greater_than":
+            return Message("input-above", limit=context["gt"])
+        case "less_than":
+            return Message("input-below", limit=context["lt"])
+        case "literal_error" | "enum":
+            return Message("input-must-be", what=Message("one-of", choices=context["expected"].replace("'", "")))
+        case "extra_forbidden":
+            return Message("field-unknown")
+    if (what := _KINDS.get(kind.partition("_")[0])) and kind.endswith(("_type", "_parsing", "_attributes_type")):
+        return Message("input-must-be", what=what)
+    return str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
+
+
+def unknown_name(name: str, known: Sequence[str]) -> Message:
+    """Return that a name is unknown, with the known ones and the one that was probably meant."""
+    meant = closest(name, known)
+    if meant is None:
+        return Message("unknown-name", names=tuple(known))
+    return Message("unknown-name-but", meant=meant, names=tuple(known))

@@ -30,13 +30,13 @@ MAX_ID_EXTENDED = 0x1FFFFFFF
 RESPONSE_BOUNDS = f"0..{N_CAN_MESSAGES - 1}, {RESPONSE_CHARGES}..{RESPONSE_CHARGES + N_CAN_MESSAGES - 1}"
 
 ORDERED = (  # the first may not exceed the second; strict where True; why
-    ("v_cell_min", "v_cell_max", True, "no voltage would be inside both limits"),
+    ("v_cell_min", "v_cell_max", True, "no voltage would be within both limits"),
     ("v_cell_chrg", "v_cell_max", False, "charging would end in a trip"),
-    ("t_cell_min", "t_cell_max", True, "no temperature would be inside both limits"),
-    ("i_disc_min", "i_disc_max", True, "no current would be inside both limits"),
-    ("i_chrg_min", "i_chrg_max", False, "no charging current would be inside both limits"),
-    ("fan_ramp_start", "fan_ramp_stop", True, "the ramp has to rise with the temperature"),
-    ("fan_ramp_min", "fan_ramp_max", False, "hotter cells would get less air"),
+    ("t_cell_min", "t_cell_max", True, "no temperature would be within both limits"),
+    ("i_disc_min", "i_disc_max", True, "no current would be within both limits"),
+    ("i_chrg_min", "i_chrg_max", False, "no charging current would be within both limits"),
+    ("fan_ramp_start", "fan_ramp_stop", True, "the ramp must rise with temperature"),
+    ("fan_ramp_min", "fan_ramp_max", False, "hotter cells would get less cooling"),
 )
 
 
@@ -229,8 +229,8 @@ def difference(before: Image, after: Image) -> list[Change]:
     ]
 
 
-_OUT_OF_RANGE = "the master takes nothing else"
-_WHY_OUT_OF_RANGE = {"ts": "the buffer of the current's samples takes no more"}
+_OUT_OF_RANGE = "limit of the master"
+_WHY_OUT_OF_RANGE = {"ts": "size of the current sample buffer"}
 
 
 def _element_limit(field: Field, raw: int) -> tuple[str, str] | None:
@@ -241,14 +241,14 @@ def _element_limit(field: Field, raw: int) -> tuple[str, str] | None:
         is_extended = bool(raw & CAN_ID_EXTENDED)
         highest = MAX_ID_EXTENDED if is_extended else MAX_ID_STANDARD
         if raw & ~CAN_ID_EXTENDED > highest:
-            return f"0..{highest:#x}", "a 29-bit id ends there" if is_extended else "an 11-bit id ends there"
+            return f"0..{highest:#x}", "range of a 29-bit ID" if is_extended else "range of an 11-bit ID"
     if field.name == "can_tx_msg_data" and raw != BYTE_UNUSED and raw >= MASTER_SIZE:
-        return f"0..{MASTER_SIZE - 1}, or {BYTE_UNUSED}", "the struct ends there"
+        return f"0..{MASTER_SIZE - 1}, or {BYTE_UNUSED}", "end of the memory map"
     if field.name == "can_rx_msg_data" and raw != BYTE_UNUSED and not CONFIG_SIZE <= raw < MASTER_SIZE:
         limit = f"{CONFIG_SIZE}..{MASTER_SIZE - 1}, or {BYTE_UNUSED}"
-        return limit, "a CAN message may not write the configuration"
+        return limit, "a CAN message must not write the configuration"
     if field.name == "can_rx_msg_response" and raw != NO_RESPONSE and raw & ~RESPONSE_CHARGES >= N_CAN_MESSAGES:
-        return f"{RESPONSE_BOUNDS}, or {NO_RESPONSE}", "there are eight messages to answer with"
+        return f"{RESPONSE_BOUNDS}, or {NO_RESPONSE}", "only eight messages can be a response"
     return None
 
 

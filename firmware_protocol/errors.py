@@ -15,9 +15,9 @@ _LIMITS: dict[LimitKind, str] = {
     "counts": "a whole number of counts, {}",
     "number": "a number",
     "array": "an array of {}",
-    "field": "no configuration field has this name",
-    "buffer": "{}: the buffer of the current's samples takes no more",
-    "signal": "a value of the master's struct, as v_tot, v[36], slave[3].cvr[5]",
+    "field": "unknown configuration field",
+    "buffer": "{}: size of the current sample buffer",
+    "signal": "a value of the memory map, such as v_tot, v[36], slave[3].cvr[5]",
 }
 
 

@@ -4,6 +4,7 @@ import functools
 from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_protocol.names import did_you_mean
 from simulator.errors import ScenarioError
 from simulator.scenario import Scenario
 from simulator.scenario_file import load_scenario, recorded_scenario
@@ -49,6 +50,7 @@ def find_scenario(name_or_file: str, shape: Shape = TEAM) -> Scenario:
     if path.name.endswith((".csv", ".csv.gz")) and path.exists():
         return recorded_scenario(path)
     if path.suffix != ".toml" or not path.exists():
-        names = ", ".join(sorted(item.stem for item in LIBRARY.glob("*.toml")))
-        raise ScenarioError(name_or_file, f"neither a .toml file, a recorded .csv, nor one of {names}")
+        names = sorted(item.stem for item in LIBRARY.glob("*.toml"))
+        unknown = f"unknown scenario{did_you_mean(name_or_file, names) or '.'}"
+        raise ScenarioError(name_or_file, f"{unknown} Give a .toml file, a recorded .csv, or one of {', '.join(names)}")
     return load_scenario(path, shape)

@@ -42,9 +42,9 @@ _COMMANDS = {
 
 
 NOTICES = {  # in English; a reader in another language translates by the code
-    "action-master-off": "{action} did nothing: the master is off",
-    "action-refused": "the master refused {action}: not in its state",
-    "action-never-came": "{action} at {planned_s} s never came: the phases were over",
+    "action-master-off": "{action} not executed: the master is off",
+    "action-refused": "{action} rejected by the master in its present state",
+    "action-never-came": "{action} at {planned_s} s not executed: the phases ended before",
 }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from app.battery.by_shape import files_of_shape
 from app.battery.profile import WITHDRAWN, BatteryProfile, Document, read_document, refuse_withdrawn, understand
 from app.battery.table_reader import ProfileError
+from app.errors import unknown_name
 from app.words import Message
 
 _DEEPEST = 8  # profiles that include each other
@@ -169,10 +170,8 @@ def _read(name: str, folder: Path, included_by: str | None) -> tuple[str, Path, 
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         field = "battery" if included_by is None else "include"
-        raise ProfileError(
-            included_by or name,
-            None,
-            field,
-            name,
-            Message("profile-unreadable", error=reason or str(error), names=bundled_profiles()),
-        ) from error
+        if isinstance(error, FileNotFoundError):
+            limit = unknown_name(name, bundled_profiles())
+        else:
+            limit = Message("profile-unreadable", error=reason or str(error), names=bundled_profiles())
+        raise ProfileError(included_by or name, None, field, name, limit) from error

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from app.errors import ConfigError
 from app.words import Message
+from firmware_protocol.names import closest
 
 if TYPE_CHECKING:
     from app.battery.battery import Battery
@@ -102,10 +103,20 @@ def data_folder(args: argparse.Namespace) -> Path:
 
 
 def catalogue(args: argparse.Namespace) -> Catalogue:
-    """Return the sessions of the data folder."""
+    """Return the sessions of the data folder.
+
+    Raises:
+        ConfigError: a folder was chosen with --data and does not exist.
+    """
     from app.sessions.catalogue import Catalogue
 
-    return Catalogue(data_folder(args) / "sessions")
+    folder = data_folder(args)
+    if getattr(args, "data", None) is not None and not folder.exists():
+        siblings = [each.name for each in folder.parent.iterdir() if each.is_dir()] if folder.parent.is_dir() else []
+        meant = closest(folder.name, siblings)
+        there = Message("no-such-folder-but", meant=str(folder.parent / meant)) if meant else Message("no-such-folder")
+        raise ConfigError("--data", folder, there)
+    return Catalogue(folder / "sessions")
 
 
 def find_session(args: argparse.Namespace, session: str) -> Path:

@@ -5,7 +5,7 @@ import logging
 from dataclasses import asdict
 from typing import Any, Literal, get_args, get_origin
 
-from app.errors import ConfigError
+from app.errors import ConfigError, validation_text
 from app.service.settings import Settings
 from app.words import Message
 
@@ -77,7 +77,7 @@ def settings_from(args: argparse.Namespace) -> Settings:
         settings = Settings(**given)
     except ValidationError as error:
         first = error.errors()[0]
-        raise ConfigError(".".join(map(str, first["loc"])), first.get("input"), first["msg"]) from error
+        raise ConfigError(".".join(map(str, first["loc"])), first.get("input"), validation_text(first)) from error
     settings.check(has_accounts=Accounts(settings.data).exist)
     return settings
 

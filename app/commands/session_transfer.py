@@ -15,7 +15,6 @@ from app.commands.arguments import (
     add_json_argument,
     add_session_argument,
     add_trust_argument,
-    catalogue,
     data_folder,
     find_session,
     new_action,
@@ -67,6 +66,7 @@ def add_arguments(actions: Actions) -> None:
 
 def fetch(args: argparse.Namespace) -> int:
     """Bring another recorder's sessions here."""
+    from app.sessions.catalogue import Catalogue
     from app.sessions.transfer.fetch import Remote
     from app.sessions.transfer.fetch_jobs import Fetch
     from app.sessions.transfer.follow import Follower
@@ -76,7 +76,7 @@ def fetch(args: argparse.Namespace) -> int:
     if args.follow:
         return _follow(Follower(remote, folder, Clock(), order=args.order, note=_print), folder)
     with _Shown() as shown:
-        done = Fetch(remote, folder, catalogue(args), Clock(), shown.show).run(args.only, fill=not args.no_fill)
+        done = Fetch(remote, folder, Catalogue(folder), Clock(), shown.show).run(args.only, fill=not args.no_fill)
     print(f"{len(done.fetched)} fetched, {done.already_here} were here")
     return 0
 

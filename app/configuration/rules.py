@@ -44,20 +44,20 @@ PROTECTION = {  # the limits at which the master trips, and whether a higher one
 }
 
 _WHY_OF_MASTER = {  # what the master itself refuses: the fixed reasons of `check`
-    "the master takes nothing else": Message("master-takes-nothing-else"),
-    "the buffer of the current's samples takes no more": Message("current-buffer"),
-    "an 11-bit id ends there": Message("short-id-ends"),
-    "a 29-bit id ends there": Message("long-id-ends"),
-    "a CAN message may not write the configuration": Message("may-not-write-config"),
-    "there are eight messages to answer with": Message("eight-messages"),
-    "the struct ends there": Message("struct-ends"),
+    "limit of the master": Message("master-takes-nothing-else"),
+    "size of the current sample buffer": Message("current-buffer"),
+    "range of an 11-bit ID": Message("short-id-ends"),
+    "range of a 29-bit ID": Message("long-id-ends"),
+    "a CAN message must not write the configuration": Message("may-not-write-config"),
+    "only eight messages can be a response": Message("eight-messages"),
+    "end of the memory map": Message("struct-ends"),
     "charging would end in a trip": Message("charging-would-trip"),
-    "no voltage would be inside both limits": Message("no-voltage-inside"),
-    "no temperature would be inside both limits": Message("no-temperature-inside"),
-    "no current would be inside both limits": Message("no-current-inside"),
-    "no charging current would be inside both limits": Message("no-charging-current-inside"),
-    "the ramp has to rise with the temperature": Message("ramp-has-to-rise"),
-    "hotter cells would get less air": Message("hotter-get-less-air"),
+    "no voltage would be within both limits": Message("no-voltage-inside"),
+    "no temperature would be within both limits": Message("no-temperature-inside"),
+    "no current would be within both limits": Message("no-current-inside"),
+    "no charging current would be within both limits": Message("no-charging-current-inside"),
+    "the ramp must rise with temperature": Message("ramp-has-to-rise"),
+    "hotter cells would get less cooling": Message("hotter-get-less-air"),
 }
 _LIMITS_OF_MASTER = {  # the limits with words in them, by field
     "can_tx_msg_data": Message("or-unused", bounds=f"0..{MASTER_SIZE - 1}", unused=BYTE_UNUSED),

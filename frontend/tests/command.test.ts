@@ -19,7 +19,7 @@ describe('a command that cannot work', () => {
     Object.defineProperty(battery, 'canWrite', { get: () => true });
     commands.value = {
       commands: ['charge-start', 'charge-stop'],
-      block_reasons: { 'charge-start': message('not possible while the car is driving') },
+      block_reasons: { 'charge-start': message('not possible while driving') },
     };
     button = (name) =>
       render(Command, { props: { name, label: 'L', title: 'T', text: 'X', main: true } }).body;

@@ -9,7 +9,7 @@ const TRIPPED = 63; // pack 6, cell 4
 const RESTING = makeSnapshot('drive', 0, 1000, 1); // every voltage is what it should be again
 const CAUSE = {
   code: 'joint-resistance-high',
-  message: message('high-resistance joint at pack 6, cell 4, 13.99 mΩ'),
+  message: message('high-resistance busbar joint at pack 6, cell 4, 13.99 mΩ'),
   cell: TRIPPED,
   pack: null,
   confidence: 0.83,
@@ -52,9 +52,9 @@ describe('a trip that is still open', () => {
   };
 
   it('names its cell once, and keeps each unit with its number', () => {
-    expect(causeText(CAUSE, TRIP)).toBe('high-resistance joint, 13.99\u00a0mΩ');
+    expect(causeText(CAUSE, TRIP)).toBe('high-resistance busbar joint, 13.99\u00a0mΩ');
     expect(causeText({ ...CAUSE, cell: 64 }, TRIP)).toBe(
-      'high-resistance joint at pack 6, cell 4, 13.99\u00a0mΩ',
+      'high-resistance busbar joint at pack 6, cell 4, 13.99\u00a0mΩ',
     );
     expect(causeText(CAUSE, { ...TRIP, cells: [TRIPPED, 64] })).toContain('at pack 6, cell 4');
   });
@@ -69,7 +69,7 @@ describe('a trip that is still open', () => {
     showing({});
     const open = await body('parts/TopBar.svelte');
     expect(open).toMatch(/class="bar[^"]* new/);
-    expect(open).toContain('high-resistance joint, 13.99');
+    expect(open).toContain('high-resistance busbar joint, 13.99');
     expect(open).toMatch(/Acknowledge<\/button>/);
     showing({ acknowledged_by: 'kari' });
     const seen = await body('parts/TopBar.svelte');

@@ -47,7 +47,7 @@ def test_the_overview_shows_what_the_service_says_what_lies_ahead_and_leads_to_a
     expect(page.get_by_test_id("nearest")).to_have_text(re.compile(r"^(> 1 h|\d.* (s|min))$"))
     expect(page.get_by_test_id("energy-left")).to_have_text(re.compile(r"^\d\.\d\d\skWh$"))
     expect(page.get_by_test_id("laps-condition")).to_have_text(
-        re.compile(r"two whole laps|laps of about|relays are open")
+        re.compile(r"two complete laps|laps? of about|contactors open")
     )
 
     page.get_by_test_id("cell-30").click()

@@ -29,7 +29,7 @@ def test_a_draft_is_judged_against_limits_and_rules_survives_a_reload_and_can_be
 
     field(page, "t_cell_max").fill("65")
     page.get_by_test_id("write").click()
-    expect(page.get_by_test_id("outcome")).to_contain_text("t_cell_max = 65 °C, allowed: at most 60 °C: the rules")
+    expect(page.get_by_test_id("outcome")).to_contain_text("t_cell_max = 65 °C, allowed: at most 60 °C (rule limit")
     expect(page.get_by_test_id("write-dialog")).to_have_count(0)
 
     field(page, "fan_ramp_stop").fill("48")
@@ -124,7 +124,9 @@ def test_while_the_car_drives_the_page_says_why_not(make_service, open_page):
     page = open_page(f"{driving.base_url}/#/parameters")
     field(page, "v_cell_max").fill("4.19")
     page.get_by_test_id("write").click()
-    expect(page.get_by_test_id("block-reason")).to_contain_text("the relays are closed: v_cell_max may only be changed")
+    expect(page.get_by_test_id("block-reason")).to_contain_text(
+        "blocked while the contactors are closed. Open the contactors to change v_cell_max"
+    )
     expect(page.get_by_test_id("confirm")).to_be_disabled()
 
 

@@ -86,11 +86,11 @@ def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(ma
     preview = page.get_by_test_id("import-preview")
     expect(preview.locator("tbody tr").first).to_contain_text("12.00")
     page.get_by_test_id("import-cells").fill("7")
-    expect(preview.get_by_role("alert")).to_contain_text("there is no cell 7")
+    expect(preview.get_by_role("alert")).to_contain_text("no cell 7")
     page.get_by_test_id("import-cells").fill("")
     preview.get_by_role("button", name="2 3.710").click()
     expect(page.get_by_test_id("import-cells")).to_have_value("1")
-    expect(preview).to_contain_text("1 of 2 cells are taken")
+    expect(preview).to_contain_text("1 of 2 cells used")
     with page.expect_response(re.compile(r"/imports/\d+$")):
         page.get_by_test_id("import").click()
     first_look[0].fulfill(json={"last": None, "profiles": []})

@@ -133,7 +133,7 @@ def test_it_covers_the_bar_and_nothing_of_the_page(tripped, size, theme):
         assert (found["outside"], found["top"]) == (0, 0), cause
         assert found["lines"] <= MOST_LINES[size], cause
         assert found["over"] <= 0, cause
-    expect(page.get_by_test_id("trip-cause")).to_contain_text("high-resistance joint, 13.99\xa0mΩ (99\xa0%)")
+    expect(page.get_by_test_id("trip-cause")).to_contain_text("high-resistance busbar joint, 13.99\xa0mΩ (99\xa0%)")
     found = show(page, *JOINT, seen=True)
     assert (found["lines"], found["outside"], found["top"]) == (1, 0, 0)
     assert found["over"] <= 0

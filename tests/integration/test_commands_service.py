@@ -122,7 +122,7 @@ def test_a_slave_is_checked_against_a_meter_before_and_after_its_repair(client, 
     assert [check["note"] for check in kept] == ["board replaced", ""]
     texts = [e["message"]["text"] for e in client.get("/events").json()["events"] if e["code"] == "slave-check"]
     assert "2 cells compared" in texts[0]
-    assert texts[0].endswith("all in tolerance")
+    assert texts[0].endswith("all within tolerance")
     assert "out of tolerance: cells 1, 2, 3" in texts[1]
 
 

@@ -60,10 +60,10 @@ def test_what_was_done_to_read_a_file_is_said_in_either_language(service):
         found = client.post(f"/imports/{upload['id']}/preview", json=asked).json()["understood"]
         assert [each["text"] for each in found["notes"]] == [
             "decimal commas read as points",
-            "2 lines above the table left out",
-            "1 rows are not 5 columns of numbers: read as missing or left out; line 11: 'OVERLOAD' is no number",
-            "I counts charging as positive: sign turned",
-            "1 temperatures for 2 cells: each stands for the cells next to it",
+            "2 lines above the table skipped",
+            "1 rows do not consist of 5 numbers: read as missing or skipped; line 11: 'OVERLOAD' is not a number",
+            "I is positive on charge: sign inverted",
+            "1 temperatures for 2 cells: each is used for the nearest cells",
         ]
         norwegian = [
             "desimalkomma er lest som punktum",

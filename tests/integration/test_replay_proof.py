@@ -36,7 +36,7 @@ def test_a_session_is_proved_with_the_cell_file_that_it_keeps_and_that_is_told(s
     text = "[[agreement]]\nlargest_max = 0.00002\n"
     assert prove(session, tmp_path, text, "--json") == 0
     told = json.loads(capsys.readouterr().out)["judged"]
-    assert any("the cell file is that of then" in each.lower() for each in told)
+    assert any("evaluated with the cell model recorded in the session" in each.lower() for each in told)
     assert prove(session, tmp_path, text, "--cell", "sanyo-ur18650w") == 1
     assert "sanyo-ur18650w" in capsys.readouterr().out
 

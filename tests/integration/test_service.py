@@ -98,7 +98,7 @@ def test_an_image_and_a_profile_of_the_first_map_are_converted(service, kind):
     ("values", "field", "words"),
     [
         ({"v_cell_max": 5.5}, "v_cell_max", "4.5"),
-        ({"ts": 201}, "ts", "1..200 sample: the buffer of the current's samples takes no more"),
+        ({"ts": 201}, "ts", "1..200 sample: size of the current sample buffer"),
         ({"telemetry_period": "fast"}, "telemetry_period", "number"),
         ({"telemetry_period": 100.5}, "telemetry_period", "whole number"),
         ({"can_tx_msg_id": [1.5, 0, 0, 0, 0, 0, 0, 0]}, "can_tx_msg_id[0]", "whole number"),
@@ -223,7 +223,7 @@ def test_who_stops_a_session_whose_file_was_deleted_is_told_and_the_new_one_goes
         following = service.wait_for(lambda s: s["recording"] and s["recording"]["session_id"] != lost)
         answer = client.post(f"/sessions/{lost}/stop")
         assert answer.status_code == 507
-        assert f"recording goes on as {following['recording']['session_id']}" in answer.json()["detail"]
+        assert f"recording continues as {following['recording']['session_id']}" in answer.json()["detail"]
         assert client.get(f"/sessions/{following['recording']['session_id']}").json()["recording"]
 
 

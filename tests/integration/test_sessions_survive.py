@@ -110,7 +110,7 @@ def test_a_disk_that_takes_no_more_stalls_the_recorder_and_nothing_is_lost(tmp_p
     )
     assert run.returncode == 0, run.stderr
     error, stalled, readable, resumed, complete = run.stdout.splitlines()
-    assert "disk does not take the session" in error
+    assert "disk does not accept the session" in error
     state, queued, lost = stalled.split()
     assert (state, lost) == ("stalled", "0")
     assert int(queued) >= 50

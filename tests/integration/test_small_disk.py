@@ -110,7 +110,7 @@ def test_a_disk_that_fills_up_is_told_early_stalls_cleanly_and_resumes(tmp_path:
     """With some kept free the recorder stops by itself; with none it meets the disk's own refusal."""
     script = f'head -c 600000 /dev/zero > "$DISK/ballast"\nKEEP={keep_free} "$PYTHON" - <<"END"\n{FILL}\nEND'
     reason, stalled, readable, resumed, complete = on_small_disk(tmp_path, script)
-    assert ("disk nearly full" if keep_free else "disk does not take the session") in reason
+    assert ("disk nearly full" if keep_free else "disk does not accept the session") in reason
     assert stalled == "True stalled 0"
     assert readable == "True []"
     assert resumed == "recording"

@@ -14,6 +14,7 @@ from app.api.web.request_body import Body, RawBody
 from app.configuration.config_sources import ConfigSources
 from app.configuration.safe_write import ConfigurationWriter, Draft, Written
 from app.configuration.saved_configuration import is_profile, profile_of
+from app.errors import validation_text
 from app.words import Message, rendered_or_none
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
@@ -138,7 +139,9 @@ def _draft(body: bytes, is_image: bool, reason: str, config_sources: ConfigSourc
         edit = ConfigEdit.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
-        raise invalid(".".join(map(str, first["loc"])) or "body", str(first.get("input"))[:80], first["msg"]) from error
+        raise invalid(
+            ".".join(map(str, first["loc"])) or "body", str(first.get("input"))[:80], validation_text(first)
+        ) from error
     for name, value in (*edit.raw.items(), *edit.values.items()):
         if name not in CONFIG:
             raise invalid(name, value, Message("no-config-field"))

@@ -31,6 +31,7 @@ from app.errors import (
     MasterSilent,
     NotNow,
     limit_of,
+    validation_text,
 )
 from app.sessions.errors import NotASession, SchemaTooNew, SessionError, SessionNotFound
 from app.sources.data_file import encodable
@@ -211,22 +212,6 @@ def _place(error: Mapping[str, Any]) -> str:
     return ".".join(str(part) for part in error["loc"][1:]) or str(error["loc"][0])
 
 
-def _of_validation(error: Mapping[str, Any]) -> Text:
-    """What is wrong with a field by pydantic; what is rare stays in its own words."""
-    match error["type"]:
-        case "missing":
-            return Message("field-required")
-        case "greater_than_equal":
-            return Message("input-at-least", limit=error["ctx"]["ge"])
-        case "less_than_equal":
-            return Message("input-at-most", limit=error["ctx"]["le"])
-        case "greater_than":
-            return Message("input-above", limit=error["ctx"]["gt"])
-        case "less_than":
-            return Message("input-below", limit=error["ctx"]["lt"])
-    return str(error["msg"])
-
-
 def install(app: FastAPI) -> None:
     """Make every error of the application a problem document."""
 
@@ -266,12 +251,12 @@ def install(app: FastAPI) -> None:
             {
                 "field": _shown(_place(e)),
                 "value": _shown(e["input"]) if isinstance(e.get("input"), str) else _number(e.get("input")),
-                "limit": rendered(str(e["msg"]).removeprefix("Input should be ")),
-                "message": rendered(_of_validation(e)),
+                "limit": rendered(validation_text(e)),
+                "message": rendered(validation_text(e)),
             }
             for e in found
         ]
-        each = [Message("of-source", source=_shown(_place(e)), reason=_of_validation(e)) for e in found]
+        each = [Message("of-source", source=_shown(_place(e)), reason=validation_text(e)) for e in found]
         detail = reduce(lambda first, second: Message("also", first=first, second=second), each)
         return Problem(422, "invalid", detail, errors=errors).response()
 

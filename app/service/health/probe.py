@@ -43,7 +43,7 @@ def main(environment: Mapping[str, str] = os.environ) -> int:
     try:
         document = ask(int(environment.get("VOLTWALL_PORT", "8000")))
     except OSError as error:
-        sys.stdout.write(f"the service does not answer: {error}\n")
+        sys.stdout.write(f"the service does not respond: {error}\n")
         return 1
     reasons = document.get("reasons") or ["nothing is missing"]
     sys.stdout.write(f"{document.get('status')}: {'; '.join(map(str, reasons))}\n")

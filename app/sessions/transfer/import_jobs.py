@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from app.battery.library import bundled_profiles
-from app.errors import AppError, ImportFailed, NotNow, message_of
+from app.errors import AppError, ImportFailed, NotNow, message_of, unknown_name
 from app.sessions.transfer.import_session import ImportedSession, NewPipeline, import_file
 from app.sessions.worker import DEFINITIONS, INSPECTION, Workers, import_limits
 from app.sources.dbc.dbc_file import DEFINITION_ENDINGS
@@ -218,7 +218,7 @@ class ImportJobs:
         """The battery that was named, or the one of uploaded files, side by side as their profile names them."""
         if not uploads:
             if name is not None and name not in bundled_profiles():
-                raise ImportFailed(name, Message("no-such-profile", names=bundled_profiles()))
+                raise ImportFailed(name, unknown_name(name, bundled_profiles()))
             return None if name is None else load_battery(name)
         with tempfile.TemporaryDirectory() as folder:
             with self._lock:

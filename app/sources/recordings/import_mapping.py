@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from app.errors import ImportFailed
+from app.errors import ImportFailed, unknown_name
 from app.estimation.toml_text import TomlError, read_toml
 from app.sources.data_file import replace_file
 from app.sources.recordings.bad_rows import some_of
@@ -146,7 +146,7 @@ class ImportMappingStore:
         """
         path = self._path(name)
         if not path.is_file():
-            raise ImportFailed(name, Message("no-such-profile", names=tuple(self.names()) or Message("none-yet")))
+            raise ImportFailed(name, unknown_name(name, self.names()) if self.names() else Message("no-profile-yet"))
         return parse_profile(path.read_text(encoding="utf-8"), str(path))
 
     def save(self, name: str, profile: ImportMapping) -> None:

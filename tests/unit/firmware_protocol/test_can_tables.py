@@ -223,7 +223,7 @@ def test_a_name_that_the_struct_does_not_have_is_refused():
     with pytest.raises(EncodeError) as refused:
         can_tables.named_element("v[96]" + "!" * 80)
     assert (refused.value.field, refused.value.value) == ("signal", "v[96]" + "!" * 55)
-    assert refused.value.limit == "a value of the master's struct, as v_tot, v[36], slave[3].cvr[5]"
+    assert refused.value.limit == "a value of the memory map, such as v_tot, v[36], slave[3].cvr[5]"
 
 
 def test_every_frame_of_the_tables_is_read_and_no_other():

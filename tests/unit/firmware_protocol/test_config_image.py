@@ -4,7 +4,7 @@ from firmware_protocol import config_image
 from firmware_protocol.errors import DecodeError, EncodeError
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_FIELDS, CONFIG_SIZE
 
-FULL_BUFFER = "1..200 sample: the buffer of the current's samples takes no more"
+FULL_BUFFER = "1..200 sample: size of the current sample buffer"
 DEFAULT = config_image.default_image()
 
 
@@ -49,7 +49,7 @@ def test_every_field_is_refused_just_outside_its_range(field):
 def test_error_speaks_the_fields_unit():
     [error] = config_image.check(config_image.with_raw(DEFAULT, "ts", 201))
     assert (error.value, error.limit) == (201, "1..200 sample")
-    why = "the buffer of the current's samples takes no more"
+    why = "size of the current sample buffer"
     assert error.message == f"ts = 201 sample, allowed: 1..200 sample: {why}"
     error = config_image.check(config_image.with_raw(DEFAULT, "v_cell_max", 46000))[0]
     assert (error.value, error.limit) == (4.6, "3..4.5 V")
@@ -97,7 +97,7 @@ def test_wrong_shape_or_type_is_refused(value):
         ("can_tx_msg_data", [[0] * 8] * 7, "can_tx_msg_data", [[0] * 8] * 7, "an array of 8 by 8"),
         ("ts", True, "ts", True, "a number"),
         ("ts", [1], "ts", [1], "a number"),
-        ("none", 1, "field", "none", "no configuration field has this name"),
+        ("none", 1, "field", "none", "unknown configuration field"),
     ],
 )
 def test_a_count_that_does_not_fit_names_its_element_and_limit(name, value, field, wrong, limit):
@@ -217,31 +217,31 @@ def test_hash_changes_with_any_byte_of_a_field():
 @pytest.mark.parametrize(
     ("changes", "field", "element", "value", "limit", "why"),
     [
-        ({"telemetry_period": 19}, "telemetry_period", None, 19, "20..10000 ms", "the master takes nothing else"),
-        ({"ts": 201}, "ts", None, 201, "1..200 sample", "the buffer of the current's samples takes no more"),
-        ({"ts": 0}, "ts", None, 0, "1..200 sample", "the buffer of the current's samples takes no more"),
+        ({"telemetry_period": 19}, "telemetry_period", None, 19, "20..10000 ms", "limit of the master"),
+        ({"ts": 201}, "ts", None, 201, "1..200 sample", "size of the current sample buffer"),
+        ({"ts": 0}, "ts", None, 0, "1..200 sample", "size of the current sample buffer"),
         ({"v_cell_min": 40000, "v_cell_max": 40000, "v_cell_chrg": 40000}, "v_cell_min", None, 4.0,
-         "below v_cell_max = 4.0 V", "no voltage would be inside both limits"),
+         "below v_cell_max = 4.0 V", "no voltage would be within both limits"),
         ({"v_cell_chrg": 42001}, "v_cell_chrg", None, 4.2001, "at most v_cell_max = 4.2 V",
          "charging would end in a trip"),
         ({"t_cell_min": 40, "t_cell_max": 40}, "t_cell_min", None, 40, "below t_cell_max = 40 degC",
-         "no temperature would be inside both limits"),
+         "no temperature would be within both limits"),
         ({"i_disc_min": 0, "i_disc_max": 0}, "i_disc_min", None, 0.0, "below i_disc_max = 0.0 A",
-         "no current would be inside both limits"),
+         "no current would be within both limits"),
         ({"i_chrg_min": 1201}, "i_chrg_min", None, 12.01, "at most i_chrg_max = 12.0 A",
-         "no charging current would be inside both limits"),
+         "no charging current would be within both limits"),
         ({"fan_ramp_min": 225}, "fan_ramp_min", None, 0.8823529412, "at most fan_ramp_max = 0.8784313725 duty",
-         "hotter cells would get less air"),
-        ({"can_tx_msg_len": (8,) * 7 + (9,)}, "can_tx_msg_len", 7, 9, "0..8 byte", "the master takes nothing else"),
+         "hotter cells would get less cooling"),
+        ({"can_tx_msg_len": (8,) * 7 + (9,)}, "can_tx_msg_len", 7, 9, "0..8 byte", "limit of the master"),
         ({"fan_ramp_start": 50}, "fan_ramp_start", None, 50, "below fan_ramp_stop = 50 degC",
-         "the ramp has to rise with the temperature"),
+         "the ramp must rise with temperature"),
         ({"can_tx_msg_id": (1, 1, 1, 1, 1, 1, 1, 0x800)}, "can_tx_msg_id", 7, 0x800, "0..0x7ff",
-         "an 11-bit id ends there"),
+         "range of an 11-bit ID"),
         ({"can_rx_msg_id": (CAN_ID_EXTENDED | 0x20000000,) + (1,) * 7}, "can_rx_msg_id", 0, 0xA0000000,
-         "0..0x1fffffff", "a 29-bit id ends there"),
+         "0..0x1fffffff", "range of a 29-bit ID"),
         ({"can_rx_msg_response": (8,) + (255,) * 7}, "can_rx_msg_response", 0, 8,
          "0..7, 64..71, or 255",
-         "there are eight messages to answer with"),
+         "only eight messages can be a response"),
     ],
 )  # fmt: skip
 def test_an_error_says_which_limit_is_broken_and_why(changes, field, element, value, limit, why):
@@ -256,10 +256,10 @@ def test_an_error_says_which_limit_is_broken_and_why(changes, field, element, va
 @pytest.mark.parametrize(
     ("name", "raw", "limit", "why"),
     [
-        ("can_tx_msg_data", 2984, "0..2983, or 65535", "the struct ends there"),
-        ("can_tx_msg_data", 65534, "0..2983, or 65535", "the struct ends there"),
-        ("can_rx_msg_data", 419, "420..2983, or 65535", "a CAN message may not write the configuration"),
-        ("can_rx_msg_data", 2984, "420..2983, or 65535", "a CAN message may not write the configuration"),
+        ("can_tx_msg_data", 2984, "0..2983, or 65535", "end of the memory map"),
+        ("can_tx_msg_data", 65534, "0..2983, or 65535", "end of the memory map"),
+        ("can_rx_msg_data", 419, "420..2983, or 65535", "a CAN message must not write the configuration"),
+        ("can_rx_msg_data", 2984, "420..2983, or 65535", "a CAN message must not write the configuration"),
     ],
 )
 def test_a_table_entry_outside_its_place_says_what_is_allowed(name, raw, limit, why):

@@ -100,7 +100,7 @@ def test_an_action_that_the_master_refuses_is_told(capsys, tmp_path):
     )
     assert main(["--scenario", str(path), "--speed", "max"]) == 0
     told = capsys.readouterr().err.splitlines()
-    assert told[-1] == "voltwall simulate: at 3 s: the master refused charge-start: not in its state"
+    assert told[-1] == "voltwall simulate: at 3 s: charge-start rejected by the master in its present state"
 
 
 @pytest.mark.parametrize(

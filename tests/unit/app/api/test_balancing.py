@@ -36,7 +36,7 @@ def test_a_charge_of_the_thesis_has_its_figures_beside_and_curves_over_one_time(
         ({"rate": 7}, "rate", "0.05 to 6 C"),
         ({"spread": -1}, "spread", "0 to 50 percent"),
         ({"packs": 30, "cells": 30}, "n_packs x per_pack", "1 to 600 cells"),
-        ({"rest": True, "rate": 1}, "rate", "a rest has no charging current"),
+        ({"rest": True, "rate": 1}, "rate", "a rest takes no charging current"),
         ({"circuit": "magnets"}, "circuit.0", "passive"),
         ({"packs": 0}, "packs", "1"),
         ({"temperature": "nan"}, "temperature", "finite"),
@@ -56,5 +56,5 @@ def test_studies_run_one_at_a_time_so_that_a_process_is_left_for_reports(client)
         both = [threads.submit(client.get, STUDY, params=SMALL | {"circuit": "none"}) for _ in range(2)]
     second, first = sorted((each.result() for each in both), key=lambda answer: -answer.status_code)
     assert (first.status_code, second.status_code) == (200, 409)
-    assert second.json()["detail"] == "another balancing study is being simulated; try again when it is done"
+    assert second.json()["detail"] == "another balancing simulation is running: try again when it has finished"
     assert client.get(STUDY, params=SMALL | {"circuit": "none"}).status_code == 200

@@ -30,7 +30,7 @@ def test_other_names_are_those_of_profiles(name):
 def test_a_shape_without_cells_or_with_more_than_a_bus_carries_is_refused_with_its_limit(name):
     with pytest.raises(ProfileError) as refused:
         load_battery(name)
-    limit = f"segments x cells in series in each, as 2x6, with 1 to {MOST_CELLS} cells in all"
+    limit = f"packs x series cells per pack, such as 2x6, 1 to {MOST_CELLS} cells in total"
     assert str(refused.value) == f"battery = {name}: {limit}"
 
 

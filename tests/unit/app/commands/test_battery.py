@@ -78,7 +78,7 @@ def test_a_bus_is_listened_to(tmp_path, capsys):
     finally:
         stopping.set()
         car.join()
-    assert "12 of 12 cells heard" in capsys.readouterr().out
+    assert "12 of 12 cells received" in capsys.readouterr().out
 
 
 def test_all_errors_are_told_at_once_each_with_file_line_and_field(car, capsys):
@@ -129,7 +129,7 @@ def test_a_withdrawn_table_is_an_error_of_its_line_among_the_others(tmp_path, ca
     profile.write_text(f'include = ["foxbms-2"]\n{witness}[battery]\nparalel = 2\n')
     assert main(["battery", "check", str(profile)]) == 2
     found = capsys.readouterr().out
-    assert "mine.toml:2: error: witness = [[witness]]: withdrawn" in found
+    assert "mine.toml:2: error: witness = [[witness]]: no longer supported" in found
     assert "mine.toml:6: error: battery.paralel" in found
     assert main(["battery", "show", str(profile)]) == 2
     assert "mine.toml:2: witness" in capsys.readouterr().err
@@ -177,7 +177,7 @@ def test_a_layout_that_is_none_is_refused(words, names, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "names"), [(["--temperature", "80"], "-20 to 75 degC"), (["--cell", "no-such-cell"], "bundled cells")]
+    ("words", "names"), [(["--temperature", "80"], "-20 to 75 degC"), (["--cell", "no-such-cell"], "Bundled cells")]
 )
 def test_a_cell_that_cannot_be_sized_is_refused_in_one_line(words, names, capsys):
     assert main(["battery", "size", "--segments", "8x12", *words]) == 2

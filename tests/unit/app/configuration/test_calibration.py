@@ -37,7 +37,7 @@ def test_a_gain_that_is_off_is_put_right_against_the_meter():
 
 
 def test_no_zero_is_taken_with_relays_closed_or_an_unsteady_reading():
-    with pytest.raises(NotNow, match="relays"):
+    with pytest.raises(NotNow, match="contactors"):
         propose_zero(IMAGE, reading(0.5, closed=True))
     with pytest.raises(NotNow, match="steady"):
         propose_zero(IMAGE, reading(0.5, sigma_a=5.0))

@@ -43,7 +43,7 @@ def test_the_id_on_the_bus_tells_both_formats_apart():
     assert [wire_id(m) for m in (TX[0], TX[1], RX[0])] == [COMMAND, 0x100, STATUS]
 
 
-OWN = "an id of its own"
+OWN = "a unique ID"
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ OWN = "an id of its own"
     ],
 )
 def test_an_id_that_another_message_has_names_that_message(image, field, element, value, other):
-    why = f"{other} has this id: two messages with one id destroy each other on the bus"
+    why = f"{other} uses this ID: two senders of one ID corrupt each other"
     assert ("error", "id-taken", field, element, value, OWN, why) in found(image)
 
 
@@ -69,29 +69,29 @@ def test_the_same_number_in_another_format_and_a_message_without_bytes_take_no_i
     [
         (
             tx(length=0, enabled=True, period_ms=100, data_offsets=(BYTE_UNUSED,) * 8),
-            [("error", "empty", "can_tx_msg_len", 3, 0, "1..8 byte", "it is on from the start, empty")],
+            [("error", "empty", "can_tx_msg_len", 3, 0, "1..8 byte", "it is enabled at start-up but has no bytes")],
         ),
         (
             rx(length=0, enabled=True, data_offsets=(BYTE_UNUSED,) * 8),
-            [("error", "empty", "can_rx_msg_len", 1, 0, "1..8 byte", "it is on from the start, empty")],
+            [("error", "empty", "can_rx_msg_len", 1, 0, "1..8 byte", "it is enabled at start-up but has no bytes")],
         ),
         (
             rx(index=0, response=5),
-            [("error", "empty", "can_tx_msg_len", 5, 0, "1..8 byte", "it is sent as an answer, empty")],
+            [("error", "empty", "can_tx_msg_len", 5, 0, "1..8 byte", "it is used as a response but has no bytes")],
         ),
         (
             tx(length=1),
             [
                 ("error", "length", "can_tx_msg_len", 3, 1, "at least 2 byte",
-                 "byte 1 is picked and would not be sent"),
+                 "byte 1 is used but would not be sent"),
                 ("warning", "cut", "can_tx_msg_data", 24, 2982,
-                 "all bytes of the number, next to each other", "only byte 0 of soc is sent"),
+                 "all bytes of the number, consecutive", "only byte 0 of soc is sent"),
             ],
         ),
         (
             rx(length=1),
             [("error", "length", "can_rx_msg_len", 1, 1, "at least 2 byte",
-              "byte 1 is picked and would not be taken")],
+              "byte 1 is used but would not be received")],
         ),
         (rx(index=0, enabled=False, response=5), []),
     ],
@@ -115,7 +115,7 @@ def test_messages_of_a_charger_have_eight_bytes():
 def test_a_charger_speaks_250_or_500_kbit_s(can_brp, rate):
     expected = [] if rate is None else [
         ("warning", "charger-rate", "can_brp", None, can_brp, "15 (250 kbit/s) or 7 (500 kbit/s)",
-         f"{rate} kbit/s: an ElCon charger speaks 250 or 500 kbit/s")
+         f"{rate} kbit/s: an ElCon charger supports 250 or 500 kbit/s")
     ]  # fmt: skip
     assert found(with_value(DEFAULT, "can_brp", can_brp)) == expected
 
@@ -127,7 +127,7 @@ def test_without_a_charger_any_bit_rate_is_fine():
 
 def test_a_message_that_is_on_needs_a_period():
     expected = ("warning", "no-period", "can_tx_msg_timing", 3, 0, "1..60000 ms",
-                "it is on from the start and yet sent on demand only")  # fmt: skip
+                "it is enabled at start-up but only sent on demand")  # fmt: skip
     assert found(tx(enabled=True, period_ms=0)) == [expected]
     assert found(tx(enabled=True, period_ms=10)) == []
     assert found(tx(enabled=False, period_ms=0)) == []
@@ -147,16 +147,16 @@ def test_a_charger_stops_after_five_seconds_without_a_command(period_ms, is_fine
 def test_a_timeout_is_longer_than_the_chargers_period(timeout_ms, is_fine):
     image = rx(index=0, timeout_ms=timeout_ms, response=None)
     expected = ("error", "timeout", "can_rx_msg_timeout", 0, timeout_ms,
-                "more than 1000 ms, the period of an ElCon charger",
-                "the message would count as lost between two frames")  # fmt: skip
+                "longer than 1000 ms, the period of an ElCon charger",
+                "the message would time out between two frames")  # fmt: skip
     assert found(image) == ([] if is_fine else [expected])
 
 
 @pytest.mark.parametrize(("timeout_ms", "is_fine"), [(500, False), (501, True)])
 def test_a_timeout_is_longer_than_the_period_heard_on_the_bus(timeout_ms, is_fine):
     expected = ("error", "timeout", "can_rx_msg_timeout", 1, timeout_ms,
-                "more than 500 ms, the period heard on the bus",
-                "the message would count as lost between two frames")  # fmt: skip
+                "longer than 500 ms, the period received on the bus",
+                "the message would time out between two frames")  # fmt: skip
     image = rx(timeout_ms=timeout_ms)
     assert found(image, {0x310: 0.5}) == ([] if is_fine else [expected])
     assert found(image, {0x311: 9.0}) == [], "of another message"
@@ -167,8 +167,8 @@ def test_a_timeout_is_longer_than_the_period_heard_on_the_bus(timeout_ms, is_fin
 def test_a_timeout_is_longer_than_the_period_of_the_answer(period_ms, is_fine):
     image = rx(tx(period_ms=period_ms), timeout_ms=300, response=3)
     expected = ("error", "timeout", "can_rx_msg_timeout", 1, 300,
-                f"more than the {period_ms} ms between two answers, tx 4",
-                "the answer would be switched off before it was sent again")  # fmt: skip
+                f"longer than the {period_ms} ms between two responses, tx 4",
+                "the response would be disabled before it is sent again")  # fmt: skip
     assert found(image) == ([] if is_fine else [expected])
 
 
@@ -186,12 +186,12 @@ def test_a_place_without_a_message_hides_none_behind_it():
 
 def test_the_last_of_many_picked_bytes_counts():
     image = tx(length=2, data_offsets=(440, 441, 442, 443, *[BYTE_UNUSED] * 4))
-    assert [each[5:] for each in found(image)] == [("at least 4 byte", "byte 3 is picked and would not be sent")]
+    assert [each[5:] for each in found(image)] == [("at least 4 byte", "byte 3 is used but would not be sent")]
 
 
 def test_half_a_number_says_which_byte_is_sent():
     image = tx(length=3, data_offsets=(440, 2983, 2288, *[BYTE_UNUSED] * 5))
-    limit = "all bytes of the number, next to each other"
+    limit = "all bytes of the number, consecutive"
     assert found(image) == [
         ("warning", "cut", "can_tx_msg_data", 25, 2983, limit, "only byte 1 of soc is sent"),
         ("warning", "cut", "can_tx_msg_data", 26, 2288, limit, "only byte 0 of v_tot is sent"),
@@ -205,8 +205,8 @@ def test_half_a_number_says_which_byte_is_sent():
 def test_what_the_master_measures_is_not_for_others_to_write(offset, name):
     image = rx(length=2, data_offsets=(BYTE_UNUSED, offset, *[BYTE_UNUSED] * 6))
     assert found(image) == [
-        ("warning", "overwrites", "can_rx_msg_data", 9, offset, "428..439, what the charger says",
-         f"{name} is what the master measures or counts itself, and protects by")
+        ("warning", "overwrites", "can_rx_msg_data", 9, offset, "428..439, range of the charger",
+         f"{name} is measured or counted by the master and used for protection")
     ]  # fmt: skip
 
 
@@ -238,6 +238,6 @@ def test_the_master_leaves_a_share_of_the_bus_to_others(lengths, level, load, li
         length = lengths[index] if on else 0
         offsets = (440,) * length + (BYTE_UNUSED,) * (8 - length)
         image = with_tx_messages(image, [replace(message, length=length, data_offsets=offsets)])
-    why = f"the master alone would take {load} of 500 kbit/s; others need their share"
-    expected = [] if level is None else [(level, "load", "can_tx_msg_timing", 0, 1, f"a load below {limit}", why)]
+    why = f"the master alone would load the bus by {load} at 500 kbit/s; other nodes need capacity too"
+    expected = [] if level is None else [(level, "load", "can_tx_msg_timing", 0, 1, f"a bus load below {limit}", why)]
     assert [each for each in found(image) if each[1] == "load"] == expected

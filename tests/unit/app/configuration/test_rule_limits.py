@@ -12,8 +12,7 @@ from firmware_protocol.memory_map import CONFIG
 
 CELL = load_cell()  # 2.5 to 4.2 V, -20 to 75 degC, 200 A out, 40 A in, 25 Ah
 CONTEXT = Context(CELL)
-SHEET = f"the data sheet of {CELL.name}"
-SENSOR = "the current sensor ends there with this gain and offset: the limit could never trip"
+SENSOR = "end of the sensor range with this gain and offset: the limit could never trip"
 
 
 def changed(image, **values):
@@ -37,37 +36,37 @@ def test_the_base_of_these_tests_has_no_finding():
 @pytest.mark.parametrize(
     ("change", "level", "code", "limit", "why"),
     [
-        ({"v_cell_max": 4.2001}, "error", "data-sheet", "at most 4.2 V", f"{SHEET} ends there"),
-        ({"v_cell_min": 2.4999}, "error", "data-sheet", "at least 2.5 V", f"{SHEET} ends there"),
+        ({"v_cell_max": 4.2001}, "error", "data-sheet", "at most 4.2 V", f"data sheet limit of {CELL.name}"),
+        ({"v_cell_min": 2.4999}, "error", "data-sheet", "at least 2.5 V", f"data sheet limit of {CELL.name}"),
         ({"v_cell_chrg": 3.0, "v_cell_min": 3.0}, "error", "order", "below v_cell_chrg = 3 V",
-         "a full cell would count as empty"),
+         "a full cell would read as empty"),
         ({"v_cell_chrg": 4.1901}, "warning", "charge-margin", "10 mV below v_cell_max, 4.19 V",
-         "charging would end in a trip"),
+         "charging would end with a trip"),
         ({"v_cell_chrg": 4.1999}, "warning", "charge-margin", "10 mV below v_cell_max, 4.19 V",
-         "charging would end in a trip"),
+         "charging would end with a trip"),
         ({"v_cell_chrg": 4.2}, "error", "charge-margin", "10 mV below v_cell_max, 4.19 V",
-         "charging would end in a trip"),
+         "charging would end with a trip"),
         ({"t_cell_max": 61}, "error", "rules", "at most 60 °C",
-         "the rules allow 60 °C, or the limit of the cell's data sheet where that is lower"),
-        ({"t_cell_min": -21}, "error", "data-sheet", "at least -20 °C", f"{SHEET} ends there"),
+         "rule limit 60 °C, or the data sheet limit of the cell if lower"),
+        ({"t_cell_min": -21}, "error", "data-sheet", "at least -20 °C", f"data sheet limit of {CELL.name}"),
         ({"c_avg": 30.01}, "warning", "other-cell", "within 20 % of 25 Ah",
-         f"the service estimates {CELL.name}; one of the two is another cell"),
+         f"the service uses the cell model {CELL.name}: one of the two is wrong"),
         ({"c_avg": 19.99}, "warning", "other-cell", "within 20 % of 25 Ah",
-         f"the service estimates {CELL.name}; one of the two is another cell"),
+         f"the service uses the cell model {CELL.name}: one of the two is wrong"),
         ({"i_disc_max": 0.0}, "error", "window", "above 0 A", "the car could not drive"),
-        ({"i_chrg_max": 40.01}, "error", "data-sheet", "at most 40 A", f"{SHEET} ends there"),
+        ({"i_chrg_max": 40.01}, "error", "data-sheet", "at most 40 A", f"data sheet limit of {CELL.name}"),
         ({"i_disc_max": 200.01}, "warning", "data-sheet", "at most 200 A",
-         f"{SHEET} allows no more for long; short pulses may be fine"),
+         f"continuous limit in the data sheet of {CELL.name}; short pulses may be acceptable"),
         ({"i_disc_min": -40.01}, "warning", "data-sheet", "at least -40 A",
-         f"{SHEET} allows no more charge for long; short pulses may be fine"),
+         f"continuous charge limit in the data sheet of {CELL.name}; short pulses may be acceptable"),
         ({"i_offset": 1945.1}, "warning", "offset", "1945..2150 counts",
-         "the sensor rests in the middle of its range; further off it is unplugged or broken"),
+         "the sensor output is mid-range at zero current; a larger offset means it is unplugged or broken"),
         ({"i_offset": 2149.9}, "warning", "offset", "1945..2150 counts",
-         "the sensor rests in the middle of its range; further off it is unplugged or broken"),
+         "the sensor output is mid-range at zero current; a larger offset means it is unplugged or broken"),
         ({"fan_ramp_stop": 46}, "warning", "fans", "at most t_cell_max = 45 °C",
-         "the relays open before the fans run at their highest"),
+         "the contactors open before the fans reach full duty"),
         ({"telemetry_period": 35}, "warning", "line", "at least 36 ms",
-         "a telemetry frame takes that long on the line: what does not fit is not sent"),
+         "transmission time of a telemetry frame: signals that do not fit are not sent"),
     ],
 )  # fmt: skip
 def test_one_count_beyond_a_limit_is_told(change, level, code, limit, why):
@@ -146,10 +145,8 @@ def test_a_data_sheet_that_says_nothing_judges_nothing():
 
 def test_what_the_master_would_refuse_is_the_only_thing_told():
     refused = with_raw(changed(QUIET, v_cell_min=2.4999), "telemetry_period", 19)
-    assert found(refused) == [
-        ("error", "range", "telemetry_period", 19, "20..10000 ms", "the master takes nothing else")
-    ]
-    why = "the buffer of the current's samples takes no more"
+    assert found(refused) == [("error", "range", "telemetry_period", 19, "20..10000 ms", "limit of the master")]
+    why = "size of the current sample buffer"
     assert found(with_raw(QUIET, "ts", 201)) == [("error", "range", "ts", 201, "1..200 sample", why)]
 
 
@@ -183,8 +180,8 @@ def test_another_bit_rate_is_a_warning_of_the_change():
     after = changed(QUIET, can_brp=15)
     [warning] = review_change(QUIET, after, CONTEXT)
     assert (warning.level, warning.code, warning.error.field) == ("warning", "bit-rate", "can_brp")
-    assert (warning.error.value, warning.error.limit) == (15, "as in force, 7")
-    assert warning.error.why == "every other controller on the bus has to change with it, or the bus is off"
+    assert (warning.error.value, warning.error.limit) == (15, "the active value, 7")
+    assert warning.error.why == "change every other node on the bus too, or communication stops"
     assert review_change(after, after, CONTEXT) == []
 
 
@@ -238,7 +235,7 @@ def test_the_cells_own_limit_counts_where_it_is_below_the_rules():
 def test_a_message_names_field_value_limit_and_why():
     [error] = [each for each in review(with_value(DEFAULT, "t_cell_max", 65), CONTEXT) if each.blocks]
     shown = render(error.message)
-    assert shown.startswith("t_cell_max = 65 °C, allowed: at most 60 °C: the rules allow 60 °C")
+    assert shown.startswith("t_cell_max = 65 °C, allowed: at most 60 °C (rule limit 60 °C")
 
 
 @pytest.mark.parametrize(

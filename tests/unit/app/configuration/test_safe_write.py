@@ -176,8 +176,8 @@ def test_a_warning_needs_a_reason_once(master):
 @pytest.mark.parametrize(
     ("field", "raw", "doing"),
     [
-        ("status.flags", 1 << 8, "relays are closed"),
-        ("status.flags", 1 << 6, "being charged"),
+        ("status.flags", 1 << 8, "contactors are closed"),
+        ("status.flags", 1 << 6, "accumulator is charging"),
         ("i_fs", -500, "current of -5.0 A"),
     ],
 )
@@ -335,7 +335,7 @@ def test_what_failed_is_told_and_gets_a_result_where_the_master_was_asked(master
         write(config, HOTTER)
     results = [result for _, _, _, result in log.told]
     assert results[0] is None
-    assert "NOT_NOW" in results[1]
+    assert "not possible while driving" in results[1]
     assert results[2].startswith("not verified, neither the old nor the new one is in force")
 
 

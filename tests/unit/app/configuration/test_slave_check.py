@@ -127,11 +127,11 @@ def test_a_cell_without_a_measurement_has_no_reading():
 @pytest.mark.parametrize(
     ("name", "values", "words"),
     [
-        ("slave[2].status", (255,), "the slave of pack 3 does not answer"),
+        ("slave[2].status", (255,), "no response from the slave of pack 3"),
         ("i_fs", (500,), "a current of 5.0 A flows"),
         ("i_fs", (-500,), "a current of -5.0 A flows"),
-        ("slave[2].cfgr", (0, 0, 0, 0, 4, 0), "cells of pack 3 are being bled"),
-        ("slave[2].cfgr", (0, 0, 0, 0, 0, 8), "cells of pack 3 are being bled"),
+        ("slave[2].cfgr", (0, 0, 0, 0, 4, 0), "cells of pack 3 are balancing"),
+        ("slave[2].cfgr", (0, 0, 0, 0, 0, 8), "cells of pack 3 are balancing"),
     ],
 )
 def test_no_slave_is_read_while_its_readings_would_mislead(name, values, words):

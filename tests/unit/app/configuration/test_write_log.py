@@ -67,7 +67,7 @@ def test_many_changes_are_cut_short(log, notes):
 
 def test_a_load_that_changes_nothing_says_so(log, notes):
     log.loaded(attempt("load"), [])
-    assert "nothing changed" in render(notes[0][2])
+    assert "no changes" in render(notes[0][2])
 
 
 @pytest.mark.parametrize(
@@ -80,10 +80,10 @@ def test_a_load_that_changes_nothing_says_so(log, notes):
     ],
 )
 def test_a_failure_is_a_warning_of_its_kind(log, notes, history, action, code):
-    log.failed(attempt(action), NotNow("the relays are closed"), None)
+    log.failed(attempt(action), NotNow("blocked while the contactors are closed"), None)
     ((severity, found, message, who),) = notes
     assert (severity, found, who) == ("warning", code, "anna")
-    assert "the relays are closed" in render(message)
+    assert "blocked while the contactors are closed" in render(message)
     assert history.records() == []
 
 

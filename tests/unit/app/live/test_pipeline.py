@@ -180,7 +180,7 @@ def test_the_same_items_give_the_same_snapshots(master):
 
 
 def test_a_missing_port_is_one_event_however_often_it_is_tried(pipeline):
-    lost = LinkChange(1, 1, "rs232", "lost", "no such port (unplugged?)")
+    lost = LinkChange(1, 1, "rs232", "lost", "port not found (unplugged?)")
     assert [len(pipeline.feed(lost).events) for _ in range(5)] == [1, 0, 0, 0, 0]
 
 

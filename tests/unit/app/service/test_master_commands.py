@@ -82,7 +82,7 @@ def test_a_refused_command_is_a_warning_and_an_error(links, events, signed):
         MasterCommands(links, events, signed).send("reset", RESET, "anna")
     ((severity, code, text, _),) = events.noted
     assert (severity, code) == ("warning", "command-failed")
-    assert "NOT_NOW" in text
+    assert "refused-not-now" in text
 
 
 @pytest.mark.parametrize(("on", "byte", "name"), [(True, "x", "stream-start"), (False, "y", "stream-stop")])
@@ -113,7 +113,7 @@ def test_a_refused_command_is_in_the_signed_log_as_refused(links, events, signed
     with pytest.raises(MasterRefused):
         MasterCommands(links, events, signed).send("reset", RESET, "anna")
     (record,) = history.records()
-    assert "NOT_NOW" in record.result
+    assert "not possible while driving" in record.result
 
 
 def test_on_a_full_disk_nothing_begins_and_everything_can_be_ended(links, events, signed, monkeypatch):

@@ -62,5 +62,5 @@ def test_before_the_simulator_has_started_there_is_no_link():
 def test_a_simulator_that_is_gone_does_not_answer(tmp_path):
     control = SimulatorControl()
     control.url = f"unix:{tmp_path / 'none'}"
-    with pytest.raises(LinkError, match="does not answer"):
+    with pytest.raises(LinkError, match="no response from the simulator"):
         control.ask("state")

@@ -82,4 +82,4 @@ def test_a_scenario_that_cannot_be_played_is_named_and_no_command(make):
     process._scenario = "no-such"
     with pytest.raises(ConfigError) as refused:
         process.start()
-    assert str(refused.value) == "scenario = no-such: it ended with code 2, its words are above"
+    assert str(refused.value) == "scenario = no-such: the simulator stopped with exit code 2, see its output above"

@@ -57,7 +57,7 @@ def test_a_cell_of_no_known_battery_is_named_by_its_number():
 def test_a_message_is_sent_with_its_english_text():
     message = Message("finding-cell-imbalance", cell=Cell(30), size=Quantity(10.0, "%", 0))
     sent = rendered(message, [12] * 8)
-    assert sent.text == "pack 3, cell 7: began with 10 % less charge than the others. Balance it"
+    assert sent.text == "pack 3, cell 7: SOC 10 % below the others from the start. Balance the cells"
     assert (sent.code, sent.args["cell"], sent.message) == ("finding-cell-imbalance", {"index": 30}, message)
     assert sentence(message, [12] * 8).text == "P" + sent.text[1:]
 

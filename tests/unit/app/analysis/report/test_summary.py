@@ -52,10 +52,11 @@ def with_cell(name, cell, value):
 def test_a_calm_run_limits_nothing_and_nothing_stands_out():
     calm = survey()
     near = margins(calm, LIMITS)
-    assert texts(what_limited(near, []))[0].startswith("Nothing came near a limit; nearest was")
-    assert texts(recommended_checks(calm, odd_cells(calm), [], 0)) == ["Nothing stands out."]
+    assert texts(what_limited(near, []))[0].startswith("All values stayed within their limits. The smallest margin was")
+    assert texts(recommended_checks(calm, odd_cells(calm), [], 0)) == ["No anomalies found."]
     assert sentence(headline(calm, 12)).text == (
-        "20 min, 15 min of it with current, 12 laps: 5.00 kWh out, 0.40 kWh in (8 %), charge from 90 to 40 %, "
+        "20 min, 15 min under load, 12 laps: 5.00 kWh discharged, "
+        "0.40 kWh charged or recovered (8 %), SOC from 90 to 40 %, "
         "hottest cell 36 \u00b0C."
     )
 
@@ -94,14 +95,19 @@ def test_an_unbalanced_end_lost_time_and_damage_are_told():
     made.soc_first[30] = 0.80
     made.gap_s = 12.0
     said = " ".join(texts(recommended_checks(made, [], ["busbar joint has grown"], 3)))
-    for told in ("pack 3, cell 7 lowest: balance them", "Busbar joint has grown.", "12 s", "3 frames arrived damaged"):
+    for told in (
+        "pack 3, cell 7 lowest. Balance the cells.",
+        "Busbar joint has grown.",
+        "12 s",
+        "3 frames arrived damaged",
+    ):
         assert told in said
 
 
 def test_cells_that_came_apart_on_the_way_are_not_told_to_be_balanced():
     (said,) = texts(recommended_checks(with_cell("soc_last", 30, 0.2), [], [], 0))
-    assert "pack 3, cell 7 lowest, having begun 0.0 % apart" in said
-    assert "balance" not in said
+    assert "SOC spread increased from 0.0 %" in said
+    assert "Balance" not in said
 
 
 def test_of_two_sessions_the_cell_that_changed_comes_first():

@@ -103,4 +103,4 @@ def test_a_changed_account_is_told_to_everybody_who_looks(client):
     client.delete("/api/v1/accounts/vera", auth=chief)
     events = client.get("/api/v1/events", auth=chief).json()["events"]
     told = [(each["who"], each["message"]["text"]) for each in events if each["code"] == "account-changed"]
-    assert sorted(told) == [("cora", "account of vera: changed")] * 2 + [("vera", "account of vera: changed")]
+    assert sorted(told) == [("cora", "user vera changed")] * 2 + [("vera", "user vera changed")]

@@ -16,7 +16,7 @@ def asked_of(body: bytes) -> int:
 
 @pytest.mark.parametrize(
     ("status", "reasons", "code"),
-    [("ok", [], 0), ("degraded", ["no broker"], 0), ("failing", ["RS232 silent", "disk full"], 1), (None, [], 1)],
+    [("ok", [], 0), ("degraded", ["no broker"], 0), ("failing", ["no data on RS232", "disk full"], 1), (None, [], 1)],
 )
 def test_it_follows_what_the_service_says(status, reasons, code, capsys):
     assert asked_of(json.dumps({"status": status, "reasons": reasons}).encode()) == code
@@ -33,4 +33,4 @@ def test_who_does_not_answer_is_not_healthy(capsys):
     with http_stub(lambda _: (200, {}, b"")) as url:
         port = url.rpartition(":")[2]
     assert main({"VOLTWALL_PORT": port}) == 1
-    assert "does not answer" in capsys.readouterr().out
+    assert "does not respond" in capsys.readouterr().out

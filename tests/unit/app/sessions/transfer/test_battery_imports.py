@@ -157,7 +157,7 @@ def test_all_is_estimated_and_closed(tmp_path: Path) -> None:
 def test_a_log_of_another_bus_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     battery = load_battery(str(write_profile(segments_in_fd_frames(), tmp_path)))
     log = write_log(cell_number(), tmp_path / "other.log", 1.0)
-    with pytest.raises(ImportFailed, match=r"no frame in it tells a cell voltage of 1: FD"):
+    with pytest.raises(ImportFailed, match=r"no frame contains a cell voltage of 1: FD"):
         import_file(log, ImportMapping(), tmp_path / "sessions", pipeline, battery=battery)
     assert not list((tmp_path / "sessions").glob("*"))
 
@@ -171,7 +171,7 @@ def test_an_empty_log_is_refused_as_one_without_frames(tmp_path: Path) -> None:
 def test_cells_that_were_never_heard_are_counted(tmp_path: Path) -> None:
     done = imported(cell_number(), tmp_path, duration_s=3.05)
     assert done.cells == 30
-    assert [render(note) for note in done.notes] == ["42 of 72 cells were never heard"]
+    assert [render(note) for note in done.notes] == ["42 of 72 cells were never received"]
 
 
 def test_a_cell_test_is_a_battery_of_one_cell(tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_a_table_has_the_shape_of_the_battery_that_is_named(tmp_path: Path) -> N
     done = import_file(path, profile, tmp_path / "sessions", pipeline, battery=orion)
     with SessionFile(done.info.path) as session:
         assert session.battery.segments == (12,) * 6
-    with pytest.raises(ImportFailed, match="it has 72 cells, the battery 216"):
+    with pytest.raises(ImportFailed, match="the file has 72 cells, the battery 216"):
         import_file(path, profile, tmp_path / "sessions", pipeline, battery=load_battery("foxbms-2"))
 
 

@@ -1,4 +1,4 @@
-"""What a server that is no voltwall, or a hostile one, can make of a fetch: an error that is told, and nothing more."""
+"""What a server that is not a Voltwall service, or a hostile one, can make of a fetch: an error, and nothing more."""
 
 import errno
 import json
@@ -75,7 +75,7 @@ def test_a_list_that_is_none_is_named_and_the_job_ends(serve, tmp_path, size):
     server = serve()
     entry = json.dumps(LISTED).replace('"bytes": 3', f'"bytes": {size}')
     server.answers["sessions"] = listing('{"sessions": [' + entry + "]}")
-    with pytest.raises(FetchFailed, match="no voltwall"):
+    with pytest.raises(FetchFailed, match="not a Voltwall service"):
         Remote(server.url).sessions()
     assert failed_once(tmp_path, Remote(server.url)) == "fetch-failed"
 
@@ -91,16 +91,16 @@ def test_a_number_of_pieces_that_no_session_has_is_refused(serve, pieces):
     server.answers["head"] = listing(json.dumps(head))
     assert Remote(server.url).head("a")["pieces"] == 0
     server.answers["head"] = listing(json.dumps(head).replace('"pieces": 0', f'"pieces": {pieces}'))
-    with pytest.raises(FetchFailed, match="no voltwall"):
+    with pytest.raises(FetchFailed, match="not a Voltwall service"):
         Remote(server.url).offers()
-    with pytest.raises(FetchFailed, match="no voltwall"):
+    with pytest.raises(FetchFailed, match="not a Voltwall service"):
         Remote(server.url).head("a")
 
 
 def test_a_list_without_end_in_depth_is_refused(serve):
     server = serve()
     server.answers["sessions"] = listing("[" * 200_000)
-    with pytest.raises(FetchFailed, match="no voltwall"):
+    with pytest.raises(FetchFailed, match="not a Voltwall service"):
         Remote(server.url).sessions()
 
 
@@ -109,7 +109,7 @@ def test_a_list_that_comes_byte_by_byte_ends(serve):
     server.answers["sessions"] = listing(json.dumps({"sessions": [LISTED]}))
     assert [session.id for session in Remote(server.url).sessions()] == ["s1"]
     clock_s = iter((0.0, 121.0))
-    with pytest.raises(FetchFailed, match="more than 120 s"):
+    with pytest.raises(FetchFailed, match="no response within 120 s"):
         Remote(server.url, monotonic_s=lambda: next(clock_s)).sessions()
 
 

@@ -186,7 +186,7 @@ def test_a_session_heard_on_can_alone_is_refused_with_the_reason(run, tmp_path):
         recorder.can_frame(PIT_MONO_NS + step * 10**8, PIT_WALL_NS + step * 10**8, 0x100, bytes([step]))
     recorder.close()
     for pair in ((info.path, car), (car, info.path)):
-        with pytest.raises(CanOnlySession, match=f"{info.id} was heard on CAN alone"):
+        with pytest.raises(CanOnlySession, match=f"{info.id} was recorded from CAN only"):
             fill_gaps(*pair, t_wall_ns=1)
 
 

@@ -204,7 +204,7 @@ def test_a_can_log_without_a_dbc_is_of_our_own_master(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"current": "Amps"}, "current = 'Amps': no such column; there are 'Time'"),
+        ({"current": "Amps"}, "current = 'Amps': no such column; available: 'Time'"),
         ({"voltages": "Zelle {n}"}, "no column fits"),
         ({"voltages": ""}, "voltages is not named"),
         ({"voltage_unit": "V"}, "voltage_unit = V: no cell voltage is within"),
@@ -220,7 +220,7 @@ def test_what_does_not_fit_is_named_and_leaves_nothing(csv, tmp_path, change, re
 def test_more_cells_than_a_battery_may_have_are_refused(tmp_path):
     path = tmp_path / "big.csv"
     path.write_text("t,I," + ",".join(f"C{i}" for i in range(1001)) + "\n0,1," + ",".join(["3.7"] * 1001))
-    with pytest.raises(ImportFailed, match="1001 cells, a battery has up to 1000"):
+    with pytest.raises(ImportFailed, match="1001 cells, maximum 1000"):
         import_file(path, ImportMapping(time="t", current="I", voltages="C{n}"), tmp_path / "sessions", pipeline)
 
 

@@ -66,11 +66,11 @@ def test_recorded_frames_keep_their_order():
 
 def test_a_bus_that_refuses_ends_the_list_and_is_told():
     def refuse(can_id, data):
-        raise LinkLost("the CAN bus is not open")
+        raise LinkLost("the CAN bus is not connected")
 
     sender = CanSender(refuse, Clock())
     sender.start_list([Outgoing(1, b"", 0.001)], "ada")
-    assert ended(sender).error == LinkLost("the CAN bus is not open").message
+    assert ended(sender).error == LinkLost("the CAN bus is not connected").message
     with pytest.raises(LinkLost):
         sender.once([Outgoing(1, b"")])
 

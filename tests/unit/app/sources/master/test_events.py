@@ -118,17 +118,17 @@ def flags(*on, **said):
 @pytest.mark.parametrize(
     ("given", "state", "why"),
     [
-        (flags("fit"), "idle", "relays open"),
+        (flags("fit"), "idle", "contactors open"),
         (flags("fit", "charger"), "idle", "charger connected, not charging"),
-        (flags("fit", "load"), "drive", "relays closed"),
+        (flags("fit", "load"), "drive", "contactors closed"),
         (flags("fit", "charger", "charging"), "charge", "charger: constant current"),
-        (flags("fit", "balancing"), "balance", "cells are bled to the lowest"),
+        (flags("fit", "balancing"), "balance", "balancing: cells discharged to the lowest"),
         (flags("fit", "charging", "balancing"), "charge", "charger: constant current"),
-        (flags("fit", "balancing", "load"), "balance", "cells are bled to the lowest"),
-        (flags("fit", load=None), "unknown", "nothing heard of the relays"),
+        (flags("fit", "balancing", "load"), "balance", "balancing: cells discharged to the lowest"),
+        (flags("fit", load=None), "unknown", "no contactor state received"),
         (flags("fit", "charging", load=None), "charge", "charger: constant current"),
         (flags("load"), "fault", "cell overtemperature"),
-        (None, "unknown", "no status from the master"),
+        (None, "unknown", "no status received from the master"),
     ],
 )
 def test_flags_tell_what_the_car_does_and_why(given, state, why):

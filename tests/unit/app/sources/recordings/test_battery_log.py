@@ -61,8 +61,8 @@ def test_a_voltage_that_no_cell_has_is_missing(volts):
     ("columns", "reason"),
     [
         ({"V1": np.full(4, 3700.0), "V2": np.full(4, 3800.0)}, r"voltage_unit = V: no cell voltage is within"),
-        ({"t": [np.nan] * 4}, "no row has a time"),
-        ({"t": np.arange(4) * 4 * 86_400.0}, "it is 12 days long, at most 7: is the unit of time right"),
+        ({"t": [np.nan] * 4}, "no row contains a time"),
+        ({"t": np.arange(4) * 4 * 86_400.0}, "the file covers 12 days, at most 7: is the unit of time right"),
     ],
 )
 def test_a_wrong_unit_or_no_time_is_refused_by_name(columns, reason):
@@ -85,7 +85,7 @@ def test_sensors_are_spread_over_the_cells_in_order(sensors, expected):
     temperatures = {f"T{n}": np.full(4, 19.0 + n) for n in range(1, sensors + 1)}
     log = battery_log(table(**cells, **temperatures), replace(PROFILE, temperatures="T{n}"))
     np.testing.assert_array_equal(log.temperatures_degc[0], expected)
-    what = "the first 4 are taken" if sensors > 4 else "each stands for the cells next to it"
+    what = "the first 4 are used" if sensors > 4 else "each is used for the nearest cells"
     assert said(log) == ([] if sensors == 4 else [f"{sensors} temperatures for 4 cells: {what}"])
 
 
@@ -101,20 +101,20 @@ def test_time_begins_at_the_first_row_and_a_wall_clock_is_kept():
 def test_without_a_time_rows_are_a_tenth_of_a_second_apart_and_that_is_said():
     log = battery_log(table(), ImportMapping(current="I", voltages="V{n}"))
     assert log.time_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
-    assert said(log) == ["no column is the time: rows are taken 0.1 s apart"]
+    assert said(log) == ["no time column: rows 0.1 s apart assumed"]
 
 
 def test_rows_out_of_order_are_sorted_with_all_their_values():
     log = battery_log(table(t=[0, 2, 1, 3], I=[0, 2, 1, 3], V1=[3.0, 3.2, 3.1, 3.3]), PROFILE)
     np.testing.assert_array_equal(log.current_a, [0, 1, 2, 3])
     np.testing.assert_array_equal(log.voltages_v[:, 0], [3.0, 3.1, 3.2, 3.3])
-    assert said(log) == ["rows were not in the order of time: sorted"]
+    assert said(log) == ["rows sorted by time"]
 
 
 def test_rows_without_a_time_of_their_own_are_left_out_and_counted():
     log = battery_log(table(t=[0, 1, 1, np.nan], I=[0, 1, 2, 3]), PROFILE)
     np.testing.assert_array_equal(log.current_a, [0, 1])
-    assert said(log) == ["2 of 4 rows left out: no time, a time twice, or quicker than max_rate_hz"]
+    assert said(log) == ["2 of 4 rows left out: no time, duplicate time, or faster than max_rate_hz"]
 
 
 @pytest.mark.parametrize(
@@ -142,6 +142,6 @@ def test_chosen_cells_are_taken_with_their_temperatures():
     assert log.n_cells == 2
     np.testing.assert_allclose(log.voltages_v[0], [2.0, 3.0])
     np.testing.assert_allclose(log.temperatures_degc[0], [21.0, 23.0])
-    assert said(log) == ["2 of 3 cells are taken: 3, 1-1"]
+    assert said(log) == ["2 of 3 cells used: 3, 1-1"]
     with pytest.raises(ImportFailed, match="no cell 4; 3 columns"):
         battery_log(table(**columns), replace(given, cells="2-4"))

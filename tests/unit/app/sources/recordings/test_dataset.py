@@ -87,7 +87,7 @@ def test_names_of_a_vehicle_log_are_understood_aloud(tmp_path):
     np.testing.assert_allclose(recording.voltage_v, [4.1, 4.0])
     assert np.isnan(recording.temperature_degc).all()
     notes = " ".join(recording.notes)
-    assert "current_a taken from the column 'Pack Current (mA)'" in notes
+    assert "current_a read from column 'Pack Current (mA)'" in notes
     assert "columns not used: Chamber temperature (C)" in notes
 
 

@@ -31,9 +31,9 @@ def table_of(tmp_path, text):
     [
         (f'{NAMES}{ROWS}99,"{"x" * 200_000}, y",3.7\n', r"row 302: .*131072"),
         (f'"{"x" * 200_000},y",current_a,voltage_v\n{ROWS}', r"row 1: .*131072"),
-        (WIDE.replace("1,", "c,") + WIDE, f"row 1: 100001 columns; at most {MOST_COLUMNS}"),
-        (f"a\n{WIDE.replace(',', ';')}", f"row 2: 100001 columns; at most {MOST_COLUMNS}"),
-        ("," * 1_000_000 + "\n", f"row 1: 1000001 columns; at most {MOST_COLUMNS}"),
+        (WIDE.replace("1,", "c,") + WIDE, f"row 1: 100001 columns, maximum {MOST_COLUMNS}"),
+        (f"a\n{WIDE.replace(',', ';')}", f"row 2: 100001 columns, maximum {MOST_COLUMNS}"),
+        ("," * 1_000_000 + "\n", f"row 1: 1000001 columns, maximum {MOST_COLUMNS}"),
     ],
 )
 def test_what_is_beyond_a_limit_is_named_with_its_row(tmp_path, text, named):

@@ -163,7 +163,7 @@ def test_a_current_without_a_sign_gets_that_of_its_state(tmp_path) -> None:
     for charge_positive in (False, True):
         recording = load_recording(path, charge_positive=charge_positive)
         np.testing.assert_array_equal(recording.current_a, expected)
-        assert any("State says" in note for note in recording.notes)
+        assert any("State gives" in note for note in recording.notes)
 
 
 def test_a_current_with_a_sign_keeps_it() -> None:
@@ -200,4 +200,4 @@ def test_the_estimator_turns_a_file_that_counts_charging_as_positive_and_says_so
     for charge_positive in (False, True):
         recording = load_recording(path, charge_positive=charge_positive)
         assert set(recording.current_a) == {1.5}
-        assert any("sign turned" in note for note in recording.notes)
+        assert any("sign inverted" in note for note in recording.notes)

@@ -32,7 +32,7 @@ def test_a_column_is_found_by_its_name_before_its_number():
 def test_a_column_that_is_not_there_is_refused_by_name(name):
     with pytest.raises(ImportFailed) as refused:
         TABLE.column("soc", name)
-    assert f"soc = {name!r}: no such column; there are 'time', 'V10', 'V2', '7'" in str(refused.value)
+    assert f"soc = {name!r}: no such column; available: 'time', 'V10', 'V2', '7'" in str(refused.value)
     with pytest.raises(ImportFailed, match="'c11' and 18 more"):
         Table("x.csv", {f"c{i}": np.zeros(1) for i in range(30)}).column("soc", "none")
 

@@ -103,7 +103,7 @@ def test_reasons_stand_above_what_they_speak_for_and_what_else_is_possible_below
     cells = CellProposal("voltage", (CellSignals("Zelle{cell}", "Alt"),), 4, None, (), (), 2.0, None)
     current = {"current": ScalarSignal(SignalName("BMS", "Pack_Current"))}
     text = profile_text(inferred(readings=current, others={"current": (other,), "voltage": (cells,)}))
-    assert text.index("nothing of it was heard") < text.index("[[source.voltage]]")
+    assert text.index("not received; based on") < text.index("[[source.voltage]]")
     assert "# also possible as current, less likely:\n#   IVT.Result_I" in text
     assert "#   Alt: Zelle{cell}" in text
     assert "possible as temperature" not in text
