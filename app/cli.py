@@ -20,24 +20,41 @@ INTERRUPTED = 130  # as shells count a process that SIGINT ended
 _INVALID_CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
 _UNRECOGNIZED = re.compile(r"unrecognized arguments: ((\S+).*)")
 COMMANDS = {
-    "serve": "start the pit wall: read the battery, estimate, record, serve the pages",
-    "simulate": "run the simulated accumulator by itself, on a port that looks like the master's",
-    "replay": "play a recorded session through the same pipeline",
-    "sessions": "recorded sessions: list, check, fetch, import, prune; laps, reports, black boxes",
-    "accounts": "people and programs that may come in: add, remove, make and revoke tokens; what they did",
-    "evidence": "measure how fast the master opens the shutdown circuit, as a document for the scrutineers",
-    "battery": "batteries other than the team's own: profiles, what one means, what is doubtful, learn one from a bus",
-    "season": "many sessions together: a lake of Parquet files, SQL over it, trends, swaps, estimate again",
-    "export": "write a session's signals as CSV, Parquet and other formats",
-    "config": "read, write, store, roll back the master's configuration through a running service; profiles",
-    "dbc": "write the CAN tables as a DBC file",
-    "firmware": "write a cell's tables as a C header, for the estimator on the master",
-    "identify": "fit a cell model to measured data",
-    "estimate": "run a filter over recorded current, voltage and temperature",
-    "balance": "simulate a charge or a rest with each balancing circuit: time, heat, what is left of the difference",
-    "completion": "let the shell complete commands and options with Tab: bash, zsh, fish, PowerShell",
+    "serve": "start the service: connect to the battery, estimate, record, serve the pages",
+    "simulate": "run the simulated accumulator alone, on a serial or CAN port like the real one",
+    "replay": "replay a recorded session, in the pages or against expectations",
+    "sessions": "list, check, download, import and delete sessions; laps, reports, black boxes",
+    "accounts": "manage users and API tokens; show the signed log",
+    "evidence": "measure how fast the master opens the shutdown circuit (EV 5.8), as a document for the scrutineers",
+    "battery": "battery profiles: list, show, check, create one from a DBC, size a pack",
+    "season": "analyse many sessions: season data, SQL queries, trends, module swaps, re-estimation",
+    "export": "export a session as CSV, Parquet, MDF 4, MCAP, MoTeC or CAN log",
+    "config": "read, write, store and roll back the master's configuration through a running service",
+    "dbc": "write the master's CAN tables as a DBC file",
+    "firmware": "write a cell model as a C header for the estimator on the master",
+    "identify": "fit a cell model to test data",
+    "estimate": "estimate the SOC of a recorded cell test",
+    "balance": "simulate a charge or a rest with each balancing circuit: time, heat, remaining spread",
+    "completion": "print the Tab completion for bash, zsh, fish or PowerShell",
     "bench": "measure this machine: filter, decoder, latency, memory",
 }
+
+EXAMPLES = {
+    "serve": ("serve", "serve --serial /dev/ttyUSB0 --can socketcan:can0", "serve --host 0.0.0.0 --tls"),
+    "replay": ("replay SESSION", "replay SESSION --speed 10", "replay SESSION --assert expected.toml"),
+    "sessions": ("sessions list", "sessions import log.csv", "sessions report SESSION --html report"),
+    "accounts": ("accounts add anna --role engineer", "accounts token logger --days 7", "accounts list"),
+    "battery": ("battery list", "battery learn --dbc bms.dbc --can socketcan:can0 --out bms.toml"),
+    "season": ("season build", "season report --html season", "season swap 3/7,3/8 --note spare"),
+    "export": ("export SESSION --out run.csv", "export SESSION --format motec --out run.zip"),
+    "config": ("config read", "config write telemetry_period=50 --store", "config history"),
+    "dbc": ("dbc --out master.dbc",),
+    "firmware": ("firmware --cell samsung-25r-10p --out vw_cell_of_team.h",),
+    "identify": ("identify --ocv slow.csv --pulses hppc.csv --drive race.csv --out cell.toml",),
+    "estimate": ("estimate race.csv --cell cell.toml --plot race.png",),
+    "completion": ("completion bash",),
+    "bench": ("bench --seconds 10",),
+}  # the other commands have theirs beside their options
 
 
 class Parser(argparse.ArgumentParser):
@@ -48,7 +65,8 @@ class Parser(argparse.ArgumentParser):
         if wrong := _INVALID_CHOICE.search(message):
             known = [each.strip("' ") for each in wrong[2].split(",")]
             message = message.replace(": invalid choice: ", ": unknown ", 1)
-            message = message.replace(f" (choose from {wrong[2]})", did_you_mean(wrong[1], known), 1)
+            meant = did_you_mean(wrong[1], known) or "."
+            message = message.replace(f" (choose from {wrong[2]})", meant, 1)
             message += f" Use one of {', '.join(known)}."
         elif flags := _UNRECOGNIZED.search(message):
             message = f"unknown {flags[1]}{did_you_mean(flags[2].partition('=')[0], self._flags())}"
@@ -69,7 +87,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """Return the whole parser; with `only`, one that knows just that command's options (others are not imported)."""
     parser = Parser(prog="voltwall", description="The pit wall for a Formula Student battery.")
     parser.add_argument("--version", action="version", version=f"voltwall {__version__}")
-    parser.add_argument("--no-color", action="store_true", help="no colours, as with NO_COLOR in the environment")
+    parser.add_argument("--no-color", action="store_true", help="no colours (same as NO_COLOR=1)")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, text in COMMANDS.items():
         command = subparsers.add_parser(
@@ -77,6 +95,9 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         )
         if only is None or name == only:
             importlib.import_module(f"{__package__}.commands.{name}").add_arguments(command)
+            if name in EXAMPLES:
+                lines = "\n".join(f"  voltwall {each}" for each in EXAMPLES[name])
+                command.epilog = "\n\n".join(filter(None, (command.epilog, f"examples:\n{lines}")))
     return parser
 
 

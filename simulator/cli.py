@@ -24,10 +24,11 @@ if TYPE_CHECKING:
 EXIT_OK, EXIT_FAILED = 0, 2
 DEFAULT_SCENARIO = "race-day"
 DESCRIPTION = """\
-A simulated accumulator, to be opened like the real thing: the team's own, 96 cells behind a simulated master.
+Run a simulated accumulator on ports like the real one: by default the built-in example car with 96 cells and a master.
 
-It answers on the ports given here exactly as the car does: RS232 at 115200 8E1 and CAN.
-With --battery it is any battery by its profile, which sends its DBC's messages on CAN.
+
+The ports behave like the car: RS232 at 115200 8E1 and CAN. With --battery any battery profile is simulated, on CAN or
+a serial line.
 One line per open port is printed (what to give to `voltwall serve --serial` and `--can`), then `ready`.
 """
 EPILOG = """\
@@ -46,39 +47,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = DESCRIPTION
     parser.epilog = EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--serial", metavar="PORT", help="where the RS232 line ends: pty:LINK or tcp:PORT (0: any)")
+    parser.add_argument(
+        "--serial", metavar="PORT", help="RS232 port to create: pty:LINK or tcp:PORT (0: any free port)"
+    )
     parser.add_argument(
         "--can",
         metavar="PORT",
         action="append",
         default=[],
-        help="where the bus ends: slcan-pty:LINK or slcan-tcp:PORT (an emulated USB adapter), "
+        help="CAN port to create: slcan-pty:LINK or slcan-tcp:PORT (an emulated USB adapter), "
         "log:FILE (a log in candump's format), "
-        "or python-can's INTERFACE:CHANNEL[?key=value&...]; may be given again",
+        "or python-can's INTERFACE:CHANNEL[?key=value&...]; repeatable",
     )
-    parser.add_argument("--eeprom", metavar="FILE", type=Path, help="keep the EEPROM in this file (default: erased)")
+    parser.add_argument("--eeprom", metavar="FILE", type=Path, help="EEPROM file (default: erased at start)")
     parser.add_argument(
-        "--scenario", metavar="NAME|FILE", default=DEFAULT_SCENARIO, help="what happens (default: %(default)s)"
+        "--scenario", metavar="NAME|FILE", default=DEFAULT_SCENARIO, help="scenario (default: %(default)s)"
     )
     parser.add_argument(
         "--seed",
         type=number_option(SEED),
         metavar="N",
-        help="another draw of cells, sensors and drivers, 0 to 4294967295 (default: the scenario's)",
-    )
-    parser.add_argument("--speed", type=_speed, default=1.0, metavar="N|max", help="times real time (default: 1)")
-    parser.add_argument(
-        "--duration", type=number_option(FOR_S), metavar="S", help="end after so many simulated seconds"
+        help="random seed of cells, sensors and drivers, 0 to 4294967295 (default: that of the scenario)",
     )
     parser.add_argument(
-        "--control", metavar="PORT|PATH", help="take faults while running: a port on 127.0.0.1, or a Unix socket"
+        "--speed", type=_speed, default=1.0, metavar="N|max", help="speed relative to real time (default: 1)"
     )
-    parser.add_argument("--with-parent", action="store_true", help="end when standard input does")
-    parser.add_argument("--list", action="store_true", help="list the scenarios and end")
     parser.add_argument(
-        "--json", action="store_true", help="with --list: as JSON, with the seconds that a round takes at the most"
+        "--duration", type=number_option(FOR_S), metavar="S", help="simulated seconds to run (default: until Ctrl+C)"
     )
-    parser.add_argument("--describe", metavar="NAME", help="describe a scenario and end")
+    parser.add_argument(
+        "--control", metavar="PORT|PATH", help="accept fault injection on a port of 127.0.0.1 or a Unix socket"
+    )
+    parser.add_argument("--with-parent", action="store_true", help="exit when standard input closes")
+    parser.add_argument("--list", action="store_true", help="list the scenarios")
+    parser.add_argument(
+        "--json", action="store_true", help="with --list: print JSON, including the maximum duration of a round"
+    )
+    parser.add_argument("--describe", metavar="NAME", help="describe a scenario")
 
 
 def _speed(text: str) -> float | None:

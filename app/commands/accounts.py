@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 VARIABLE = "VOLTWALL_ACCOUNT_PASSWORD"
 NOT_GENUINE = 1
 EPILOG = """\
-The password is asked for; without a terminal it is read from VOLTWALL_ACCOUNT_PASSWORD. A viewer reads, an engineer
-writes and commands, a chief manages accounts and tokens too. A token's secret is shown once; programs send it as
-`Authorization: Bearer SECRET`, or in the place of a password."""
+The password is prompted for; without a terminal it is read from VOLTWALL_ACCOUNT_PASSWORD. A viewer reads, an
+engineer also writes and sends commands, a chief (admin) also manages users and tokens. The secret of a token is shown
+once; programs send it as `Authorization: Bearer SECRET`, or instead of a password."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,28 +39,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     parser.epilog = EPILOG
     where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
-    where.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service (default: as serve)")
+    where.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service (default: that of serve)")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", parents=[where], help="who has an account, and which tokens there are")
+    listing = actions.add_parser("list", parents=[where], help="list users and tokens")
     listing.add_argument("--json", action="store_true", help="as JSON")
-    add = actions.add_parser("add", parents=[where], help="add an account, or change its role and password")
-    remove = actions.add_parser("remove", parents=[where], help="take an account away, and log that person out")
-    token = actions.add_parser("token", parents=[where], help="make a token for a program")
-    revoke = actions.add_parser("revoke", parents=[where], help="take a token away")
+    add = actions.add_parser("add", parents=[where], help="add a user, or change the role and password of one")
+    remove = actions.add_parser("remove", parents=[where], help="remove a user and log them out")
+    token = actions.add_parser("token", parents=[where], help="create an API token for a program")
+    revoke = actions.add_parser("revoke", parents=[where], help="revoke a token")
     log = actions.add_parser(
         "log",
         parents=[where],
-        help="what they changed: the signed log, every signature checked; exit code 1 if one is wrong",
+        help="show the signed log and check every signature; exit code 1 if one is invalid",
     )
-    log.add_argument("--json", action="store_true", help="a line of JSON a record")
+    log.add_argument("--json", action="store_true", help="one line of JSON per record")
     for action in (add, remove, token):
-        action.add_argument("name", metavar="NAME", help="of the person, or the program")
-    add.add_argument("--role", choices=ROLES, required=True, help="what that person may do")
-    token.add_argument("--role", choices=ROLES[:2], default="viewer", help="what it may do (default: %(default)s)")
+        action.add_argument("name", metavar="NAME", help="name of the user or program")
+    add.add_argument("--role", choices=ROLES, required=True, help="role of the user")
+    token.add_argument("--role", choices=ROLES[:2], default="viewer", help="role of the token (default: %(default)s)")
     token.add_argument(
-        "--days", type=float, default=30.0, help=f"until it ends, at most {MOST_DAYS} (default: %(default)g)"
+        "--days", type=float, default=30.0, help=f"validity in days, at most {MOST_DAYS} (default: %(default)g)"
     )
-    revoke.add_argument("token", metavar="ID", help="as list shows it")
+    revoke.add_argument("token", metavar="ID", help="ID shown by list")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -40,12 +40,12 @@ def new_action(actions: Actions, name: str, text: str, run: Run) -> argparse.Arg
 
 def add_session_argument(parser: argparse.ArgumentParser) -> None:
     """Declare the session."""
-    parser.add_argument("session", metavar="SESSION", help="the session's id, or its file")
+    parser.add_argument("session", metavar="SESSION", help="session ID or file")
 
 
 def add_json_argument(parser: argparse.ArgumentParser, default: object = argparse.SUPPRESS) -> None:
     """Declare --json."""
-    parser.add_argument("--json", action="store_true", default=default, help="as JSON")
+    parser.add_argument("--json", action="store_true", default=default, help="print JSON")
 
 
 def add_trust_argument(parser: argparse.ArgumentParser) -> None:
@@ -53,30 +53,32 @@ def add_trust_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trust",
         metavar="FILE|FINGERPRINT",
-        help="certificate of an https service: a PEM file, or its SHA-256 (default: VOLTWALL_TRUST, else the system's)",
+        help="certificate to trust for https: a PEM file or its SHA-256 (default: VOLTWALL_TRUST, else the system's)",
     )
 
 
 def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare how columns, signs and a missing clock of the user's files are to be read."""
-    group = parser.add_argument_group("reading the files")
+    group = parser.add_argument_group("file format")
     group.add_argument(
         "--map",
         action="append",
         default=[],
         metavar="[FILE:]FIELD=COLUMN[*FACTOR],...",
-        help="which column is what, by header text or number from 1; fields: time_s, current_a, voltage_v, "
-        "temperature_c, soc; with a file's name before it for that file alone",
+        help="assign columns by header text or number from 1; fields: time_s, current_a, voltage_v, "
+        "temperature_c, soc; put FILE: in front to limit it to one file",
     )
-    group.add_argument("--charge-positive", action="store_true", help="the files count charging current as positive")
+    group.add_argument("--charge-positive", action="store_true", help="charging current is positive in the files")
+    group.add_argument(
+        "--period", type=float, metavar="SECONDS", help="time between rows of files without a time column"
+    )
     group.add_argument(
         "--current-means",
         choices=("auto", "yes", "no"),
         default="auto",
-        help="currents are means of the rows' steps while voltages are instants, as many loggers of one row a second "
-        "write; auto: as the data show",
+        help="currents are means over each row while voltages are instants, as loggers of one row a second write them "
+        "(default: auto, from the data)",
     )
-    group.add_argument("--period", type=float, metavar="SECONDS", help="time between rows, for files without a clock")
 
 
 def read_recording(path: Path, args: argparse.Namespace) -> Recording:

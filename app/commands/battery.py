@@ -37,12 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_show(actions: Actions) -> None:
     """Declare the actions."""
-    listing = actions.add_parser("list", help="the profiles that come with the program")
-    listing.add_argument("--json", action="store_true", help="as JSON")
+    listing = actions.add_parser("list", help="list the bundled profiles")
+    listing.add_argument("--json", action="store_true", help="print JSON")
     listing.set_defaults(run=_list)
-    showing = actions.add_parser("show", help="what a profile means, with a drawing")
-    showing.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
-    showing.add_argument("--toml", action="store_true", help="the profile's text, to copy and change")
+    showing = actions.add_parser("show", help="show a profile, with a drawing of the pack")
+    showing.add_argument("profile", metavar="NAME|FILE", help="bundled profile or TOML file")
+    showing.add_argument("--toml", action="store_true", help="print the profile as TOML")
     showing.set_defaults(run=_show)
 
 
@@ -50,17 +50,18 @@ def _add_check(actions: Actions) -> None:
     """Declare the action."""
     checking = actions.add_parser(
         "check",
-        help="every doubt of a profile and its DBC, by line and field; exit code 1 where there is one,\n"
-        "2 where the profile cannot work",
+        help="check a profile and its DBC by line and field; exit code 1 with warnings,\n"
+        "2 if the profile cannot be used",
         formatter_class=argparse.RawTextHelpFormatter,
     )
-    checking.add_argument("--json", action="store_true", help="as JSON")
-    checking.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
+    checking.add_argument("--json", action="store_true", help="print JSON")
+    checking.add_argument("profile", metavar="NAME|FILE", help="bundled profile or TOML file")
     checking.add_argument(
         "--log",
         type=Path,
         metavar="FILE",
-        help="a CAN log of this battery: .log (candump), .trc, .asc, .blf, .mf4; of a serial line: its bytes, or hex",
+        help="check against a CAN log of this battery (.log of candump, .trc, .asc, .blf, .mf4), or the bytes of its "
+        "serial line (binary or hex)",
     )
     checking.set_defaults(run=_check)
 
@@ -69,29 +70,29 @@ def _add_size(actions: Actions) -> None:
     """Declare the action."""
     sizing = actions.add_parser(
         "size",
-        help="voltage, capacity, energy, mass, currents, power and resistance of a battery of given cells",
+        help="calculate voltage, capacity, energy, mass, currents, power and resistance of a pack",
     )
     sizing.add_argument(
         "--cell", default=DEFAULT_CELL, metavar="CELL.toml",
-        help="cell file (TOML) or the name of a bundled one (default: %(default)s)",
+        help="cell file (TOML) or bundled cell (default: %(default)s)",
     )  # fmt: skip
     sizing.add_argument(
         "--segments", type=segments, required=True, metavar="8x12",
-        help="segments in series x cells in series in each",
+        help="packs x series cells per pack",
     )  # fmt: skip
     sizing.add_argument(
         "--parallel", type=_parallel, default=1, metavar="N",
-        help="how many of what the cell file describes are in parallel (default: 1)",
+        help="cells in parallel (default: 1)",
     )  # fmt: skip
     sizing.add_argument(
         "--soc", type=between(0, 100, "percent"), default=50.0, metavar="PERCENT",
-        help="state of charge for which power and resistance hold (default: 50)",
+        help="SOC for power and resistance (default: 50)",
     )  # fmt: skip
     sizing.add_argument(
         "--temperature", type=float, default=25.0, metavar="DEGC",
-        help="temperature of the cells for which they hold (default: 25)",
+        help="cell temperature for power and resistance (default: 25)",
     )  # fmt: skip
-    sizing.add_argument("--json", action="store_true", help="print the figures as JSON")
+    sizing.add_argument("--json", action="store_true", help="print JSON")
     sizing.set_defaults(run=_size)
 
 
@@ -205,7 +206,7 @@ def _in_words(entry: CellSignals) -> str:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Print every doubt; 1 where there is one, 2 where the profile cannot work."""
+    """Print every doubt; 1 where there is one, 2 if the profile cannot be used."""
     from app.battery.library import load_part
     from app.battery.profile_errors import errors_of
     from app.battery.serial import SerialMapping

@@ -30,30 +30,28 @@ def add_arguments(actions: Actions) -> None:
     """Declare the action."""
     learning = actions.add_parser(
         "learn",
-        help="create a profile from a DBC and from a bus or a log, with reasons; exit code 1 where none fits",
+        help="create a profile from a DBC and a bus or log, or from the bytes of a serial line; exit code 1 if none fits",
     )
     learning.add_argument(
         "--dbc", type=Path, action="append", default=[], metavar="FILE",
-        help="message definitions: .dbc, .sym, .kcd, .arxml; may be given again (default: those that come along)",
+        help="message definitions: .dbc, .sym, .kcd, .arxml; repeatable (default: the bundled ones)",
     )  # fmt: skip
     source = learning.add_mutually_exclusive_group()
-    source.add_argument("--log", type=Path, metavar="FILE", help="a CAN log: .log (candump), .trc, .asc, .blf, .mf4")
-    source.add_argument("--serial", metavar="PORT", help="read a serial line: a port, or socket://HOST:PORT")
-    source.add_argument("--capture", type=Path, metavar="FILE", help="bytes of a serial line: a file, or hex as text")
-    source.add_argument("--can", metavar="IF:CH", help="listen to a bus: a python-can interface and channel")
-    learning.add_argument("--seconds", type=float, default=30.0, metavar="S", help="how long to listen (default: 30)")
+    source.add_argument("--log", type=Path, metavar="FILE", help="CAN log: .log (candump), .trc, .asc, .blf, .mf4")
+    source.add_argument("--can", metavar="IF:CH", help="record from a bus: python-can INTERFACE:CHANNEL")
+    source.add_argument("--serial", metavar="PORT", help="read a serial line: device, or socket://HOST:PORT")
+    source.add_argument("--capture", type=Path, metavar="FILE", help="bytes of a serial line: binary, or hex as text")
+    learning.add_argument("--seconds", type=float, default=30.0, metavar="S", help="recording time (default: 30)")
     learning.add_argument("--baud", type=int, default=115_200, metavar="N", help="speed of the line (default: 115200)")
-    learning.add_argument(
-        "--parity", choices=("none", "even", "odd"), default="none", help="of the line (default: none)"
-    )
-    learning.add_argument("--start", default="", metavar="TEXT", help="text that starts its stream, as x")
+    learning.add_argument("--parity", choices=("none", "even", "odd"), default="none", help="parity (default: none)")
+    learning.add_argument("--start", default="", metavar="TEXT", help="text that starts the stream, such as x")
     learning.add_argument("--ask", action="store_true", help="send the read requests of the bundled serial profiles")
-    learning.add_argument("--name", default="", help="what people call the battery (default: the DBC's name)")
-    learning.add_argument("--out", type=Path, metavar="FILE", help="write the profile (default: standard output)")
-    learning.add_argument("--signals", action="store_true", help="list every signal with its range too")
+    learning.add_argument("--name", default="", help="name of the battery (default: the name of the DBC)")
+    learning.add_argument("--out", type=Path, metavar="FILE", help="file for the profile (default: standard output)")
+    learning.add_argument("--signals", action="store_true", help="also list every signal with its range")
     learning.add_argument(
         "--with-states", action="store_true",
-        help="take the states as proposed (default: in comments, for a person to confirm)",
+        help="include the proposed state signals (default: as comments to confirm)",
     )  # fmt: skip
     learning.set_defaults(run=run)
 

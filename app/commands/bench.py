@@ -21,10 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What to measure and for how long."""
     parser.set_defaults(run=run)
     parser.add_argument(
-        "--seconds", type=between(1.0, 86400.0, "s"), default=30.0, help="of each run of the service (default: 30)"
+        "--seconds",
+        type=between(1.0, 86400.0, "s"),
+        default=30.0,
+        help="duration of each run of the service (default: 30)",
     )
-    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or bundled cell (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:

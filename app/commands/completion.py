@@ -10,7 +10,7 @@ SHELLS = ("bash", "zsh", "fish", "powershell")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which shell."""
     parser.set_defaults(run=run)
-    parser.description = "Print what lets a shell complete the commands and options of voltwall with Tab."
+    parser.description = "Print the Tab completion of voltwall's commands and options for a shell."
     parser.epilog = (
         'bash        eval "$(voltwall completion bash)" in ~/.bashrc\n'
         'zsh         eval "$(voltwall completion zsh)" in ~/.zshrc, after compinit\n'

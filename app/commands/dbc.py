@@ -11,9 +11,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Where from, where to."""
     parser.set_defaults(run=run)
     parser.add_argument(
-        "--image", type=Path, metavar="FILE", help="a 420-byte configuration image (default: the default tables)"
+        "--image", type=Path, metavar="FILE", help="420-byte configuration image (default: the default tables)"
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:

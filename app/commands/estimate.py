@@ -22,27 +22,27 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.set_defaults(run=run)
-    parser.description = "Estimate the state of charge along a recording; score it where the file has a soc column."
-    parser.add_argument("file", type=Path, metavar="FILE", help="recording: CSV or Parquet, plain or gzip")
-    parser.add_argument("--cell", required=True, metavar="CELL.toml", help="cell file, or the name of a bundled cell")
-    parser.add_argument("--filter", choices=FILTERS, default="fused", help="default: %(default)s")
+    parser.description = "Estimate the SOC along a recording, and its error if the file has a soc column."
+    parser.add_argument("file", type=Path, metavar="FILE", help="recording: CSV or Parquet, also gzipped")
+    parser.add_argument("--cell", required=True, metavar="CELL.toml", help="cell file or bundled cell")
+    parser.add_argument("--filter", choices=FILTERS, default="fused", help="filter (default: %(default)s)")
     parser.add_argument(
         "--initial-soc",
         type=fraction,
         metavar="S",
-        help="SOC believed at the first row, 0..1 or with %%; left out: read off the first voltage",
+        help="initial SOC, 0..1 or with %% (default: from the first voltage)",
     )
     parser.add_argument(
-        "--initial-sigma", type=fraction, metavar="S", help="how far that may be off (1 sigma); left out: the filter's"
+        "--initial-sigma", type=fraction, metavar="S", help="its uncertainty, 1 sigma (default: that of the filter)"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the estimates: .csv, .csv.gz or .parquet")
     parser.add_argument(
         "--power",
         action="store_true",
-        help="state of power for 1, 10 and 30 s [W] with a band of 90 %%: columns in --out, a summary in text and JSON",
+        help="also estimate the power limits for 1, 10 and 30 s [W] with 90 %% intervals",
     )
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw SOC with 3 sigma, voltage and residual")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot SOC with 3 sigma, voltage and residual")
     add_reading_arguments(parser)
 
 

@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from app.commands.evidence_station import Station
 
 EPILOG = """\
-Without --serial it walks through the faults on a simulated car. With --serial it asks a person at the plug,
-step by step; each step can be skipped with a reason. The service must not hold the same port.
+Without --serial it injects the faults on a simulated car. With --serial it prompts for each fault at the connector;
+each step can be skipped with a reason. Stop the service first if it uses the same port.
 
 examples:
   voltwall evidence
   voltwall evidence --serial /dev/ttyUSB0 --temperature-cycle 0.4
-  voltwall evidence --session 20260714-103000          the document again, of a recorded test
+  voltwall evidence --session 20260714-103000          document of a recorded test
 
-exit code 0: every step that was done is in time, 1: a limit failed or is not shown, 2: it could not be tested
+exit code 0: all executed steps passed, 1: a step failed or is inconclusive, 2: the test could not run
 """
 
 
@@ -39,31 +39,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which master, which steps, what the firmware's cycles are, where the document goes."""
     parser.set_defaults(run=run)
     parser.epilog = EPILOG
-    parser.add_argument("--serial", metavar="URL", help="RS232 of a real master, as /dev/ttyUSB0 (default: simulated)")
-    parser.add_argument("--simulated", action="store_true", help="the master behind --serial is a simulated one")
-    parser.add_argument("--session", metavar="SESSION", help="no new test: the document of a recorded one, id or file")
+    parser.add_argument(
+        "--serial", metavar="URL", help="RS232 of a real master, such as /dev/ttyUSB0 (default: simulated)"
+    )
+    parser.add_argument("--simulated", action="store_true", help="mark the master at --serial as simulated")
+    parser.add_argument(
+        "--session", metavar="SESSION", help="write the document of a recorded test (ID or file) instead of a new test"
+    )
     parser.add_argument(
         "--steps",
         metavar="STEP,...",
-        help="only these steps: " + ", ".join(step.name for step in STEPS) + " (default: all)",
+        help="run only these steps: " + ", ".join(step.name for step in STEPS) + " (default: all)",
     )
     cycles = Cycles()
     for name, default, text in (
         ("--voltage-cycle", cycles.pass_s, "all voltages and the current"),
-        ("--temperature-cycle", cycles.temperature_s, "every temperature"),
-        ("--wire-cycle", cycles.wire_check_s, "the check of every wire"),
+        ("--temperature-cycle", cycles.temperature_s, "all temperatures"),
+        ("--wire-cycle", cycles.wire_check_s, "the check of all sense wires"),
     ):
         parser.add_argument(
             name,
             type=between(0.001, 10, "s"),
             metavar="S",
             default=default,
-            help=f"how often the firmware measures {text} (default: %(default)s)",
+            help=f"firmware cycle for {text} (default: %(default)s)",
         )
-    parser.add_argument("--cell", default=DEFAULT_CELL, metavar="CELL.toml", help="whose data sheet counts")
-    parser.add_argument("--html", type=Path, metavar="FILE", help="where the document goes (default: evidence-ID.html)")
-    parser.add_argument("--language", choices=languages(), default="en", help="of the document (default: en)")
-    parser.add_argument("--json", action="store_true", help="print what was found as JSON")
+    parser.add_argument("--cell", default=DEFAULT_CELL, metavar="CELL.toml", help="cell whose data sheet limits apply")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="document to write (default: evidence-ID.html)")
+    parser.add_argument("--language", choices=languages(), default="en", help="language of the document (default: en)")
+    parser.add_argument("--json", action="store_true", help="print results as JSON")
     add_data_argument(parser)
 
 

@@ -36,29 +36,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format",
         choices=tuple(FORMATS),
         help="\n".join(f"{name:8} {meaning_of(each)}" for name, each in FORMATS.items())
-        + "\nwithout it, what the ending of --out says",
+        + "\n(default: from the file ending of --out)",
     )
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="FILE", help="the file to write; - is standard output"
-    )
-    parser.add_argument("--force", action="store_true", help="overwrite a file that is there")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write, - for standard output")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
     parser.add_argument(
         "--from", dest="t_from", metavar="TIME", help="start: +SECONDS into the session, or ISO 8601 in UTC"
     )
-    parser.add_argument("--to", dest="t_to", metavar="TIME", help="end, included; written like --from")
+    parser.add_argument("--to", dest="t_to", metavar="TIME", help="end (inclusive), same format as --from")
     parser.add_argument(
         "--signal",
         action="append",
         metavar="NAME",
-        help="a signal, as v[36], i_fs, slave[3].cvr[5], conf.ts, estimate.soc[36]; may be repeated.\n"
-        "Without it: voltages, temperatures, current, the master's SOC and the estimates",
+        help="signal, such as v[36], i_fs, slave[3].cvr[5], conf.ts, estimate.soc[36]; repeatable\n"
+        "(default: voltages, temperatures, current, master SOC and estimates)",
     )
     parser.add_argument(
         "--names",
         choices=NAMES,
         default="index",
-        help="what csv, parquet, mf4, ld and motec call the signals: index: v[36], counted from 0;\n"
-        "number: v_037, from 1; pack: pack4_cell1_v, from 1. Without it: index",
+        help="signal names in csv, parquet, mf4, ld and motec: index: v[36], from 0;\n"
+        "number: v_037, from 1; pack: pack4_cell1_v, from 1 (default: index)",
     )
     add_data_argument(parser)
 

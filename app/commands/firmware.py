@@ -10,15 +10,15 @@ from app.commands.console import between
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which cell, how fine, where to."""
     parser.set_defaults(run=run)
-    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
+    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or bundled cell (default: %(default)s)")
     parser.add_argument(
         "--soc-step",
         type=between(0.001, 0.05, "SOC"),
         default=0.005,
         metavar="SOC",
-        help="distance of the tables' points (default: %(default)s); half of it takes twice the flash",
+        help="SOC step of the tables (default: %(default)s); half the step needs twice the flash",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:

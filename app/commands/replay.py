@@ -33,31 +33,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed",
         type=between(MIN_SPEED, MAX_SPEED, "times real time"),
         default=1.0,
-        help="0.1 to 100 times real time (default: 1)",
+        help="speed relative to real time, 0.1 to 100 (default: 1)",
     )
-    parser.add_argument("--json", action="store_true", help="print every snapshot as a line of JSON, without a server")
+    parser.add_argument(
+        "--json", action="store_true", help="print each update as a line of JSON, without serving pages"
+    )
     parser.add_argument(
         "--assert",
         dest="expected",
         type=Path,
         metavar="FILE",
-        help="check alarms and estimates against a TOML file of expectations, without a server;\n"
-        "exit code 0: all held, 1: one did not, 2: it could not be checked. With --json the verdicts as JSON",
+        help="check alarms and estimates against expectations (TOML), without serving pages;\n"
+        "exit code 0: all met, 1: not met, 2: not checked; --json prints the results as JSON",
     )
     parser.add_argument("--filter", choices=FILTERS, help="recompute with this state estimator (default: fused)")
     parser.add_argument(
         "--cell",
         metavar="CELL.toml",
-        help=f"recompute with this cell file or name (default: the session's own, {DEFAULT_CELL} where it keeps none)",
+        help=f"recompute with this cell file or bundled cell (default: the session's, else {DEFAULT_CELL})",
     )
     parser.add_argument(
         "--estimates",
         choices=("recomputed", "recorded"),
         default="recomputed",
-        help="which estimates the pages show; the other is compared (default: recomputed)",
+        help="estimates shown on the pages (default: recomputed)",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1)")
-    parser.add_argument("--port", type=int, default=8000, help="port to listen on; 0 takes a free one (default: 8000)")
+    parser.add_argument("--port", type=int, default=8000, help="port to listen on, 0 for a free one (default: 8000)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -64,76 +64,77 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_build(actions: Actions) -> None:
     """Declare the action."""
-    text = "make the season lake from closed sessions: what is new or has changed"
+    text = "update the season data from new or changed sessions"
     parser = new_action(actions, "build", text, build)
     parser.add_argument(
         "places",
         metavar="DIR",
         nargs="*",
         type=Path,
-        help="folders of sessions, or session files (default: the data folder's)",
+        help="session folders or files (default: the data folder)",
     )
     add_lake_argument(parser)
-    parser.add_argument("--again", action="store_true", help="make all anew, what is up to date too")
-    parser.add_argument("--judge", action="store_true", help="judge the cells of each session anew (slower)")
+    parser.add_argument("--again", action="store_true", help="rebuild everything")
+    parser.add_argument("--judge", action="store_true", help="re-evaluate the cells of each session (slower)")
 
 
 def _add_query(actions: Actions) -> None:
     """Declare the action."""
-    text = "answer SQL over the lake: one SELECT, or a question by its name"
+    text = "run an SQL query or a named query on the season data"
     query = new_action(actions, "query", text, answer_question)
     lines = "\n".join(f"  {each.name:16} {each.meaning}{parameters_of(each)}" for each in questions())
     tables = "Tables: sessions, laps, cells, events, samples; columns: docs/reference/season-lake.md."
-    query.epilog = f"{tables}\n\nQuestions:\n{lines}"
+    query.epilog = f"{tables}\n\nNamed queries:\n{lines}"
     query.add_argument(
         "question",
         metavar="SQL|NAME",
         nargs="?",
-        help='as "SELECT car, min(voltage_min_v) FROM cells GROUP BY 1"; without it the questions are listed',
+        help='SQL such as "SELECT car, min(voltage_min_v) FROM cells GROUP BY 1",\n'
+        "or a named query (default: list them)",
     )
-    query.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of a question")
-    query.add_argument("--show", action="store_true", help="print the SQL of a question instead of its answer")
+    query.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of a named query")
+    query.add_argument("--show", action="store_true", help="print the SQL of a named query")
     add_lake_argument(query)
-    query.add_argument("--limit-rows", type=int, default=1000, metavar="N", help="rows at most (default: %(default)s)")
     query.add_argument(
-        "--limit-s", type=float, default=60.0, metavar="S", help="seconds at most (default: %(default)s)"
+        "--limit-rows", type=int, default=1000, metavar="N", help="maximum number of rows (default: %(default)s)"
     )
-    query.add_argument("--limit-mb", type=int, default=1024, metavar="MB", help="memory at most (default: %(default)s)")
-    query.add_argument("--csv", action="store_true", help="as CSV")
+    query.add_argument("--limit-s", type=float, default=60.0, metavar="S", help="time limit (default: %(default)s)")
+    query.add_argument("--limit-mb", type=int, default=1024, metavar="MB", help="memory limit (default: %(default)s)")
+    query.add_argument("--csv", action="store_true", help="print CSV")
     add_json_argument(query)
 
 
 def _add_report(actions: Actions) -> None:
     """Declare the actions."""
-    text = "trends of the accumulator and its cells, ranking with reasons"
+    text = "show trends of the accumulator and its cells, with the weakest cells"
     report = new_action(actions, "report", text, show_report)
-    report.add_argument("--html", type=Path, metavar="FOLDER", help="write the season report, to print")
-    report.add_argument("--sessions", default="", metavar="WORDS", help="of the sessions that match alone")
+    report.add_argument("--html", type=Path, metavar="FOLDER", help="write the season report as HTML into this folder")
+    report.add_argument("--sessions", default="", metavar="WORDS", help="only sessions that match these words")
     _add_season_arguments(report)
-    tagging = new_action(actions, "tag", "set the tags of a session; they are kept in its file", tag)
+    tagging = new_action(actions, "tag", "set the tags of a session", tag)
     add_session_argument(tagging)
     for name in NAMES:
-        tagging.add_argument(f"--{name}", metavar="TEXT", help="empty: take it away")
+        tagging.add_argument(f"--{name}", metavar="TEXT", help="tag value, empty to remove it")
 
 
 def _add_swap(actions: Actions) -> None:
     """Declare the action."""
-    text = "swaps of modules: list them, record one, take one back; a swapped module inherits nothing"
+    text = "list, record or remove module swaps"
     swap = new_action(actions, "swap", text, swap_modules)
     swap.add_argument(
-        "cells", metavar="CELLS", nargs="?", help="record that these were replaced: pack/cell, such as 3/7,3/8"
+        "cells", metavar="CELLS", nargs="?", help="replaced cells as pack/cell, such as 3/7,3/8 (default: list swaps)"
     )
-    swap.add_argument("--at", metavar="TIME", help="when, such as 2026-07-14T10:30 (UTC; default: now)")
-    swap.add_argument("--note", default="", help="about the swap")
-    swap.add_argument("--take-back", type=int, metavar="NUMBER", help="remove the swap of this number")
+    swap.add_argument("--at", metavar="TIME", help="time of the swap, such as 2026-07-14T10:30 (UTC, default: now)")
+    swap.add_argument("--note", default="", help="note")
+    swap.add_argument("--take-back", type=int, metavar="NUMBER", help="remove the swap with this number")
     _add_season_arguments(swap)
 
 
 def _add_season_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare whose season is meant, and --json."""
-    parser.add_argument("--battery", metavar="NAME|FILE", help="of this battery (default: the one that is served)")
-    parser.add_argument("--simulated", action="store_true", help="of the simulated car")
-    parser.add_argument("--car", default="", metavar="NAME", help="of this car alone (default: of each, never mixed)")
+    parser.add_argument("--battery", metavar="NAME|FILE", help="battery profile (default: that of the service)")
+    parser.add_argument("--simulated", action="store_true", help="use simulated sessions")
+    parser.add_argument("--car", default="", metavar="NAME", help="only this car (default: each car separately)")
     add_lake_argument(parser)
     add_json_argument(parser, default=False)
 
@@ -141,7 +142,7 @@ def _add_season_arguments(parser: argparse.ArgumentParser) -> None:
 def add_lake_argument(parser: argparse.ArgumentParser) -> None:
     """Declare --lake."""
     parser.add_argument(
-        "--lake", metavar="DIR|URL", help="the lake: a folder, or a URL of fsspec (default: lake in the data folder)"
+        "--lake", metavar="DIR|URL", help="season data: folder or fsspec URL (default: lake in the data folder)"
     )
 
 

@@ -26,36 +26,37 @@ if TYPE_CHECKING:
 
 def add_arguments(actions: Actions) -> None:
     """Declare the action."""
-    text = "all sessions through the filter again, in parallel; and what changed"
+    text = "re-estimate all sessions in parallel and compare with the previous results"
     parser = actions.add_parser(
         "estimate",
         help=text,
         description=text[0].upper() + text[1:] + ".",
         formatter_class=argparse.RawTextHelpFormatter,
     )
+    parser.add_argument("folder", type=Path, metavar="DIR", help="data folder or session folder")
     parser.add_argument(
-        "folder", type=Path, metavar="DIR", help="data folder: its sessions/, or itself if they lie in it"
+        "--cell",
+        default="session",
+        metavar="CELL.toml",
+        help="cell file or bundled cell (default: that of each session)",
     )
-    parser.add_argument(
-        "--cell", default="session", metavar="CELL.toml", help="cell file or bundled cell (default: each session's own)"
-    )
-    parser.add_argument("--filter", choices=FILTERS, default="fused", help="default: %(default)s")
+    parser.add_argument("--filter", choices=FILTERS, default="fused", help="filter (default: %(default)s)")
     parser.add_argument(
         "--against",
         default="session",
         metavar="CELL.toml",
-        help="compare with this cell file, estimated too where it was not yet\n(default: each session's own; none: "
-        "with what was recorded alone)",
+        help="compare with this cell file, estimated if needed\n(default: that of each session; none: "
+        "with the recorded estimates only)",
     )
     parser.add_argument(
         "--engine",
         default="processes",
         metavar="URL",
-        help="processes (default), or dask://HOST:PORT: a Dask scheduler",
+        help="processes (default), or dask://HOST:PORT of a Dask scheduler",
     )
-    parser.add_argument("--processes", type=int, metavar="N", help="of the pool (default: one a core)")
-    parser.add_argument("--again", action="store_true", help="also sessions of which there is a result already")
-    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.add_argument("--processes", type=int, metavar="N", help="number of processes (default: one per core)")
+    parser.add_argument("--again", action="store_true", help="also sessions that already have results")
+    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=estimate)
 
 

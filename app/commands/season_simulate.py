@@ -22,36 +22,46 @@ LEFT_S: Final = 10.0  # after the last rest
 
 def add_arguments(actions: Actions) -> None:
     """Declare the action."""
-    text = "a season of simulated sessions that ends today, in and between which the cells age"
+    text = "simulate a season of sessions with ageing cells that ends today"
     parser = new_action(actions, "simulate", text, simulate)
-    parser.add_argument("--sessions", type=int, default=12, metavar="N", help="how many (default: %(default)s)")
     parser.add_argument(
-        "--days", type=between(1, 3650, "days"), default=240.0, help="from the first to the last (default: %(default)g)"
+        "--sessions", type=int, default=12, metavar="N", help="number of sessions (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--days",
+        type=between(1, 3650, "days"),
+        default=240.0,
+        help="days from the first to the last session (default: %(default)g)",
     )
     parser.add_argument(
         "--drive-s",
         type=between(30, 7200, "s"),
         default=420.0,
         metavar="S",
-        help="of driving in each, between two rests (default: %(default)g)",
+        help="driving time per session, between two rests (default: %(default)g)",
     )
     parser.add_argument(
         "--use-ah",
         type=between(0, 1000, "Ah"),
         default=40.0,
         metavar="AH",
-        help="passed through each cell from one session to the next, out and in (default: %(default)g)",
+        help="throughput per cell between sessions (default: %(default)g)",
     )
     parser.add_argument(
         "--pace",
         action="append",
         default=[],
         metavar="PACK/CELL=TIMES",
-        help="a cell that ages so many times faster, as 3/7=4; may be given again",
+        help="cell that ages faster by this factor, such as 3/7=4; repeatable",
     )
-    parser.add_argument("--seed", type=int, default=25, metavar="N", help="of the cells (default: %(default)s)")
     parser.add_argument(
-        "--speed", type=between(1, 100, "times real time"), default=10.0, help="times real time (default: %(default)g)"
+        "--seed", type=int, default=25, metavar="N", help="random seed of the cells (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--speed",
+        type=between(1, 100, "times real time"),
+        default=10.0,
+        help="speed relative to real time (default: %(default)g)",
     )
 
 

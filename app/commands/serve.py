@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             options["action"] = "append"  # a second one is refused, not taken in place of the first
         parser.add_argument(flag, **options)
     parser.epilog = (
-        "Without --serial and --can the simulated accumulator is started and read through a pseudo-terminal\n"
+        "Without --serial and --can the service starts the simulator and connects to it by a pseudo-terminal\n"
         "and a CAN adapter. Passwords: VOLTWALL_PASSWORD (engineer), VOLTWALL_VIEWER_PASSWORD (viewer)."
     )
 

@@ -28,26 +28,30 @@ _COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
 
 def add_arguments(actions: Actions) -> None:
     """Declare the actions."""
-    text = "laps of a session: energy, power, charge, heat, weakest cell; drivers compared"
+    text = "show the laps of a session: energy, power, SOC, temperature, weakest cell, drivers"
     laps = new_action(actions, "laps", text, show_laps)
-    text = "what happened around every trip and fault of a session"
+    text = "show the black box of each trip and fault of a session"
     boxes = new_action(actions, "blackbox", text, show_black_boxes)
-    report = new_action(actions, "report", "how a session went, what limited, what to look at", show_report)
-    compare = new_action(actions, "compare", "two sessions side by side", show_comparison)
+    report = new_action(
+        actions, "report", "show the report of a session: limits reached, recommended checks", show_report
+    )
+    compare = new_action(actions, "compare", "compare two sessions", show_comparison)
     for action in (laps, boxes, report, compare):
         add_session_argument(action)
         add_json_argument(action)
     laps.add_argument(
         "--laps-from",
         metavar="WHERE",
-        help="settled, markers, pattern, or what goes up when a lap begins: can:ID:BYTE[:MASK], a byte of a frame;\n"
-        "dbc:[MESSAGE.]SIGNAL, a signal of CAN frames by --dbc; signal:NAME, a signal of the session, as\n"
-        "signal:charger.flags (default: the first of settled, markers, pattern that there is)",
+        help="source of the laps: settled (saved), markers, pattern (power profile), or a lap counter:\n"
+        "can:ID:BYTE[:MASK], dbc:[MESSAGE.]SIGNAL with --dbc, or signal:NAME of the session, such as\n"
+        "signal:charger.flags (default: the first available of settled, markers, pattern)",
     )
-    laps.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
-    boxes.add_argument("--html", type=Path, metavar="FOLDER", help="write a page to print for each")
-    report.add_argument("--html", type=Path, metavar="FOLDER", help="write the whole report with its charts")
-    compare.add_argument("--with", dest="other", required=True, metavar="SESSION", help="the other one, id or file")
+    laps.add_argument("--dbc", type=Path, metavar="FILE", help="DBC of the CAN frames")
+    boxes.add_argument("--html", type=Path, metavar="FOLDER", help="write each as HTML into this folder")
+    report.add_argument(
+        "--html", type=Path, metavar="FOLDER", help="write the report with charts as HTML into this folder"
+    )
+    compare.add_argument("--with", dest="other", required=True, metavar="SESSION", help="other session, ID or file")
 
 
 @contextmanager

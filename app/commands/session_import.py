@@ -26,34 +26,34 @@ _NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
 
 def add_arguments(actions: Actions) -> None:
     """Declare the actions."""
-    taking = new_action(actions, "import", "make a session of another system's recording, estimated", import_recording)
-    taking.epilog = (
-        "CSV or Parquet; or a CAN log: candump, .asc, .blf, .trc, SavvyCAN, CRTD, .mf4; known by content. A CAN log\n"
-        "is of --battery, without it of our own master; with --dbc its signals are taken as a table. A table has the\n"
-        "shape of --battery, else one segment."
+    taking = new_action(
+        actions, "import", "import a recording of another system as a session, with estimates", import_recording
     )
-    text = "what is in such a file, and the profile that is guessed for it"
+    taking.epilog = (
+        "Formats (detected by content): CSV, Parquet; CAN logs: candump, .asc, .blf, .trc, SavvyCAN, CRTD, .mf4.\n"
+        "A CAN log needs --battery (default: the built-in master) or --dbc, which reads its signals as a table.\n"
+        "A table has the packs of --battery, else one pack."
+    )
+    text = "show the columns of a recording and the suggested profile"
     columns = new_action(actions, "columns", text, show_columns)
     for action in (taking, columns):
-        action.add_argument("file", type=Path, metavar="FILE", help="the recording")
-        action.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
+        action.add_argument("file", type=Path, metavar="FILE", help="recording")
+        action.add_argument("--dbc", type=Path, metavar="FILE", help="DBC of the CAN frames")
     add_json_argument(columns)
-    taking.add_argument("--battery", metavar="NAME|FILE", help="whose frames a CAN log holds, or whose cells a table")
-    taking.add_argument("--profile", metavar="NAME|FILE", help="which columns are what: a kept profile, or TOML")
+    taking.add_argument("--battery", metavar="NAME|FILE", help="battery profile of the CAN log or table")
+    taking.add_argument("--profile", metavar="NAME|FILE", help="column assignment: saved profile or TOML file")
     taking.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="FIELD=VALUE",
-        help="change the profile, as voltages='Cell {n} V', current='Pack I', charge_positive=true",
+        help="change the profile, such as voltages='Cell {n} V', current='Pack I', charge_positive=true",
     )
-    taking.add_argument("--save-profile", metavar="NAME", help="keep the profile under this name")
-    taking.add_argument("--name", default="", help="what to call the session (default: the file's name)")
-    taking.add_argument("--start", metavar="TIME", help="when it began, ISO 8601, where the file does not say")
+    taking.add_argument("--save-profile", metavar="NAME", help="save the profile under this name")
+    taking.add_argument("--name", default="", help="session name (default: the file's name)")
+    taking.add_argument("--start", metavar="TIME", help="start time (ISO 8601) if the file has none")
     taking.add_argument("--filter", choices=FILTERS, default="fused", help="state estimator (default: fused)")
-    taking.add_argument(
-        "--cell", metavar="CELL.toml", help="cell file or name of a bundled one (default: the battery's)"
-    )
+    taking.add_argument("--cell", metavar="CELL.toml", help="cell file or bundled cell (default: that of the battery)")
 
 
 def import_recording(args: argparse.Namespace) -> int:

@@ -32,35 +32,39 @@ LOOK_S = 2.0
 
 def add_arguments(actions: Actions) -> None:
     """Declare the actions."""
-    text = "bring the finished sessions of another voltwall, a recorder in the car, here"
+    text = "download sessions from another Voltwall, such as the recorder in the car"
     fetching = new_action(actions, "fetch", text, fetch)
     fetching.epilog = (
-        "They are called LABEL-ID here. A transfer that was cut off goes on, and gaps of the sessions recorded here\n"
-        "are filled. With --follow it ends by Ctrl-C, and goes on when it is started again.\n"
-        "The other service's password, or a token of it, in VOLTWALL_REMOTE_PASSWORD."
+        "Downloaded sessions are named LABEL-ID. An interrupted transfer resumes, and gaps of local sessions\n"
+        "are filled. With --follow it runs until Ctrl+C and resumes when started again.\n"
+        "Set the other service's password or token in VOLTWALL_REMOTE_PASSWORD."
     )
     add_trust_argument(fetching)
-    fetching.add_argument("url", metavar="URL", help="the other service, as http://car.local:8000")
-    fetching.add_argument("--label", default="", help="what its sessions are called here (default: its host name)")
+    fetching.add_argument("url", metavar="URL", help="URL of the other service, such as http://car.local:8000")
+    fetching.add_argument("--label", default="", help="prefix of its sessions here (default: its host name)")
     fetching.add_argument(
-        "--only", action="append", default=[], metavar="ID", help="this session, even while it is recorded"
+        "--only",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="only this session, even while it is recorded; repeatable",
     )
-    fetching.add_argument("--no-fill", action="store_true", help="leave the sessions recorded here as they are")
+    fetching.add_argument("--no-fill", action="store_true", help="do not fill gaps of local sessions")
     fetching.add_argument(
         "--follow",
         action="store_true",
-        help="go on for ever, piece by piece, also with what is being recorded: over a radio that loses much",
+        help="keep following until Ctrl+C, including running recordings: for lossy radio links",
     )
     fetching.add_argument(
-        "--order", choices=("oldest", "newest"), default="oldest", help="with --follow: which pieces come first"
+        "--order", choices=("oldest", "newest"), default="oldest", help="with --follow: order of the data"
     )
-    text = "what is still missing of the sessions that are followed"
+    text = "list missing data of followed sessions"
     add_json_argument(new_action(actions, "missing", text, list_missing))
-    text = "put into a session what its link lost and another recorder has"
+    text = "fill gaps of a session from another recorder"
     filling = new_action(actions, "fill", text, fill)
     add_session_argument(filling)
     filling.add_argument(
-        "--from", dest="source", required=True, metavar="SESSION", help="the other recorder's, id or file"
+        "--from", dest="source", required=True, metavar="SESSION", help="session of the other recorder, ID or file"
     )
 
 

@@ -36,27 +36,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_argument(parser, default=False)
     parser.set_defaults(run=list_sessions)
     actions = parser.add_subparsers(dest="action", metavar="ACTION")
-    add_json_argument(new_action(actions, "list", "all sessions, newest first (the default)", list_sessions))
+    add_json_argument(new_action(actions, "list", "list sessions, newest first (default)", list_sessions))
     show = new_action(
-        actions, "show", "one session: times, counts, signals, markers, configurations, events", show_session
+        actions, "show", "show a session: times, counts, signals, markers, configurations, events", show_session
     )
-    markers = new_action(actions, "markers", "the markers of a session", list_markers)
+    markers = new_action(actions, "markers", "list the markers of a session", list_markers)
     for action in (show, markers):
         add_session_argument(action)
         add_json_argument(action)
-    text = "read every byte of a session, or of all; exit code 1 where something is wrong"
+    text = "check one or all sessions for damage; exit code 1 if damaged"
     check = new_action(actions, "check", text, check_sessions)
     add_json_argument(check)
-    check.add_argument("session", metavar="SESSION", nargs="?", help="the session's id, or its file (default: all)")
-    check.add_argument(
-        "--repair", type=Path, metavar="OUT", help="write what can still be read of SESSION into a new file"
-    )
-    delete = new_action(actions, "delete", "delete a session for ever", delete_session)
+    check.add_argument("session", metavar="SESSION", nargs="?", help="session ID or file (default: all)")
+    check.add_argument("--repair", type=Path, metavar="OUT", help="write the readable part of SESSION to a new file")
+    delete = new_action(actions, "delete", "delete a session permanently", delete_session)
     add_session_argument(delete)
-    text = "say what --older-than and --keep-gb leave over; delete it with --yes"
+    text = "list (with --yes: delete) sessions beyond the limits"
     prune = new_action(actions, "prune", text, prune_sessions)
-    prune.add_argument("--older-than", type=float, metavar="DAYS", help="sessions that ended longer ago")
-    prune.add_argument("--keep-gb", type=float, metavar="GB", help="all but so much of the newest")
+    prune.add_argument("--older-than", type=float, metavar="DAYS", help="select sessions older than this")
+    prune.add_argument("--keep-gb", type=float, metavar="GB", help="select the oldest sessions beyond this total size")
     add_json_argument(prune)
     for action in (delete, prune):
         action.add_argument("--yes", action="store_true", help="delete without asking")

@@ -27,8 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--battery",
         metavar="NAME|FILE",
-        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC,\n"
-        "on a serial line by its profile (default: the team's own)",
+        help="battery profile, or packs x series cells such as 2x6, on CAN or a serial line (default: the built-in car)",
     )
 
 

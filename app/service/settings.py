@@ -33,99 +33,90 @@ class Settings(BaseModel):
     can: str | None = Field(
         default=None,
         min_length=1,
-        description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
+        description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, such as socketcan:can0, slcan:/dev/ttyACM0",
     )
     battery: str = Field(
         default=TEAM_PROFILE,
-        description="battery profile (TOML), the name of a bundled one, or a shape as 2x6, to simulate",
+        description="battery profile (TOML file or bundled name), or packs x series cells such as 2x6 to simulate",
     )
     host: str = Field(
-        default="127.0.0.1", description="address to listen on; beyond loopback: a password, and TLS or --plain-http"
+        default="127.0.0.1",
+        description="address to listen on; other than loopback needs a password and TLS or --plain-http",
     )
     tls_cert: Path | None = Field(default=None, description="serve HTTPS with this certificate (PEM, with its chain)")
-    tls_key: Path | None = Field(default=None, description="the key of --tls-cert (PEM, without a password)")
-    tls: bool = Field(default=False, description="serve HTTPS with a certificate made here; its fingerprint is printed")
+    tls_key: Path | None = Field(default=None, description="private key of --tls-cert (PEM, unencrypted)")
+    tls: bool = Field(default=False, description="serve HTTPS with a generated certificate; its fingerprint is printed")
     plain_http: bool = Field(
-        default=False, description="serve HTTP beyond loopback: passwords and values can be read on the way"
+        default=False, description="allow unencrypted HTTP on the network: passwords can be read by others"
     )
-    port: int = Field(default=8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
+    port: int = Field(default=8000, ge=0, le=65535, description="port to listen on, 0 for a free one")
     data: Path = Field(
         default_factory=lambda: Path(platformdirs.user_data_dir("voltwall", appauthor=False)),
         description="folder for sessions, the event log and the simulated EEPROM",
     )
     filter: FilterName = Field(default="fused", description="state estimator")
-    cell: str | None = Field(
-        default=None, description="cell file (TOML) or the name of a bundled one; else that of the battery"
-    )
-    record: bool = Field(default=True, description="record automatically while the master sends")
+    cell: str | None = Field(default=None, description="cell file (TOML) or bundled cell; else that of the battery")
+    record: bool = Field(default=True, description="record automatically while the master is connected")
     event: str | None = Field(
-        default=None, description="session name prefix, e.g. 'FSG endurance'; else as set on the page"
+        default=None, description="session name prefix, such as 'FSG endurance'; else that set on the page"
     )
-    split_mb: int | None = Field(
-        default=None, ge=1, description="a recording longer than so many megabytes goes on in a new file"
-    )
+    split_mb: int | None = Field(default=None, ge=1, description="start a new file after this many MB")
     keep_days: float | None = Field(
-        default=None, gt=0, description="delete sessions that ended longer ago; without it none is deleted by age"
+        default=None, gt=0, description="delete sessions older than this many days; else never"
     )
     keep_gb: float | None = Field(
-        default=None, gt=0, description="delete the oldest sessions beyond so many gigabytes; without it none is"
+        default=None, gt=0, description="delete the oldest sessions beyond this many GB; else never"
     )
-    season: bool = Field(default=True, description="bring the season lake up to date when a session closes")
+    season: bool = Field(default=True, description="update the season data when a session closes")
     lake: str | None = Field(
-        default=None, description="where the season lake lies: folder or URL of fsspec; else `lake` in the data folder"
+        default=None, description="season data: folder or fsspec URL; else `lake` in the data folder"
     )
     mqtt: str | None = Field(
         default=None, description="MQTT broker to publish to: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]"
     )
-    car: str | None = Field(
-        default=None, description="name of this car, of several at one broker: its topics are PREFIX/CAR/..."
-    )
+    car: str | None = Field(default=None, description="name of this car at the broker: its topics are PREFIX/CAR/...")
     url: str | None = Field(
         default=None,
         pattern=r"^https?://[^\s/]+",
-        description="public URL of this service, for a fleet's page; else this machine's own",
+        description="public URL of this service for the fleet page; else the address of this machine",
     )
     fleet: str | None = Field(
         default=None,
         description="show all cars of this MQTT broker instead of one car: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]",
     )
     mqtt_ca: Path | None = Field(
-        default=None, description="certificate authority of an mqtts broker, where the system does not know it"
+        default=None, description="certificate authority of an mqtts broker, if unknown to the system"
     )
-    mqtt_password: SecretStr | None = Field(default=None, description="the password of the MQTT user")
+    mqtt_password: SecretStr | None = Field(default=None, description="password of the MQTT user")
     recorder: str | None = Field(
         default=None,
-        description="copy the sessions of these recorders piece by piece, whenever the link allows: [LABEL=]URL,...",
+        description="recorders whose sessions are copied continuously: [LABEL=]URL,...",
     )
-    recorder_order: Literal["oldest", "newest"] = Field(
-        default="oldest", description="which of the missing pieces come first"
-    )
+    recorder_order: Literal["oldest", "newest"] = Field(default="oldest", description="order of the missing data")
     trust: str | None = Field(
         default=None,
-        description="certificates of other services to trust: FILE (PEM) or SHA-256 fingerprints with commas",
+        description="certificates of other services to trust: PEM file, or SHA-256 fingerprints separated by commas",
     )
-    recorder_password: SecretStr | None = Field(default=None, description="the recorders' viewer's password")
-    password: SecretStr | None = Field(default=None, description="the engineer's password: may write and command")
-    viewer_password: SecretStr | None = Field(default=None, description="the viewer's password: may read")
+    recorder_password: SecretStr | None = Field(default=None, description="viewer password of the recorders")
+    password: SecretStr | None = Field(default=None, description="engineer password: read, write and send commands")
+    viewer_password: SecretStr | None = Field(default=None, description="viewer password: read only")
     idle_minutes: float = Field(
         default=60.0,
         gt=0,
         le=1440,
-        description="who has no page open for so long is logged out; in any case after a day",
+        description="log out users after this many idle minutes, and after a day in any case",
     )
-    scenario: str | None = Field(
-        default=None, description="scenario of the simulated accumulator, where no hardware is named"
-    )
+    scenario: str | None = Field(default=None, description="scenario of the simulator, if no hardware is given")
     balance_open: bool = Field(
-        default=True, description="allow balancing with the relays open; some competitions' rules forbid it"
+        default=True, description="allow balancing with open contactors (forbidden by some competitions)"
     )
-    bench: bool = Field(
-        default=False, description="the CAN bus is a bench's, no car's: frames may be sent onto it by hand"
-    )
+    bench: bool = Field(default=False, description="the CAN bus is a test bench, not a car: allow manual sending")
     seed: int | None = Field(
-        default=None, ge=0, le=2**32 - 1, description="seed of the simulated accumulator, 0 to 4294967295"
+        default=None, ge=0, le=2**32 - 1, description="random seed of the simulator, 0 to 4294967295"
     )
-    log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        default="info", description="minimum level of log messages"
+    )
 
     @model_validator(mode="before")
     @classmethod

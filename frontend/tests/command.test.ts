@@ -27,7 +27,7 @@ describe('a command that cannot work', () => {
 
   it('is off and says why in words that are seen', () => {
     expect(button('charge-start')).toMatch(/<button[^>]* disabled/);
-    expect(button('charge-start')).toContain('Not possible while the car is driving');
+    expect(button('charge-start')).toContain('Not possible while driving');
   });
 
   it('is no other one', () => {

@@ -20,7 +20,6 @@ from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.cell_model.surface import NUMBERS, ROWS, Lag, SurfaceModel
 from app.estimation.errors import CellFileError, ModelError
 from app.estimation.toml_text import TomlError, read_toml
-from firmware_protocol.names import did_you_mean
 
 _FIELD_OF_ATTRIBUTE: Final = {
     "soc_grid": "circuit.soc",
@@ -61,8 +60,7 @@ def load_cell(path_or_name: str | Path = DEFAULT_CELL) -> CellModel:
             text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as exc:
         why = exc.strerror if isinstance(exc, OSError) else exc
-        meant = did_you_mean(name, bundled_cells()) or "."
-        reason = f"cannot be read ({why}){meant} Bundled cells: {', '.join(bundled_cells())}"
+        reason = f"cannot be read ({why}). Bundled cells: {', '.join(bundled_cells())}"
         raise CellFileError(name, None, "", reason) from exc
     return parse_cell(text, name)
 

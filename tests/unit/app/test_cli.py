@@ -73,7 +73,10 @@ def test_help_waits_for_nothing_that_only_the_work_needs(command):
         ("sessions check FILE", "FILE: empty"),
         ("dbc --out FOLDER", "out = FOLDER: Is a directory"),
         ("battery show missing", "battery = missing: unknown; available: "),
-        ("serve --port 99999", "port = 99999: "),
+        ("serve --port 99999", "port = 99999: must be at most 65535"),
+        ("battery show foxbms2", "battery = foxbms2: unknown, did you mean foxbms-2?"),
+        ("sessions list --data FOLDR", "--data = FOLDR: no such folder, did you mean FOLDER?"),
+        ("simulate --scenario race-dya", "race-dya: unknown scenario, did you mean 'race-day'?"),
     ],
 )
 @pytest.mark.skipif(os.name != "posix", reason="the words of this system's errors")
@@ -87,3 +90,26 @@ def test_a_mistake_is_one_line_that_names_it_once(words, said, tmp_path, monkeyp
     assert shown.startswith(f"voltwall {command}: {said}")
     assert shown.count("\n") == 1
     assert all(shown.count(name) <= 1 for name in ("missing", "FOLDER"))
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("serv", "'serv', did you mean 'serve'?"),
+        ("sessions lst", "'lst', did you mean 'list'?"),
+        ("serve --prot 8001", "--prot 8001, did you mean '--port'?"),
+        ("export x --format cvs --out -", "'cvs', did you mean 'csv'?"),
+        ("xyzzy", "'xyzzy'. Use one of serve, "),
+    ],
+)
+def test_a_word_that_is_unknown_gets_the_one_that_was_meant(words, meant, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(words.split())
+    assert f"unknown {meant}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", sorted(cli.COMMANDS))
+def test_a_help_says_what_the_command_is_for_and_ends_with_examples(command):
+    parser = cli.build_parser(command)._subparsers._group_actions[0].choices[command]
+    assert parser.description[0].isupper()
+    assert f"voltwall {command}" in parser.epilog.rpartition("examples:")[2]

@@ -25,5 +25,5 @@ def test_a_service_has_one_battery(words, battery, can, tmp_path):
 
 
 def test_a_second_battery_is_refused_with_what_to_do_instead(tmp_path):
-    with pytest.raises(ConfigError, match=r"battery = front, rear: one battery a service; .* --port .* --data"):
+    with pytest.raises(ConfigError, match=r"battery = front, rear: one battery per service: .* --port .* --data"):
         settings(tmp_path, "--battery", "front", "--battery", "rear")
