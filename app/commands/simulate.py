@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--battery",
         metavar="NAME|FILE",
-        help="battery profile, or packs x series cells such as 2x6, on CAN or a serial line (default: the built-in car)",
+        help="battery profile, or packs x series cells such as 2x6, on CAN or serial (default: the built-in car)",
     )
 
 
