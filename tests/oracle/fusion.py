@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from tests.oracle.state import (
     lasting_v2,
     noise_v2,
 )
+
+CONTRADICTION: Final = 3.0  # d^2 / 2 v, 2.4 sigma, from which a start is less likely than any other SOC
 
 
 def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:
@@ -57,6 +60,7 @@ def fuse(
         z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
         u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
         e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved within its own covariance
+        P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                  v as in w_k: what was contradicted stays so
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
     Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,
@@ -99,7 +103,9 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
         + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
     )
     errs_v2 = np.minimum(errs_v2, SOC_VARIANCE_MAX)
-    w = state.start_weight * student(d, np.minimum(errs_v2 + count_v2, tuning.doubt_soc**2))
+    total_v2 = np.minimum(errs_v2 + count_v2, tuning.doubt_soc**2)
+    w = state.start_weight * student(d, total_v2)
+    contradicted = np.maximum(d**2 / total_v2 / 2.0 - CONTRADICTION, 0.0)
     share = errs_v2**2 / (errs_v2**2 + count_v2**2)
     total = tuning.start_unknown + w.sum(axis=0)
     moved = -(w * share * d).sum(axis=0) / total
@@ -112,6 +118,7 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
         fused_soc=z + moved,
         fused_v2=fused_v2,
         fused_gain=fused_gain,
+        start_weight=state.start_weight / (1.0 + motion.look_share(tuning.wander_s) * contradicted),
         conflict=state.conflict + motion.look_share(tuning.conflict_s) * beyond,
     )
 

@@ -115,6 +115,23 @@ def test_what_a_filter_moves_within_its_covariance_while_it_settles_is_no_wander
     assert (soc > 0.59) == trusts_filter
 
 
+def test_a_start_that_was_contradicted_for_minutes_does_not_return_where_the_filter_knows_little():
+    pair = Pair(0.62, 0.50)
+    pair.fuse(1.0, 1e-4)
+    before = pair.state
+    soc_before, _ = pair.fuse(1.0, 0.05**2)
+    pair.state = before
+    for _ in range(180):
+        pair.fuse(1.0, 1e-4)
+    soc, _ = pair.fuse(1.0, 0.05**2)
+    assert soc_before < 0.55
+    assert soc > 0.60
+    agreeing = Pair(0.51, 0.50)
+    for _ in range(180):
+        agreeing.fuse(1.0, 1e-4)
+    assert agreeing.state.start_weight[0, 0] == 1.0
+
+
 def test_between_two_looks_nothing_is_weighed():
     pair = Pair(0.51, 0.50)
     before, _ = pair.fuse(1.0, 1e-4)

@@ -3,6 +3,7 @@
 
 #define LEAST_VARIANCE ((vw_real)1e-8) /* of a SOC at the start */
 #define GIVEN 2 /* hypotheses of a SOC that was given: exact, roughly right */
+#define CONTRADICTION 3 /* d^2 / 2 v, 2.4 sigma, from which a start is less likely than any other SOC */
 #define READINGS 2 /* of a voltage at rest: settled, or driven before and relaxing */
 
 /* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. The slope
@@ -209,7 +210,9 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
             const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
             const vw_real d = z - (x->start_soc[k][c] - x->drawn[c] * (1 + x->fused_gain[c]));
             const vw_real total_v2 = vw_min(errs_v2 + count_v2, vw_square(t->doubt_soc));
+            const vw_real contradicted = vw_max(d * d / total_v2 / 2 - CONTRADICTION, 0);
             const vw_real w = x->start_weight[k][c] * student(d, total_v2);
+            x->start_weight[k][c] /= 1 + motion->wander_share * contradicted;
             const vw_real share = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(count_v2));
             sum += w;
             moved -= w * share * d;
@@ -239,6 +242,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
  *   u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
  *   e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)      what the filter moved within its own covariance
+ *   P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                   v as in w_k: what was contradicted stays so
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *
  * Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,
