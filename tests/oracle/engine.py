@@ -41,7 +41,7 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
         return _count(setup, state, motion, measured)
     output = _output(setup, state, motion, measured)
     state, innovation = update(setup, state, motion, measured, output)
-    soc, variance = state.soc, soc_variance(setup, state, output)
+    soc, variance = state.soc, soc_variance(setup, state, measured, output)
     state = watch_rest(setup, state, motion, measured)
     starts = state.start_soc, state.start_v2, state.start_weight
     is_fused = setup.kind is Kind.SIGMA_FUSED
@@ -53,7 +53,7 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
         state, soc, variance = fuse(setup, state, motion, measured, output, variance)
     if motion.is_rest_on:  # it will be read as a whole
         state = replace(state, start_soc=starts[0], start_v2=starts[1], start_weight=starts[2])
-    state, valid = self_check(setup, state, motion, measured, innovation.nu, innovation.used)
+    state, valid = self_check(setup, state, motion, measured, innovation.nu, innovation.used, soc)
     ocv_v = setup.cell.ocv(soc, measured.place)
     rows = (variance**0.5, ocv_v, output.h, innovation.nu, innovation.sigma, valid, innovation.used)
     return state, np.array([np.clip(soc, 0.0, 1.0), *rows])
@@ -70,7 +70,7 @@ def _count(setup: FilterSetup, state: State, motion: Motion, measured: Measureme
     state = replace(state, soc=state.count_soc)
     h = output_tangent(setup, state, motion, measured).h
     nu, sigma = measured.voltage_v - h, np.sqrt(noise_v2(setup, motion, measured))
-    state, valid = self_check(setup, state, motion, measured, nu, measured.is_measured)
+    state, valid = self_check(setup, state, motion, measured, nu, measured.is_measured, state.soc)
     soc, soc_sigma = np.clip(state.soc, 0.0, 1.0), np.minimum(np.sqrt(state.count_v2), COUNT_SIGMA_MAX)
     ocv_v = setup.cell.ocv(state.soc, measured.place)
     return state, np.array([soc, soc_sigma, ocv_v, h, nu, sigma, valid, np.zeros_like(nu)])

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, OCV_ERROR
+from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, LOWEST, OCV_ERROR
 from tests.oracle.output import Output
 from tests.oracle.state import (
     LEAST_VARIANCE,
@@ -27,13 +27,16 @@ from tests.oracle.state import (
 CONTRADICTION: Final = 3.0  # d^2 / 2 v, 2.4 sigma, from which a start is less likely than any other SOC
 
 
-def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:
+def soc_variance(setup: FilterSetup, state: State, measured: Measurement, output: Output) -> FloatArray:
     """Return (n,) variance of the filter's SOC with the error that averaging does not remove.
 
-    v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. The
-    slope is that of the sigma points or, if less, of a voltage that is read: in a plateau's step neither may be local.
+    v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2 + max(lowest - z, 0)^2: a model that errs is
+    trusted less, and below the lowest SOC that the cell file has seen it only shows that it is below. The slope is that
+    of the sigma points or, if less, of a voltage that is read: in a plateau's step neither may be local.
     """
-    variance = state.cov[0, 0] + (setup.tuning.bias_v**2 + state.slow_square_v2) / slope_v2(setup, state, output)
+    below = np.maximum(measured.doubt[LOWEST] - state.soc, 0.0)
+    error_v2 = (setup.tuning.bias_v**2 + state.slow_square_v2) / slope_v2(setup, state, output)
+    variance = state.cov[0, 0] + error_v2 + below**2
     return np.asarray(np.minimum(variance, SOC_VARIANCE_MAX))
 
 
@@ -262,7 +265,13 @@ def student(d: FloatArray, v2: FloatArray) -> FloatArray:
 
 
 def self_check(
-    setup: FilterSetup, state: State, motion: Motion, measured: Measurement, nu: FloatArray, counts: BoolArray
+    setup: FilterSetup,
+    state: State,
+    motion: Motion,
+    measured: Measurement,
+    nu: FloatArray,
+    counts: BoolArray,
+    soc: FloatArray,
 ) -> tuple[State, BoolArray]:
     """Return the state, and (n,) True while the model describes the cell.
 
@@ -278,6 +287,7 @@ def self_check(
         measured: the sample.
         nu: (n,) innovations [V].
         counts: (n,) False where the sample is missing or was refused: it says nothing about the model.
+        soc: (n,) what is reported.
     """
     tuning = setup.tuning
     y = np.where(counts, nu * tuning.model_error_v / np.sqrt(noise_v2(setup, motion, measured)), 0.0)
@@ -291,5 +301,6 @@ def self_check(
         slow_square_v2=state.slow_square_v2 + share * (state.slow_mean_v**2 - state.slow_square_v2),
     )
     is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.conflict_max)
-    is_known = (measured.doubt[DROP_ERROR] < tuning.drop_error_max) & (not motion.is_beyond)
+    is_near = (measured.doubt[DROP_ERROR] < tuning.drop_error_max) & (soc >= measured.doubt[LOWEST])
+    is_known = is_near & (not motion.is_beyond)
     return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v) & is_known

@@ -135,7 +135,7 @@ class Measurement:
     Attributes:
         voltage_v: (n,) [V]; NaN where not measured.
         place: of the temperatures in the tables.
-        doubt: (4, n) of `CellTables.doubt_at`: what is not known at these temperatures.
+        doubt: (5, n) of `CellTables.doubt_at`: what is not known at these temperatures.
     """
 
     voltage_v: FloatArray

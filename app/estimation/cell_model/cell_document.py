@@ -22,7 +22,16 @@ SECTIONS: Final = {
     "surface": {*NUMBERS, *ROWS, "lag"},
     "sigma": {*NUMBERS, "tau_s", "soc_per_a", "r_ohm", "correction", "entropy_v_k"},
     "errors": {"degc", "degc_v", "soc", "soc_v", "current_c", "current_v"},
-    "fit": {"voltage_rms_v", "current_max_a", "temperature_degc", "activation_sigma_j_mol", "soc", "has_ocv"},
+    "fit": {
+        "voltage_rms_v",
+        "current_max_a",
+        "temperature_degc",
+        "activation_sigma_j_mol",
+        "soc",
+        "has_ocv",
+        "lowest_degc",
+        "lowest_soc",
+    },
     "limits": {"temperature_min_degc", "temperature_max_degc", "discharge_max_a", "charge_max_a"},
 }
 

@@ -147,11 +147,11 @@ def _surface(reader: CellDocument) -> SurfaceModel:
 
 
 def _evidence(reader: CellDocument) -> Evidence:
-    def pairs(name: str, of: str) -> tuple[tuple[float, float], ...]:
-        if not reader.has("errors", name):
+    def pairs(name: str, of: str, section: str = "errors") -> tuple[tuple[float, float], ...]:
+        if not reader.has(section, name):
             return ()
-        at, volts = reader.row("errors", name), reader.row("errors", of)
-        return tuple(zip(at.tolist(), volts.tolist(), strict=False))
+        at, found = reader.row(section, name), reader.row(section, of)
+        return tuple(zip(at.tolist(), found.tolist(), strict=False))
 
     sigma = tuple(
         (name, reader.number("sigma", name)) for name in sorted(SECTIONS["sigma"]) if reader.has("sigma", name)
@@ -159,6 +159,7 @@ def _evidence(reader: CellDocument) -> Evidence:
     return Evidence(
         has_ocv=bool(reader.number("fit", "has_ocv", 1.0)),
         soc=tuple(reader.row("fit", "soc").tolist()) if reader.has("fit", "soc") else (),
+        lowest=pairs("lowest_degc", "lowest_soc", "fit"),
         sigma=sigma,
         by_degc=pairs("degc", "degc_v"),
         by_soc=pairs("soc", "soc_v"),
@@ -236,6 +237,9 @@ def _evidence_lines(evidence: Evidence) -> list[str]:
     lines = [f"has_ocv = {int(evidence.has_ocv)}  # 0: nothing measured it"]
     if evidence.soc:
         lines.append(f"soc = {_row(np.array(evidence.soc))}")
+    if evidence.lowest:
+        degc, soc = np.array(evidence.lowest).T
+        lines += [f"lowest_degc = {_row(degc)}", f"lowest_soc = {_row(soc)}  # seen under load there or colder"]
     if evidence.sigma:
         lines += ["", "[sigma]  # of the numbers above: shares, energies in J/mol"]
         lines += [f"{name} = {_number(value)}" for name, value in evidence.sigma]

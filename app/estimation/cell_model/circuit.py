@@ -31,6 +31,7 @@ TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one
 VOLTAGE_MAX_V: Final = 10.0  # no single cell has more
 LEAST_WH_PER_KG: Final = 5.0  # of any cell, a capacitor included
 ACTIVATION_SIGMA_J_MOL: Final = 12e3  # between lithium-ion cells, of what the whole drop follows over temperature
+EMPTY_ACTIVATION_J_MOL: Final = 30e3  # by which the cold makes a cell look empty early: diffusion in solids
 SHIFT_MAX_V: Final = 0.3
 ENTROPY_SIGMA_V_K: Final = 3e-4  # by which an OCV changes with temperature where nothing has shown it
 
@@ -65,12 +66,14 @@ class Evidence:
     Attributes:
         has_ocv: whether something measured the OCV: a slow test, or rests. Without, no filter is valid.
         soc: lowest and highest SOC under load.
+        lowest: (m, 2) temperature [degC], rising, and the lowest SOC that was seen under load there or colder.
         sigma: of the numbers in `surface`, by name; shares, but for energies [J/mol] and exponents.
         by_degc, by_soc, by_c: (m, 2) temperature [degC], SOC or current [C], and the voltage's RMS error there [V].
     """
 
     has_ocv: bool = True
     soc: tuple[float, ...] = ()
+    lowest: tuple[tuple[float, float], ...] = ()
     sigma: tuple[tuple[str, float], ...] = ()
     by_degc: tuple[tuple[float, float], ...] = ()
     by_soc: tuple[tuple[float, float], ...] = ()
@@ -293,6 +296,19 @@ class CellModel:
         inverse = 1.0 / (np.asarray(temperature_degc, dtype=np.float64) + KELVIN)
         below, above = self._measured_around(inverse)
         return np.asarray(ENTROPY_SIGMA_V_K * _bridge(below, above) / inverse**2)
+
+    def lowest_soc(self, temperature_degc: ArrayLike) -> FloatArray:
+        """Return the lowest SOC that the identification has seen under load at each temperature, -1 where not known.
+
+        Colder than the coldest test it grows as diffusion slows down.
+        """
+        degc = np.asarray(temperature_degc, dtype=np.float64)
+        if self.evidence is None or not self.evidence.lowest:
+            return np.full(degc.shape, -1.0)
+        seen_degc, seen_soc = np.array(self.evidence.lowest).T
+        colder = np.maximum(1.0 / (degc + KELVIN) - 1.0 / (seen_degc[0] + KELVIN), 0.0)
+        grown = np.exp(EMPTY_ACTIVATION_J_MOL / GAS_CONSTANT * colder)
+        return np.asarray(np.minimum(np.interp(degc, seen_degc, seen_soc) * grown, 1.0))
 
     def _measured_around(self, inverse_k: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return how far in 1/K the next warmer and the next colder measured temperature are, infinite without."""

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray, IntArray
-from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.circuit import EMPTY_ACTIVATION_J_MOL, CellModel
 from app.estimation.cell_model.surface import GAS_CONSTANT, KELVIN
 
 SOC_LOW: Final = -0.1  # the tables reach past 0 and 1, because sigma points do
@@ -25,9 +25,8 @@ LASTING_OHM: Final = 1.0  # the state of the lasting error is a current through 
 LASTING_S: Final = 600.0  # its correlation time
 SEEN_FACTOR: Final = 1.1  # times the largest current of the fit: a current that is larger was not seen
 CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
-DROP_ERROR, OCV_ERROR, LASTING_DROP, COLD = range(4)  # columns of the doubt
+DROP_ERROR, OCV_ERROR, LASTING_DROP, COLD, LOWEST = range(5)  # columns of the doubt
 DOUBT_DEGC: Final = (-60.0, 120.0, 2.5)  # temperatures of the doubt: first, last, step
-EMPTY_ACTIVATION_J_MOL: Final = 30e3  # by which the cold makes a cell look empty early: diffusion in solids
 
 Place = tuple[IntArray, FloatArray]  # grid index and weight of the next point, for each cell
 
@@ -43,9 +42,9 @@ class CellTables:
         slow_pair: which RC pair is the slowest, -1 without any.
         table: (n_t, n_soc, 4 + n_rc) OCV [V], R0 [ohm], e [V], 1 / i_ref [1/A] and R_k [ohm].
         surface: (n_t, n_rc - 1) d_k at the temperatures [1/A], zeros where the model has no surface.
-        doubt: (n, 4) what is not known at temperatures even apart: share by which resistances may be off, how far the
-            OCV may be off [V], voltage a lasting current takes for each ampere [ohm], and how much earlier than at
-            25 degC the cell looks empty.
+        doubt: (n, 5) what is not known at temperatures even apart: share by which resistances may be off, how far the
+            OCV may be off [V], voltage a lasting current takes for each ampere [ohm], how much earlier than at 25 degC
+            the cell looks empty, and the lowest SOC that was seen under load.
         seen_a: largest current that the model was made of; where the file does not say, the largest of any cell [A].
         ocv_slope_v: (n_soc,) dOCV/dSOC; with a smoothed OCV this is the smoothed slope [V].
         reading_slope_v: (n_soc,) volts per SOC at which a voltage READING_V off reads the SOC, the less of both sides.
@@ -104,7 +103,7 @@ class CellTables:
         return _place(np.interp(temperature_degc, self.temperature_degc, np.arange(self.temperature_degc.size)))
 
     def doubt_at(self, temperature_degc: FloatArray) -> FloatArray:
-        """Return (4, n) the doubt at each temperature [degC]."""
+        """Return (5, n) the doubt at each temperature [degC]."""
         low, _, step = DOUBT_DEGC
         x = np.clip((temperature_degc - low) / step, 0.0, self.doubt.shape[0] - 1.0)
         j = np.minimum(x.astype(np.intp), self.doubt.shape[0] - 2)
@@ -184,7 +183,7 @@ def _doubt(model: CellModel) -> FloatArray:
     degc = np.arange(low, high + 0.5 * step, step)
     colder = np.maximum(1.0 / (degc + KELVIN) - 1.0 / (REFERENCE_DEGC + KELVIN), 0.0)
     columns = [model.drop_error(degc), model.ocv_error_v(degc), model.lasting_ohm(degc)]
-    columns.append(np.exp(EMPTY_ACTIVATION_J_MOL / GAS_CONSTANT * colder))
+    columns += [np.exp(EMPTY_ACTIVATION_J_MOL / GAS_CONSTANT * colder), model.lowest_soc(degc)]
     return np.ascontiguousarray(np.stack(columns, axis=-1))
 
 

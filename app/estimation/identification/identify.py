@@ -260,12 +260,30 @@ def _evidence(
             sigma[name] = max(of_lags)
     return Evidence(
         has_ocv=not slow.is_loaded,
+        lowest=lowest_soc(parts, capacity_ah),
         soc=(round(float(soc[loaded].min()), 3), round(float(soc[loaded].max()), 3)) if loaded.any() else (),
         sigma=tuple((name, float(f"{value:.3g}")) for name, value in sorted(sigma.items())),
         by_degc=by(degc),
         by_soc=by(soc, ERROR_SOC),
         by_c=by(current_c, ERROR_C),
     )
+
+
+def lowest_soc(parts: Sequence[Part], capacity_ah: float) -> tuple[tuple[float, float], ...]:
+    """Return temperatures [degC], rising, and the lowest SOC that a recording there, or colder, shows under load."""
+    seen = []
+    for part in parts:
+        r = part.recording
+        loaded = np.isfinite(part.soc) & np.isfinite(r.voltage_v) & (np.abs(r.current_a) > REST_CURRENT_C * capacity_ah)
+        if loaded.any():
+            degc = r.temperature_degc[loaded & np.isfinite(r.temperature_degc)]
+            at = float(np.median(degc)) if degc.size else REFERENCE_DEGC
+            seen.append((round(at, 1), round(float(part.soc[loaded].min()), 3)))
+    found: list[tuple[float, float]] = []
+    for at, low in sorted(seen):
+        if not found or low < found[-1][1]:
+            found.append((at, low))
+    return tuple(found)
 
 
 def seen_temperatures(recordings: Sequence[Recording]) -> FloatArray:

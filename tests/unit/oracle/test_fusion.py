@@ -148,7 +148,7 @@ def test_a_disagreement_beyond_both_errors_widens_sigma_and_clears_the_verdict()
     assert variance > 4.0 * pair.state.fused_v2[0]
     state = replace(pair.state, conflict=np.array([TUNING.conflict_max + 1.0]))
     state, motion, measured = sample(SETUP, state)
-    _, valid = self_check(SETUP, state, motion, measured, np.zeros(1), np.array([True]))
+    _, valid = self_check(SETUP, state, motion, measured, np.zeros(1), np.array([True]), np.full(1, 0.5))
     assert not valid[0]
 
 
@@ -235,7 +235,7 @@ def judged(innovations, current_a=0.0, counts=True):
     valid = []
     for y in innovations:
         state, motion, measured = sample(SETUP, state, current_a=current_a)
-        state, ok = self_check(SETUP, state, motion, measured, np.array([y]), np.array([counts]))
+        state, ok = self_check(SETUP, state, motion, measured, np.array([y]), np.array([counts]), np.full(1, 0.5))
         valid.append(bool(ok[0]))
     return state, valid
 

@@ -62,7 +62,7 @@ CELL_ROWS: Final = {
     "slow_mean_v": 1,
     "slow_square_v2": 1,
 }  # of `vw_cells`, and how many rows each has
-CLIMATE_ROWS: Final = 11 + RC_MAX - 1  # of `vw_climate`, which the engine keeps for itself
+CLIMATE_ROWS: Final = 12 + RC_MAX - 1  # of `vw_climate`, which the engine keeps for itself
 COLUMNS_MAX: Final = 8
 SEGMENT: Final = np.dtype(
     [("column", np.int32, LANES), *[(name, np.float64, (COLUMNS_MAX, LANES)) for name in ("low", "rise")]]

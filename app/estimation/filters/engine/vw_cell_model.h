@@ -30,6 +30,7 @@ enum {
     VW_OCV_ERROR,    /* how far its OCV may be off [V] */
     VW_LASTING_DROP, /* voltage that a lasting current costs [V/A] */
     VW_COLD,         /* how much earlier than at 25 degC it looks empty */
+    VW_LOWEST,       /* lowest SOC that its model has seen under load */
     VW_DOUBTS
 };
 

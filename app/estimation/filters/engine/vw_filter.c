@@ -39,6 +39,7 @@ static void feel(const vw_filter *filter, const vw_lanes degc, vw_climate *clima
         const vw_real error2 = vw_square(doubt[VW_DROP_ERROR][c]), ohm2 = vw_square(doubt[VW_LASTING_DROP][c]);
         climate->degc[c] = degc[c];
         climate->drop_error[c] = doubt[VW_DROP_ERROR][c];
+        climate->lowest_soc[c] = doubt[VW_LOWEST][c];
         climate->cold2[c] = vw_square(doubt[VW_COLD][c]);
         climate->noise_ohm2[c] = (vw_square(t->model_error_rel) + error2) * ohm2;
         climate->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(doubt[VW_OCV_ERROR][c]) + hysteresis_v2;

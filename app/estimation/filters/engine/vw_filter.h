@@ -115,6 +115,7 @@ typedef struct {
     vw_lanes relaxing_v2;        /* of what a cell that was driven has left to relax [V^2] */
     vw_lanes empty_soc;          /* below it the model's error grows ... */
     vw_lanes empty_rise;         /* ... by so much per unit of SOC */
+    vw_lanes lowest_soc;         /* that the cell file has seen under load */
     vw_lanes cold2;              /* square by which slow overpotentials grow in the cold */
     vw_lanes surface[VW_RC_MAX - 1]; /* d_k of the model [1/A] */
 } vw_climate;

@@ -6,8 +6,10 @@
 #define CONTRADICTION 3 /* d^2 / 2 v, 2.4 sigma, from which a start is less likely than any other SOC */
 #define READINGS 2 /* of a voltage at rest: settled, or driven before and relaxing */
 
-/* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. The slope
- * is that of the sigma points or, if it is less, of a voltage that is read: in a plateau's step neither may be local. */
+/* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2 + max(lowest - z, 0)^2: a model that errs is
+ * trusted less, and below the lowest SOC that the cell file has seen at this temperature it only shows that it is below.
+ * The slope is that of the sigma points or, if it is less, of a voltage that is read: in a plateau's step neither may be
+ * local. */
 void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_real bias_v2 = vw_square(filter->tuning.bias_v), floor_v2 = vw_square(VW_SLOPE_FLOOR_V);
@@ -19,7 +21,9 @@ void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_wor
         const vw_real slope_v = vw_min(work->ocv_slope_v[c], reading_slope_v[c]);
         const vw_real slope_v2 = vw_max(vw_square(slope_v), floor_v2);
         work->soc[c] = x->soc[c];
-        work->soc_v2[c] = vw_min((x->slow_square_v2[c] + bias_v2) / slope_v2 + x->cov[0][c], VW_SOC_VARIANCE_MAX);
+        const vw_real below = vw_max(x->climate.lowest_soc[c] - x->soc[c], 0);
+        const vw_real own_v2 = (x->slow_square_v2[c] + bias_v2) / slope_v2 + x->cov[0][c] + vw_square(below);
+        work->soc_v2[c] = vw_min(own_v2, VW_SOC_VARIANCE_MAX);
         work->slope_v2[c] = slope_v2;
     }
 }
@@ -285,7 +289,8 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
         x->slow_mean_v[c] += bias_share * (y - slow);
         const int is_small = x->check_square_v2[c] < vw_square(t->check_rms_v);
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
-        const int is_known = (x->climate.drop_error[c] < t->drop_error_max) & !motion->is_beyond;
+        const int is_near = (x->climate.drop_error[c] < t->drop_error_max) & (work->soc[c] >= x->climate.lowest_soc[c]);
+        const int is_known = is_near & !motion->is_beyond;
         work->valid[c] = vw_pick(is_small & is_centred & is_known & (x->conflict[c] < t->conflict_max), 1, 0);
     }
 }

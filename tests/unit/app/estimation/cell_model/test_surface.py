@@ -83,7 +83,12 @@ def test_a_cell_that_resists_twice_drops_about_twice():
 
 def test_a_file_holds_the_numbers_alone_and_fits_a_page():
     evidence = Evidence(
-        True, (0.1, 1.0), (("kinetics_v", 0.1), ("r0_ohm", 0.02)), ((25.0, 0.004),), ((0.5, 0.003),), ()
+        has_ocv=True,
+        soc=(0.1, 1.0),
+        lowest=((0.0, 0.2), (25.0, 0.05)),
+        sigma=(("kinetics_v", 0.1), ("r0_ohm", 0.02)),
+        by_degc=((25.0, 0.004),),
+        by_soc=((0.5, 0.003),),
     )
     model = cell(evidence=evidence)
     text = format_cell(model)
@@ -115,6 +120,14 @@ def test_a_number_that_cannot_be_is_refused_by_name(old, new, field):
     with pytest.raises(CellFileError) as caught:
         parse_cell(text.replace(old, new))
     assert caught.value.field == field
+
+
+def test_the_lowest_soc_seen_holds_where_it_is_warmer_and_grows_where_it_is_colder():
+    model = cell(evidence=Evidence(lowest=((0.0, 0.2), (25.0, 0.05))))
+    np.testing.assert_allclose(model.lowest_soc([0.0, 12.5, 25.0, 60.0]), [0.2, 0.125, 0.05, 0.05])
+    colder = model.lowest_soc([-10.0, -40.0, -60.0])
+    assert 0.2 < colder[0] < colder[1] <= colder[2] <= 1.0
+    assert (cell().lowest_soc([-10.0, 25.0]) < 0.0).all(), "nothing is known of it"
 
 
 def test_where_nothing_measured_the_ocv_no_filter_is_valid():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import Evidence
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.filters.estimators import FILTERS, make_estimator
 from tests.open_loop import simulate
@@ -215,3 +216,20 @@ def test_a_drive_beyond_the_currents_of_the_cell_file_says_nothing_of_capacity(p
     assert bool(found.model_valid[-1, 0]) == learns
     own_ah = estimator.capacity()[0][0]
     assert own_ah < 0.95 * CELL.capacity_ah if learns else own_ah == pytest.approx(CELL.capacity_ah)
+
+
+def test_below_the_lowest_soc_that_the_cell_file_has_seen_a_count_goes_before_the_voltage():
+    found = []
+    for evidence in (None, Evidence(lowest=((25.0, 0.2),))):
+        estimator = make_estimator("fused", replace(CELL, evidence=evidence), 1)
+        volts = CELL.ocv.voltage(np.array([0.23]))
+        estimator.start(volts, DEGC[:1], 0.0, soc=0.23)
+        for _ in range(200):
+            estimator.step(0.1, 0.0, volts, DEGC[:1])
+        for _ in range(600):  # half of what is left is drawn, and the voltage reads far less
+            estimates = estimator.step(1.0, 0.13 * CELL.capacity_ah * 6.0, CELL.ocv.voltage(np.array([0.02])), DEGC[:1])
+        found.append((estimates.soc[0], estimates.soc_sigma[0], estimates.model_valid[0]))
+    (without, _, _), (seen, sigma, is_valid) = found
+    assert abs(seen - 0.10) < abs(without - 0.10)
+    assert seen == pytest.approx(0.10, abs=3.0 * sigma)
+    assert not is_valid

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.estimation.identification.identify import next_test, open_loop_voltage, seen_temperatures
+from app.estimation.identification.identify import lowest_soc, next_test, open_loop_voltage, seen_temperatures
 from app.estimation.identification.parts import Part
 from app.estimation.identification.slow_tests import SlowCurves
 from app.estimation.identification.surface_fit import (
@@ -86,3 +86,11 @@ def test_seen_are_the_temperatures_of_the_recordings_alone():
     assert seen[-1] == pytest.approx(38.0, abs=0.3)
     assert not ((seen > -6.0) & (seen < 19.0)).any()
     assert np.diff(seen[seen > 15.0]).max() <= 5.0
+
+
+def test_the_lowest_soc_is_that_of_the_recordings_there_or_colder():
+    cold, mild, warm = part(degc=-8.0, soc_start=0.9), part(degc=5.0, soc_start=0.95), part(degc=25.0, soc_start=0.8)
+    found = lowest_soc([warm, cold, mild], 3.0)
+    assert [degc for degc, _ in found] == [-8.0, 25.0], "what the cold has shown holds where it is milder"
+    assert found[0][1] == pytest.approx(cold.soc.min(), abs=0.01)
+    assert found[1][1] == pytest.approx(warm.soc.min(), abs=0.01)
