@@ -15,6 +15,7 @@ from tests.oracle.output import Output
 from tests.oracle.state import (
     LEAST_VARIANCE,
     N_GIVEN,
+    N_STARTS,
     SLOPE_FLOOR_V,
     SOC_VARIANCE_MAX,
     Measurement,
@@ -24,6 +25,7 @@ from tests.oracle.state import (
     noise_v2,
 )
 
+ROUGH: Final = 1  # the hypothesis of a SOC that is roughly right
 CONTRADICTION: Final = 3.0  # d^2 / 2 v, 2.4 sigma, from which a start is less likely than any other SOC
 
 
@@ -63,6 +65,8 @@ def fuse(
         z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
         u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
         e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved within its own covariance
+        z_b = z_f when u_f was least, counted on, in place of z_k where no start is right, and for a rough one that
+        is less sure; v_b: see `remember_best`
         P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                  v as in w_k: what was contradicted stays so
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
@@ -109,11 +113,16 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
     total_v2 = np.minimum(errs_v2 + count_v2, tuning.doubt_soc**2)
     w = state.start_weight * student(d, total_v2)
     contradicted = np.maximum(d**2 / total_v2 / 2.0 - CONTRADICTION, 0.0)
-    share = errs_v2**2 / (errs_v2**2 + count_v2**2)
-    total = tuning.start_unknown + w.sum(axis=0)
-    moved = -(w * share * d).sum(axis=0) / total
-    spread_v2 = (w * (share * d) ** 2).sum(axis=0) / total - moved**2
-    within_v2 = filter_v2 + (w * share * (count_v2 - filter_v2)).sum(axis=0) / total
+    state, off, best_v2 = remember_best(setup, state, z, errs_v2, fused_gain, gain_v2)
+    is_less_sure = best_v2 < count_v2
+    is_less_sure[np.arange(N_STARTS) != ROUGH] = False
+    sure_v2, apart = np.where(is_less_sure, best_v2, count_v2), np.where(is_less_sure, off, d)
+    share, kept = errs_v2**2 / (errs_v2**2 + sure_v2**2), errs_v2**2 / (errs_v2**2 + best_v2**2)
+    unknown, total = tuning.start_unknown, tuning.start_unknown + w.sum(axis=0)
+    moved = -(unknown * kept * off + (w * share * apart).sum(axis=0)) / total
+    spread_v2 = (unknown * (kept * off) ** 2 + (w * (share * apart) ** 2).sum(axis=0)) / total - moved**2
+    within_v2 = unknown * kept * (np.minimum(best_v2, filter_v2) - filter_v2)
+    within_v2 = filter_v2 + (within_v2 + (w * share * (sure_v2 - filter_v2)).sum(axis=0)) / total
     fused_v2 = within_v2 + np.maximum(spread_v2, 0.0)
     beyond = moved**2 / (filter_v2 + fused_v2) - state.conflict
     return replace(
@@ -124,6 +133,25 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
         start_weight=state.start_weight / (1.0 + motion.look_share(tuning.wander_s) * contradicted),
         conflict=state.conflict + motion.look_share(tuning.conflict_s) * beyond,
     )
+
+
+def remember_best(
+    setup: FilterSetup, state: State, z: FloatArray, errs_v2: FloatArray, fused_gain: FloatArray, gain_v2: FloatArray
+) -> tuple[State, FloatArray, FloatArray]:
+    """Return the state, how far the filter is from where it was the surest, counted on, and the variance of that."""
+    counted, since = state.drawn * (1.0 + fused_gain), state.drawn - state.best_drawn
+    since_v2 = (gain_v2 + setup.tuning.counter_gain**2) * since**2
+    aged_v2 = state.best_v2 + since_v2 + (state.count_offset - state.best_offset) ** 2
+    is_best = errs_v2 <= aged_v2
+    state = replace(
+        state,
+        best_soc=np.where(is_best, z + counted, state.best_soc),
+        best_v2=np.where(is_best, errs_v2, state.best_v2),
+        best_drawn=np.where(is_best, state.drawn, state.best_drawn),
+        best_offset=np.where(is_best, state.count_offset, state.best_offset),
+    )
+    kept_v2, off = np.minimum(errs_v2, aged_v2), z - (state.best_soc - counted)
+    return state, off, kept_v2 * (1.0 + (off**2 / (9.0 * (errs_v2 + kept_v2))) ** 2)
 
 
 def wander(setup: FilterSetup, state: State, motion: Motion) -> State:

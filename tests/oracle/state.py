@@ -57,6 +57,10 @@ class State:
             the same, relaxing.
         start_v2: (4, n) its variance by each hypothesis.
         start_weight: (4, n) their probabilities before any drive.
+        best_soc: SOC at the start by the filter when it was the surest, counted back.
+        best_v2: its variance then.
+        best_drawn: the charge drawn until then, over the capacity.
+        best_offset: `count_offset` then.
         fused_soc: what is reported, counted on between two looks.
         fused_v2: its variance.
         fused_gain: the gain it is counted with: that of the filter, as far as it is believed.
@@ -92,6 +96,10 @@ class State:
     start_soc: FloatArray
     start_v2: FloatArray
     start_weight: FloatArray
+    best_soc: FloatArray
+    best_v2: FloatArray
+    best_drawn: FloatArray
+    best_offset: FloatArray
     fused_soc: FloatArray
     fused_v2: FloatArray
     fused_gain: FloatArray
@@ -124,6 +132,7 @@ def initial_state(setup: FilterSetup, n_cells: int) -> State:
             "temperature_degc": np.full(n_cells, TEMPERATURE_UNKNOWN_DEGC),
             "capacity_ah": np.full(n_cells, setup.cell.model.capacity_ah),
             "resistance": np.ones(n_cells),
+            "best_v2": np.full(n_cells, SOC_VARIANCE_MAX),
         }
     )
 

@@ -132,6 +132,20 @@ def test_a_start_that_was_contradicted_for_minutes_does_not_return_where_the_fil
     assert agreeing.state.start_weight[0, 0] == 1.0
 
 
+@pytest.mark.parametrize("start_weight", [(0.0, 0.0), (0.0, 1.0)])
+def test_where_the_filter_knows_little_it_is_counted_on_from_where_it_was_the_surest(start_weight):
+    pair = Pair(0.60, 0.50, count_sigma=0.1)
+    weight = np.array([[start_weight[0]], [start_weight[1]], [0.0], [0.0]])
+    pair.state = replace(pair.state, start_weight=weight)
+    pair.fuse(1.0, 0.01**2)
+    pair.state = replace(pair.state, drawn=np.array([0.05]), count_soc=np.array([0.45]))
+    soc, variance = pair.fuse(1.0, 0.10**2, filter_soc=0.50)
+    assert soc == pytest.approx(0.55, abs=0.015)
+    assert np.sqrt(variance) < 0.06
+    pair.fuse(1.0, 0.005**2)
+    assert pair.state.best_soc[0] == pytest.approx(0.55), "surer now than ever"
+
+
 def test_between_two_looks_nothing_is_weighed():
     pair = Pair(0.51, 0.50)
     before, _ = pair.fuse(1.0, 1e-4)

@@ -154,6 +154,10 @@ typedef struct {
     vw_lanes start_soc[VW_STARTS]; /* SOC at the start by each hypothesis */
     vw_lanes start_v2[VW_STARTS];  /* its variance */
     vw_lanes start_weight[VW_STARTS]; /* its probability before any drive */
+    vw_lanes best_soc;             /* SOC at the start by the filter when it was the surest, counted back */
+    vw_lanes best_v2;              /* its variance then ... */
+    vw_lanes best_drawn;           /* ... the charge drawn until then, over the capacity ... */
+    vw_lanes best_offset;          /* ... and count_offset then */
     vw_lanes fused_soc;            /* what is reported, counted on between two looks */
     vw_lanes fused_v2;             /* its variance */
     vw_lanes fused_gain;           /* the gain it is counted with: that of the filter, as far as it is believed */

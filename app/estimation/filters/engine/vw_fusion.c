@@ -4,6 +4,7 @@
 #define LEAST_VARIANCE ((vw_real)1e-8) /* of a SOC at the start */
 #define GIVEN 2 /* hypotheses of a SOC that was given: exact, roughly right */
 #define CONTRADICTION 3 /* d^2 / 2 v, 2.4 sigma, from which a start is less likely than any other SOC */
+#define ROUGH 1 /* the second of them */
 #define READINGS 2 /* of a voltage at rest: settled, or driven before and relaxing */
 
 /* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2 + max(lowest - z, 0)^2: a model that errs is
@@ -207,21 +208,36 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         const vw_real errs_v2 = vw_min(alone_v2 + strays_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
         const vw_real drift_v2 =
             gain_v2[c] * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
+        /* the filter when it was the surest, counted on */
+        const vw_real counted = x->drawn[c] * (1 + x->fused_gain[c]), since = x->drawn[c] - x->best_drawn[c];
+        const vw_real since_v2 = (gain_v2[c] + vw_square(t->counter_gain)) * vw_square(since);
+        const vw_real aged_v2 = x->best_v2[c] + since_v2 + vw_square(x->count_offset[c] - x->best_offset[c]);
+        const int is_best = errs_v2 <= aged_v2;
+        x->best_soc[c] = vw_pick(is_best, z + counted, x->best_soc[c]);
+        x->best_drawn[c] = vw_pick(is_best, x->drawn[c], x->best_drawn[c]);
+        x->best_offset[c] = vw_pick(is_best, x->count_offset[c], x->best_offset[c]);
+        x->best_v2[c] = vw_pick(is_best, errs_v2, x->best_v2[c]);
+        const vw_real kept_v2 = vw_min(errs_v2, aged_v2), off = z - (x->best_soc[c] - counted);
+        const vw_real best_v2 = kept_v2 * (1 + vw_square(off * off / (9 * (errs_v2 + kept_v2))));
+        const vw_real kept = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(best_v2));
         /* beginning with the case that no start is right; moments count from the filter's SOC */
-        vw_real sum = t->start_unknown, moved = 0, square = 0, v2 = t->start_unknown * filter_v2;
+        vw_real sum = t->start_unknown, moved = -sum * kept * off, square = sum * vw_square(kept * off);
+        vw_real v2 = sum * (filter_v2 + kept * (vw_min(best_v2, filter_v2) - filter_v2));
         VW_UNROLL for (int k = 0; k < VW_STARTS; k++)
         {
             const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
-            const vw_real d = z - (x->start_soc[k][c] - x->drawn[c] * (1 + x->fused_gain[c]));
+            const vw_real d = z - (x->start_soc[k][c] - counted);
             const vw_real total_v2 = vw_min(errs_v2 + count_v2, vw_square(t->doubt_soc));
             const vw_real contradicted = vw_max(d * d / total_v2 / 2 - CONTRADICTION, 0);
             const vw_real w = x->start_weight[k][c] * student(d, total_v2);
             x->start_weight[k][c] /= 1 + motion->wander_share * contradicted;
-            const vw_real share = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(count_v2));
+            const int is_less_sure = (k == ROUGH) & (best_v2 < count_v2);
+            const vw_real sure_v2 = vw_pick(is_less_sure, best_v2, count_v2), apart = vw_pick(is_less_sure, off, d);
+            const vw_real share = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(sure_v2));
             sum += w;
-            moved -= w * share * d;
-            square += w * vw_square(share * d);
-            v2 += w * (filter_v2 + share * (count_v2 - filter_v2));
+            moved -= w * share * apart;
+            square += w * vw_square(share * apart);
+            v2 += w * (filter_v2 + share * (sure_v2 - filter_v2));
         }
         moved /= sum;
         const vw_real fused_v2 = v2 / sum + vw_max(square / sum - vw_square(moved), 0);
@@ -246,6 +262,8 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
  *   u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
  *   e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)      what the filter moved within its own covariance
+ *   where no start is right, and for a rough one that is less sure: z_b = z_f when u_f was least, counted on, with
+ *   v_b = (u_f then + var(p g) q^2 + gain^2 + offset^2 since) (1 + (d_b^2 / 9 (u_f + v_b))^2), in place of z_k and v_k
  *   P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                   v as in w_k: what was contradicted stays so
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *

@@ -151,6 +151,9 @@ static void suppose(const vw_tuning *t, vw_cells *restrict x, int c, vw_real soc
         x->start_v2[k][c] = vw_clip(vw_square(spread[k]), LEAST_VARIANCE, VW_SOC_VARIANCE_MAX);
         x->start_weight[k][c] = is_given ? weight[k] : 0;
     }
+    x->best_soc[c] = x->soc[c];
+    x->best_v2[c] = VW_SOC_VARIANCE_MAX;
+    x->best_drawn[c] = x->best_offset[c] = 0;
     x->fused_soc[c] = x->soc[c];
     x->fused_v2[c] = x->cov[0][c];
 }
