@@ -31,6 +31,8 @@ SECTIONS: Final = {
         "has_ocv",
         "lowest_degc",
         "lowest_soc",
+        "held_s",
+        "held_a",
     },
     "limits": {"temperature_min_degc", "temperature_max_degc", "discharge_max_a", "charge_max_a"},
 }

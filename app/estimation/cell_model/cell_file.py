@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.cell_model.cell_document import SECTIONS, CellDocument
-from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, CellLimits, CellModel, Evidence
+from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, CellLimits, CellModel
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
+from app.estimation.cell_model.evidence import Evidence
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.cell_model.surface import NUMBERS, ROWS, Lag, SurfaceModel
 from app.estimation.errors import CellFileError, ModelError
@@ -147,11 +148,11 @@ def _surface(reader: CellDocument) -> SurfaceModel:
 
 
 def _evidence(reader: CellDocument) -> Evidence:
-    def pairs(name: str, of: str, section: str = "errors") -> tuple[tuple[float, float], ...]:
+    def pairs(section: str, name: str, of: str) -> tuple[tuple[float, float], ...]:
         if not reader.has(section, name):
             return ()
-        at, found = reader.row(section, name), reader.row(section, of)
-        return tuple(zip(at.tolist(), found.tolist(), strict=False))
+        at, values = reader.row(section, name), reader.row(section, of)
+        return tuple(zip(at.tolist(), values.tolist(), strict=False))
 
     sigma = tuple(
         (name, reader.number("sigma", name)) for name in sorted(SECTIONS["sigma"]) if reader.has("sigma", name)
@@ -159,11 +160,12 @@ def _evidence(reader: CellDocument) -> Evidence:
     return Evidence(
         has_ocv=bool(reader.number("fit", "has_ocv", 1.0)),
         soc=tuple(reader.row("fit", "soc").tolist()) if reader.has("fit", "soc") else (),
-        lowest=pairs("lowest_degc", "lowest_soc", "fit"),
+        lowest=pairs("fit", "lowest_degc", "lowest_soc"),
         sigma=sigma,
-        by_degc=pairs("degc", "degc_v"),
-        by_soc=pairs("soc", "soc_v"),
-        by_c=pairs("current_c", "current_v"),
+        by_degc=pairs("errors", "degc", "degc_v"),
+        by_soc=pairs("errors", "soc", "soc_v"),
+        by_c=pairs("errors", "current_c", "current_v"),
+        held=pairs("fit", "held_s", "held_a"),
     )
 
 
@@ -240,6 +242,10 @@ def _evidence_lines(evidence: Evidence) -> list[str]:
     if evidence.lowest:
         degc, soc = np.array(evidence.lowest).T
         lines += [f"lowest_degc = {_row(degc)}", f"lowest_soc = {_row(soc)}  # seen under load there or colder"]
+    if evidence.held:
+        seconds, amps = np.array(evidence.held).T
+        lines.append(f"held_s = {_row(seconds)}  # for so long ...")
+        lines.append(f"held_a = {_row(amps)}  # ... the largest current that was measured")
     if evidence.sigma:
         lines += ["", "[sigma]  # of the numbers above: shares, energies in J/mol"]
         lines += [f"{name} = {_number(value)}" for name, value in evidence.sigma]

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.arrays import FloatArray
+from app.estimation.cell_model.evidence import Evidence
 from app.estimation.cell_model.ocv import OVERSHOOT, OcvCurve
 from app.estimation.cell_model.surface import GAS_CONSTANT, KELVIN, SurfaceModel
 from app.estimation.errors import ModelError
@@ -57,27 +58,6 @@ class CellLimits:
         low, high = self.temperature_min_degc, self.temperature_max_degc
         if low is not None and high is not None and not low < high:
             raise ModelError("limits.temperature_min_degc", "has to lie below temperature_max_degc")
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the identification rests on, and what it leaves over; nothing of it is needed to compute a voltage.
-
-    Attributes:
-        has_ocv: whether something measured the OCV: a slow test, or rests. Without, no filter is valid.
-        soc: lowest and highest SOC under load.
-        lowest: (m, 2) temperature [degC], rising, and the lowest SOC that was seen under load there or colder.
-        sigma: of the numbers in `surface`, by name; shares, but for energies [J/mol] and exponents.
-        by_degc, by_soc, by_c: (m, 2) temperature [degC], SOC or current [C], and the voltage's RMS error there [V].
-    """
-
-    has_ocv: bool = True
-    soc: tuple[float, ...] = ()
-    lowest: tuple[tuple[float, float], ...] = ()
-    sigma: tuple[tuple[str, float], ...] = ()
-    by_degc: tuple[tuple[float, float], ...] = ()
-    by_soc: tuple[tuple[float, float], ...] = ()
-    by_c: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, MAX_RC_PAIRS, CellModel, Evidence
+from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, MAX_RC_PAIRS, CellModel
+from app.estimation.cell_model.evidence import Evidence, held_currents
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
 from app.estimation.identification.parts import (
@@ -266,6 +267,7 @@ def _evidence(
         by_degc=by(degc),
         by_soc=by(soc, ERROR_SOC),
         by_c=by(current_c, ERROR_C),
+        held=held_currents((part.recording.time_s, part.recording.seen_charge_ah) for part in parts),
     )
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import format_cell, parse_cell
-from app.estimation.cell_model.circuit import CellModel, Evidence
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.evidence import Evidence
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.cell_model.surface import TABLE_DEGC, Lag, SurfaceModel
 from app.estimation.errors import CellFileError, ModelError
