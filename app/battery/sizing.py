@@ -16,7 +16,13 @@ from typing import Final, Literal
 import numpy as np
 
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.prediction.constant_current import CellKnowledge, OperatingPoint, carry_forward
+from app.estimation.prediction.constant_current import (
+    CellKnowledge,
+    OperatingPoint,
+    carry_forward,
+    is_beyond_measured,
+    measured_current_a,
+)
 from app.estimation.prediction.power import PowerLimit, PowerModel
 from app.estimation.prediction.power_along import limits_of
 
@@ -208,8 +214,8 @@ def _add_direction(made: _Maker, at: _At, direction: Direction, limit_a: float |
         by = {"current": field, "voltage": "the voltage", "soc": "the charge", "temperature": "the temperature"}
         held = f"{at.where}, held throughout from rest; limited by {by[pulse.reason]}"
         rows = [
-            ("continuous", "continuous", lasting_a, lasting_w, settled + _beyond(at.cell, lasting_a)),
-            ("10s", "10 s", pulse.current_a, pulse.power_w, held + _beyond(at.cell, pulse.current_a)),
+            ("continuous", "continuous", lasting_a, lasting_w, settled + _beyond(at.cell, lasting_a, math.inf)),
+            ("10s", "10 s", pulse.current_a, pulse.power_w, held + _beyond(at.cell, pulse.current_a, PULSE_S)),
         ]
     for name, title, amps, watts, when in rows:
         made.add(f"{direction}_current_{name}_a", f"{direction} current, {title}", "A", "current", amps, when, missing)
@@ -217,10 +223,11 @@ def _add_direction(made: _Maker, at: _At, direction: Direction, limit_a: float |
         made.add(f"{direction}_power_{name}_kw", f"{direction} power, {title}", "kW", "each", kilowatt, when, missing)
 
 
-def _beyond(cell: CellModel, amps: float) -> str:
-    if PowerModel(cell, limits_of(cell)).is_beyond_measured(amps):
-        return f"; extrapolated: measured up to {cell.fit_current_max_a:g} A a cell"
-    return ""
+def _beyond(cell: CellModel, amps: float, seconds: float) -> str:
+    if not is_beyond_measured(cell, amps, seconds):
+        return ""
+    measured_a = float(measured_current_a(cell, seconds))
+    return f"; extrapolated: measured up to {measured_a:.3g} A a cell for so long"
 
 
 def _without(value: float | None, field: str) -> tuple[str, ...]:

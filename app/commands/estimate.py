@@ -185,7 +185,8 @@ def _print_power(report: dict[str, Any]) -> None:
     if measured_a is None:
         print("    the cell file does not say up to which current it was measured")
     elif any(each["beyond_measured_frac"] for each in report["power"]):
-        print(f"    extrapolated where marked: no current above {measured_a:.3g} A was measured for the cell file")
+        measured = f"currents (up to {measured_a:.3g} A, less for longer) or temperatures"
+        print(f"    extrapolated where marked: beyond the {measured} that the cell file was measured with")
 
 
 def _beyond(share: float | None) -> str:

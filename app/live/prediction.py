@@ -26,7 +26,14 @@ from app.estimation.prediction.energy_target import EnergyTarget, RacePlan, Targ
 from app.estimation.prediction.heat import HeatBalance
 from app.estimation.prediction.laps import LapWatch
 from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
-from app.live.prediction_conditions import at_load, cells_unknown, laps_known, power_held, until_empty
+from app.live.prediction_conditions import (
+    at_load,
+    beyond_temperatures,
+    cells_unknown,
+    laps_known,
+    power_held,
+    until_empty,
+)
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
 from app.telemetry.cell_findings import Finding, Sensors, findings_in_words
 
@@ -274,6 +281,8 @@ class Predictor:
                 capacity_sigma_ah=known.capacity_sigma_ah,
                 resistance_sigma=known.resistance_sigma,
                 loss_current_a=pace * loss_a,
+                v_min_v=limits.v_min_v,
+                branch_a=branches,
             )
 
         is_whole = not self._unknown_cells  # else the sums over the cells would be too low
@@ -292,7 +301,9 @@ class Predictor:
             if is_whole
             else None,
         )
-        self.assessment = replace(assessment, prediction=self._prediction(assessment, steady_a, mean_a))
+        self.assessment = replace(
+            assessment, prediction=self._prediction(assessment, steady_a, mean_a, temperatures_degc)
+        )
         return True
 
     def _learned_so_far(self) -> Assessment:
@@ -335,11 +346,15 @@ class Predictor:
         tracker = self._capacities.tracker
         return learned(tracker.nominal_ah, tracker.capacity_ah(), tracker.sigma_ah(), *self._scale.judge())
 
-    def _prediction(self, assessment: Assessment, load_a: float, driven_a: float) -> Prediction:
+    def _prediction(
+        self, assessment: Assessment, load_a: float, driven_a: float, temperatures_degc: FloatArray
+    ) -> Prediction:
         nearest = min(assessment.to_trip, key=lambda trip: trip.seconds, default=None)
         energy, known = assessment.energy, assessment.learned
         measured_a = self.cell.fit_current_max_a or None
         unknown = cells_unknown(self._unknown_cells)
+        temperatures = beyond_temperatures(self.cell, temperatures_degc)
+        is_beyond = None if energy is None else energy.beyond_measured or temperatures is not None
         return Prediction(
             power=assessment.power,
             to_trip=assessment.to_trip,
@@ -350,6 +365,7 @@ class Predictor:
             energy_left_low_wh=None if energy is None else energy.low_wh,
             energy_left_high_wh=None if energy is None else energy.high_wh,
             energy_left_cell=None if energy is None else energy.cell,
+            energy_left_beyond_measured=is_beyond,
             counted_with=None if known is None else _counted_with(known),
             laps=assessment.laps,
             target=assessment.target,
@@ -357,9 +373,9 @@ class Predictor:
             age_s=None,
             load_a=load_a,
             measured_current_max_a=measured_a,
-            power_condition=unknown or power_held(assessment.power, measured_a),
-            to_trip_condition=at_load(load_a),
-            energy_condition=unknown or until_empty(driven_a),
+            power_condition=unknown or power_held(assessment.power, temperatures),
+            to_trip_condition=at_load(load_a, assessment.to_trip, temperatures),
+            energy_condition=unknown or until_empty(driven_a, is_beyond, temperatures),
             laps_condition=unknown or laps_known(self._laps, assessment.laps),
         )
 

@@ -1,10 +1,16 @@
 """Under which condition each prediction holds, or why there is none: messages for the pages and the API."""
 
 from dataclasses import replace
+from math import inf
 
+import numpy as np
+
+from app.estimation.arrays import FloatArray
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.prediction.constant_current import is_beyond_temperatures
 from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.laps import LapWatch
-from app.estimation.prediction.power import HORIZONS_S, PowerLimit, StatePower
+from app.estimation.prediction.power import HORIZONS_S, PowerLimit, StatePower, TimeToTrip
 from app.telemetry import Prediction
 from app.telemetry.measurement import Measurement
 from app.words import Message, Quantity
@@ -15,27 +21,58 @@ def cells_unknown(n: int) -> Message | None:
     return Message("soc-of-cells-unknown", n=n) if n else None
 
 
-def power_held(power: StatePower | None, measured_a: float | None) -> Message:
-    """Power: whether it lies beyond the currents that the cell file was measured with [A], None = it does not say."""
+def power_held(power: StatePower | None, temperatures: Message | None) -> Message:
+    """Power: whether it is beyond what the cell file was measured with, and then what is furthest beyond.
+
+    Args:
+        power: as predicted.
+        temperatures: `beyond_temperatures`.
+    """
     if power is None:
         return Message("power-not-known")
-    if measured_a is None:
+    limits = (*power.discharge, *power.charge)
+    if temperatures is not None:
+        return temperatures
+    if any(limit.measured_a is None for limit in limits):
         return Message("power-held-not-measured")
-    if any(limit.beyond_measured for limit in (*power.discharge, *power.charge)):
-        return Message("power-held-beyond", measured=Quantity(measured_a, "A"))
+    if any(limit.beyond_measured for limit in limits):
+        furthest = max(limits, key=lambda limit: limit.current_a / (limit.measured_a or inf))
+        return Message(
+            "power-held-beyond",
+            measured=Quantity(furthest.measured_a, "A", 0),
+            time=Quantity(furthest.horizon_s, "s", 0),
+            asked=Quantity(furthest.current_a, "A", 0),
+        )
     return Message("power-held")
 
 
-def at_load(load_a: float) -> Message:
+def beyond_temperatures(cell: CellModel, temperatures_degc: FloatArray) -> Message | None:
+    """All of it: the cells' temperatures, where those that the cell file was measured at are too far from them."""
+    known = temperatures_degc[np.isfinite(temperatures_degc)]
+    if not is_beyond_temperatures(cell, known):
+        return None
+    low, high = (Quantity(float(cell.measured_degc[end]), "degC", 0) for end in (0, -1))
+    furthest = float(known[cell.drop_error(known).argmax()])
+    return Message("beyond-temperatures", low=low, high=high, now=Quantity(furthest, "degC", 0))
+
+
+def at_load(load_a: float, trips: tuple[TimeToTrip, ...], temperatures: Message | None) -> Message:
     """Times to the limits, at the mean current of the last seconds [A]; 0 = no current to speak of."""
-    return Message("to-trip-at-load", load=Quantity(load_a, "A", 0)) if load_a else Message("to-trip-at-rest")
+    if not load_a:
+        return Message("to-trip-at-rest")
+    if temperatures is not None:
+        return temperatures
+    is_beyond = any(trip.beyond_measured for trip in trips)
+    return Message("to-trip-at-load-beyond" if is_beyond else "to-trip-at-load", load=Quantity(load_a, "A", 0))
 
 
-def until_empty(driven_a: float) -> Message:
+def until_empty(driven_a: float, is_beyond: bool | None, temperatures: Message | None) -> Message:
     """Energy, with the losses of driving at a mean current [A]; 0 = nothing was driven yet."""
     if not driven_a:
         return Message("energy-without-load")
-    return Message("energy-at-load", load=Quantity(driven_a, "A", 0))
+    if temperatures is not None:
+        return temperatures
+    return Message("energy-at-load-beyond" if is_beyond else "energy-at-load", load=Quantity(driven_a, "A", 0))
 
 
 def laps_known(watch: LapWatch, left: LapsLeft | None) -> Message:
@@ -61,7 +98,7 @@ def as_of(prediction: Prediction | None, measured: Measurement, judged_ns: int |
         why_power, why_laps = Message("power-none-relays-open"), Message("laps-none-relays-open")
     else:
         return aged
-    nothing = tuple(PowerLimit(h, 0.0, 0.0, 0.0, 0.0, None, "relays", False) for h in HORIZONS_S)
+    nothing = tuple(PowerLimit(h, 0.0, 0.0, 0.0, 0.0, None, "relays", None, False) for h in HORIZONS_S)
     return replace(
         aged,
         power=StatePower(nothing, nothing),
@@ -85,6 +122,7 @@ def _without_energy(prediction: Prediction) -> Prediction:
         energy_left_low_wh=None,
         energy_left_high_wh=None,
         energy_left_cell=None,
+        energy_left_beyond_measured=None,
         target=None,
         energy_condition=Message("energy-none-fault"),
     )

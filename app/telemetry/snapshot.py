@@ -145,6 +145,7 @@ class Prediction:
     energy_left_low_wh: Annotated[Number, Unit("Wh", "lower end of its band", None)]
     energy_left_high_wh: Annotated[Number, Unit("Wh", "upper end of its band", None)]
     energy_left_cell: int | None
+    energy_left_beyond_measured: bool | None  # such a load was never measured for so long, or at such a temperature
     counted_with: CountedWith | None
     laps: LapsLeft | None
     target: EnergyTarget | None  # energy of a lap; None without a plan

@@ -14,8 +14,8 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.prediction.constant_current import CellKnowledge, OperatingPoint, voltage_sigma_v
-from app.estimation.prediction.power import BAND_SIGMAS, COVERAGE
+from app.estimation.prediction.constant_current import BAND_SIGMAS, CellKnowledge, OperatingPoint, voltage_sigma_v
+from app.estimation.prediction.power import COVERAGE
 
 AHEAD_S: Final = 10.0
 GAIN: Final = 0.2  # a miss widens by a fifth, a hit narrows by a fiftieth
@@ -73,7 +73,7 @@ class VoltageForecast:
         factor = np.asarray(known.resistance_factor, dtype=np.float64)
         drop_v = cell.drop_v(states.soc, states.branch_a, current_a, states.temperature_degc, factor)
         current = np.full(states.n_cells, current_a)
-        sigma_v = voltage_sigma_v(cell, known, states.soc, np.asarray(known.soc_sigma), current, drop_v)
+        sigma_v = voltage_sigma_v(cell, known, states, np.asarray(known.soc_sigma), current, drop_v)
         off = np.abs(voltages_v - (ocv_v - drop_v)) / sigma_v
         off = off[np.isfinite(off)]
         if off.size:

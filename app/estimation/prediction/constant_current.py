@@ -1,10 +1,14 @@
 """Cells carried forward at a constant current, with what is not known of them, by the closed form of the cell model.
 
-    v(t)   = OCV(z(t)) - drop(z(t), i_k(t), i),   z(t) = z - i t / Q
+    v(t)   = OCV(z(t)) - M sign(i) - (1 + b x(t)) drop(z(t), i_k(t), i),   z(t) = z - i t / Q
     i_k(t) = a_k i_k + (1 - a_k) i,   a_k = exp(-t / tau_k)
+    x(t)   = max(|i| / i_m(t) - 1, 0)
     T(t)   = T + ((OCV(z) - v(t)) i - cooling) t / C_th
 
 No time steps are taken. Sigmas are carried along to first order; a cell's own errors are taken to be independent.
+i_m depletes a cell in the time t as far as any current that the cell file was measured with. Beyond it a cell drops
+more than the model of it: b x is expected on top, with a sigma of as much, so that the upper end of a band is the model
+as it is.
 """
 
 from __future__ import annotations
@@ -15,13 +19,22 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
+from app.estimation.cell_model.evidence import HELD_S, PULSE_S, sand_current_a
+from app.estimation.cell_model.surface import GAS_CONSTANT, KELVIN
 from app.estimation.errors import ShapeError
+from app.estimation.filters.tuning import Tuning
 
 VOLTAGE_SIGMA_V: Final = 0.01  # of a circuit against a cell, where the cell file does not say it
-RESISTANCE_SIGMA_FRAC: Final = 0.06  # of any resistance: what lasts and what is fast do not scale alike
-BEYOND_SIGMA_FRAC: Final = 0.5  # of the drop that the current beyond the largest measured one adds
+RESISTANCE_SIGMA_FRAC: Final = 0.08  # of any resistance: what lasts and what is fast do not scale alike
+CHARGE_SIGMA_FRAC: Final = 0.2  # on charge: few tests charge hard, hardly any a cell that is nearly full
+BAND_SIGMAS: Final = 1.645  # 5 to 95 %
+MEASURED_TOLERANCE: Final = 0.02  # by which a current counts as one that was measured
+BEYOND_DROP: Final = 0.6  # b
+BEYOND_MODEL_FRAC: Final = 0.2  # by which the model's drop itself may be off, of the current's part that none measured
+TINY_A: Final = 1e-9
+SLOWER_J_MOL: Final = 40e3  # by which diffusion slows in the cold, where the cell file does not say
 TEMPERATURE_SIGMA_DEGC: Final = 1.0  # the sensor, and that it is not in the cell
 HEATING_SIGMA_FRAC: Final = 0.5  # of what the cell would warm without cooling
 
@@ -149,13 +162,19 @@ def carry_forward(
     decay = np.exp(-seconds / cell.time_constants(soc, temperature))
     before_a = states.branch_a.reshape(cell.n_rc, *[1] * (soc.ndim - 1), n)
     branch_a = decay * before_a + (1.0 - decay) * current
-    drop = cell.drop_v(soc, branch_a, current, temperature, known.resistance_factor)
+    beyond = beyond_measured(cell, current, seconds, temperature)
+    of_model = cell.drop_v(soc, branch_a, current, temperature, known.resistance_factor)
+    drop = (1.0 + beyond.expected) * of_model
+    gap_v = cell.hysteresis_v * np.sign(current)
     soc_sigma = np.hypot(known.soc_sigma, moved * known.capacity_sigma_frac) + np.zeros_like(soc)
     loss_w = np.maximum(drop * current, 0.0)
     heating = np.maximum(loss_w - known.cooling_w, 0.0) * seconds / heat_capacity_j_k
     return Ahead(
-        cell.open_circuit_voltage(soc, temperature) - drop,
-        voltage_sigma_v(cell, known, soc, soc_sigma, current, drop),
+        cell.open_circuit_voltage(soc, temperature) - gap_v - drop,
+        np.hypot(
+            voltage_sigma_v(cell, known, OperatingPoint(soc, branch_a, temperature), soc_sigma, current, of_model),
+            beyond.sigma * np.abs(of_model),
+        ),
         soc,
         soc_sigma,
         temperature + heating,
@@ -163,29 +182,88 @@ def carry_forward(
     )
 
 
+def knows_currents(cell: CellModel) -> bool:
+    """Return whether the cell file says which currents it was measured with."""
+    return bool(np.isfinite(measured_current_a(cell, 0.0)))
+
+
+def measured_current_a(cell: CellModel, time_s: ArrayLike, temperature_degc: ArrayLike = 25.0) -> FloatArray:
+    """Return the largest current that the cell file was measured with for so long [A]; infinite where unknown."""
+    return np.minimum(_depleting_current_a(cell, time_s, temperature_degc), cell.fit_current_max_a or np.inf)
+
+
+def _depleting_current_a(cell: CellModel, time_s: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+    """Return the current that depletes as much in a time as was measured [A].
+
+    Colder than anything that was measured diffusion is slower, and less current depletes as much. A file that only has
+    the largest current of an instant is taken to have held it for a pulse, and a data sheet's lasting one for long.
+    """
+    held = () if cell.evidence is None else cell.evidence.held
+    if not held and cell.fit_current_max_a:
+        held = ((PULSE_S, cell.fit_current_max_a), (HELD_S[-1], cell.limits.discharge_max_a or 0.0))
+    coldest_k = cell.measured_degc[0] + KELVIN
+    inverse_k = 1.0 / np.minimum(np.asarray(temperature_degc, dtype=np.float64) + KELVIN, coldest_k)
+    energy = max(SLOWER_J_MOL, 0.0 if cell.surface is None else cell.surface.diffusion_j_mol)
+    slower = np.exp(energy / GAS_CONSTANT * (inverse_k - 1.0 / coldest_k))
+    return np.asarray(sand_current_a(held, time_s) / slower)
+
+
+class Beyond(NamedTuple):
+    """How far a current is beyond those that were measured, as shares of the model's drop."""
+
+    expected: FloatArray  # that comes on top
+    sigma: FloatArray
+
+
+def beyond_measured(
+    cell: CellModel, current_a: ArrayLike, time_s: ArrayLike, temperature_degc: ArrayLike = 25.0
+) -> Beyond:
+    """Return what a constant current drops more than a model that was never measured with it so long."""
+    magnitude_a = np.maximum(np.abs(current_a), TINY_A)
+    more = BEYOND_DROP * np.maximum(magnitude_a / _depleting_current_a(cell, time_s, temperature_degc) - 1.0, 0.0)
+    unseen = np.maximum(1.0 - measured_current_a(cell, time_s, temperature_degc) / magnitude_a, 0.0)
+    return Beyond(more, (more + BEYOND_MODEL_FRAC * unseen) / BAND_SIGMAS)
+
+
+def is_beyond_measured(
+    cell: CellModel, current_a: ArrayLike, time_s: ArrayLike, temperature_degc: ArrayLike = 25.0
+) -> BoolArray:
+    """Return whether a constant current was never measured for so long; False where the file does not say."""
+    limit_a = (1.0 + MEASURED_TOLERANCE) * measured_current_a(cell, time_s, temperature_degc)
+    return np.asarray(np.abs(current_a) > limit_a)
+
+
+def is_beyond_temperatures(cell: CellModel, temperature_degc: FloatArray) -> bool:
+    """Return whether a cell is so far from the temperatures of the cell file that its resistances are not known."""
+    known = temperature_degc[np.isfinite(temperature_degc)]
+    return bool((cell.drop_error(known) > Tuning().drop_error_max).any())
+
+
 def voltage_sigma_v(
     cell: CellModel,
     known: CellKnowledge,
-    soc: FloatArray,
+    states: OperatingPoint,
     soc_sigma: FloatArray,
-    current: FloatArray,
-    drop: FloatArray,
+    current_a: FloatArray,
+    drop_v: FloatArray,
 ) -> FloatArray:
-    """Return what SOC, resistance and circuit, and currents beyond the measured ones, make unsure of a voltage [V].
+    """Return what SOC, resistances, circuit and temperature make unsure of a voltage [V].
 
     Args:
         cell: model of the cell.
         known: what is known of it.
-        soc: state of charge at that moment.
-        soc_sigma: its standard deviation.
-        current: at that moment [A].
-        drop: below the open-circuit voltage [V].
+        states: at that moment, (...) and branches (n_rc, ...).
+        soc_sigma: standard deviation of the SOC then.
+        current_a: at that moment [A].
+        drop_v: below the open-circuit voltage [V].
     """
-    by_soc = cell.ocv.slope(soc) * soc_sigma
-    by_resistance = drop * np.hypot(known.resistance_sigma, RESISTANCE_SIGMA_FRAC)
-    variance = by_soc**2 + by_resistance**2 + (cell.fit_voltage_rms_v or VOLTAGE_SIGMA_V) ** 2
-    if cell.fit_current_max_a:
-        magnitude = np.abs(current)
-        beyond = np.maximum(magnitude - cell.fit_current_max_a, 0.0) / np.maximum(magnitude, 1e-9)
-        variance = variance + (BEYOND_SIGMA_FRAC * beyond * drop) ** 2
+    degc = states.temperature_degc
+    surface = cell.surface_soc(states.soc, states.branch_a, degc, known.resistance_factor)
+    by_soc = cell.ocv.slope(surface) * soc_sigma
+    of_circuit = np.where(np.asarray(current_a) < 0.0, CHARGE_SIGMA_FRAC, RESISTANCE_SIGMA_FRAC)
+    by_resistance = drop_v * np.sqrt(np.square(known.resistance_sigma) + of_circuit**2 + cell.drop_error(degc) ** 2)
+    error_v: ArrayLike = cell.fit_voltage_rms_v or VOLTAGE_SIGMA_V
+    if cell.evidence is not None:
+        error_v = np.maximum(error_v, cell.evidence.error_v(states.soc, current_a / cell.c_rate_a, degc))
+    variance = by_soc**2 + by_resistance**2 + np.square(error_v) + cell.ocv_error_v(degc) ** 2
     return np.asarray(np.sqrt(variance) * known.voltage_scale)

@@ -12,9 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.estimation.arrays import FloatArray
-from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.errors import ModelError, ShapeError
-from app.estimation.prediction.power import BAND_SIGMAS
+from app.estimation.prediction.constant_current import (
+    BAND_SIGMAS,
+    TINY_A,
+    beyond_measured,
+    is_beyond_measured,
+    knows_currents,
+)
 
 OCV_POINTS: Final = 33  # of the integral over SOC
 RIPPLE_S: Final = 3.0  # for which a driver holds throttle or brake
@@ -33,12 +39,14 @@ class EnergyLeft:
             and of the load [Wh].
         charge_ah: charge until then [Ah].
         cell: the cell that ends it.
+        beyond_measured: such a current was never measured for so long; None = the cell file does not say.
     """
 
     energy_wh: float
     sigma_wh: float
     charge_ah: float
     cell: int
+    beyond_measured: bool | None = None
 
     @property
     def low_wh(self) -> float:
@@ -75,10 +83,12 @@ def energy_left(
     capacity_sigma_ah: ArrayLike = 0.0,
     resistance_sigma: ArrayLike = 0.0,
     loss_current_a: float | None = None,
+    v_min_v: float = 0.0,
+    branch_a: FloatArray | None = None,
 ) -> EnergyLeft:
-    """Return the energy until the first cell reaches the lowest SOC.
+    """Return the energy until the first cell reaches the lowest SOC, or under this load the lowest voltage.
 
-        E = sum over cells of  Q_i * integral of OCV dz - R0 I dQ - sum R_k I_k dQ - e asinh(I / i_ref) dQ
+        E = sum over cells of  Q_i * integral of OCV dz - (1 + b x) drop dQ
 
     Args:
         cell: model of the cells.
@@ -93,6 +103,8 @@ def energy_left(
         resistance_factor: (n_cells,) or scalar, growth of all resistances.
         capacity_sigma_ah: (n_cells,) or scalar, standard deviation of the capacities [Ah].
         resistance_sigma: (n_cells,) or scalar, standard deviation of `resistance_factor`.
+        v_min_v: lowest voltage of a cell [V].
+        branch_a: (n_rc, n_cells) currents through the lags now [A]; None = as the load settles them.
 
     Raises:
         ModelError: no cell has an SOC.
@@ -109,24 +121,40 @@ def energy_left(
     z = soc[known]
     temperature = np.where(np.isnan(temperature_degc[known]), 25.0, temperature_degc[known])
     available_ah = np.maximum(z - soc_min, 0.0) * capacity
-    first = int(available_ah.argmin())
-    charge_ah = float(available_ah[first])
-    share = np.linspace(0.0, 1.0, OCV_POINTS)[:, None]
-    path = z - share * charge_ah / capacity
     loss_a = current_a if loss_current_a is None else loss_current_a
-    branch_a = current_a + (loss_a - current_a) / (1.0 + cell.time_constants(path, temperature) / RIPPLE_S)
-    drop_v = cell.drop_v(path, branch_a, loss_a, temperature, factor)
+    lasts_s = SECONDS_PER_HOUR * float(available_ah.min()) / max(current_a, TINY_A)
+    beyond = beyond_measured(cell, current_a, lasts_s)
+    share = np.linspace(0.0, 1.0, OCV_POINTS)[:, None]
+    now_a = None if branch_a is None else branch_a[:, None, known]
+
+    def voltage_and_drop(charge_ah: float) -> tuple[FloatArray, FloatArray]:
+        path = z - share * charge_ah / capacity
+        tau_s = cell.time_constants(path, temperature)
+        settled_a = current_a + (loss_a - current_a) / (1.0 + tau_s / RIPPLE_S)
+        passed_s = share * SECONDS_PER_HOUR * charge_ah / max(current_a, TINY_A)
+        lag_a = settled_a + (0.0 if now_a is None else (now_a - settled_a) * np.exp(-passed_s / tau_s))
+        drop_v = (1.0 + beyond.expected) * cell.drop_v(path, lag_a, loss_a, temperature, factor)
+        return cell.open_circuit_voltage(path, temperature) - cell.hysteresis_v - drop_v, drop_v
+
+    first, charge_ah = int(available_ah.argmin()), float(available_ah.min())
+    voltage_v, drop_v = voltage_and_drop(charge_ah)
+    if (is_low := voltage_v < v_min_v).any():
+        row, first = (int(k) for k in np.unravel_index(int(is_low.argmax()), is_low.shape))
+        above_v, below_v = voltage_v[max(row - 1, 0), first] - v_min_v, v_min_v - voltage_v[row, first]
+        charge_ah *= max(row - below_v / (above_v + below_v), 0.0) / (OCV_POINTS - 1) if row else 0.0
+        voltage_v, drop_v = voltage_and_drop(charge_ah)
     lost_wh = float(np.trapezoid(drop_v.sum(axis=1), share[:, 0])) * charge_ah
-    voltage_v = (cell.open_circuit_voltage(path, temperature) - drop_v).sum(axis=1)
-    mean_v = float(np.trapezoid(voltage_v, share[:, 0]))
+    mean_v = float(np.trapezoid(voltage_v.sum(axis=1), share[:, 0]))
     # sigmas of SOC and capacity of the cell that ends it are so much charge, drawn at the voltage of the end
     by_soc_ah = float(soc_sigma[known][first] * capacity[first])
     sigma_ah = np.broadcast_to(np.asarray(capacity_sigma_ah, dtype=np.float64), soc.shape)[known]
     by_capacity_ah = float(max(z[first] - soc_min, 0.0) * sigma_ah[first])
-    by_resistance = float(np.mean(np.broadcast_to(np.asarray(resistance_sigma, dtype=np.float64), soc.shape)[known]))
-    by_loss_wh = lost_wh * np.hypot(by_resistance, LOSS_SIGMA_FRAC)
-    sigma_wh = float(np.hypot(np.hypot(by_soc_ah, by_capacity_ah) * voltage_v[-1], by_loss_wh))
-    return EnergyLeft(max(mean_v * charge_ah, 0.0), sigma_wh, charge_ah, int(known[first]))
+    shares = np.broadcast_to(np.asarray(resistance_sigma, dtype=np.float64), soc.shape)[known]
+    unknown = float(cell.drop_error(temperature).mean()), float(beyond.sigma)
+    by_loss_wh = lost_wh * float(np.linalg.norm((float(shares.mean()), LOSS_SIGMA_FRAC, *unknown)))
+    sigma_wh = float(np.hypot(np.hypot(by_soc_ah, by_capacity_ah) * voltage_v[-1].sum(), by_loss_wh))
+    is_beyond = bool(is_beyond_measured(cell, current_a, lasts_s)) if knows_currents(cell) else None
+    return EnergyLeft(max(mean_v * charge_ah, 0.0), sigma_wh, charge_ah, int(known[first]), is_beyond)
 
 
 def laps_left(energy: EnergyLeft, lap_energies_wh: ArrayLike) -> LapsLeft | None:

@@ -15,7 +15,17 @@ import numpy as np
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import ModelError
-from app.estimation.prediction.constant_current import Ahead, CellKnowledge, Limits, OperatingPoint, carry_forward
+from app.estimation.prediction.constant_current import (
+    BAND_SIGMAS,
+    Ahead,
+    CellKnowledge,
+    Limits,
+    OperatingPoint,
+    carry_forward,
+    is_beyond_measured,
+    is_beyond_temperatures,
+    measured_current_a,
+)
 
 Reason = Literal["voltage", "soc", "temperature", "current", "relays"]
 Limit = Literal["v_min", "v_max", "soc_min", "soc_max", "temperature_max"]
@@ -29,10 +39,8 @@ GRID: Final = 8  # parts of the current limit or of the hour that are looked at 
 ROUNDS: Final = 10  # of bisection after it: to 1/8192
 TIME_LIMIT_S: Final = 3600.0  # later trips are not predicted
 COVERAGE: Final = 0.9  # of every band: the truth is expected within it nine times in ten
-BAND_SIGMAS: Final = 1.645  # 5 to 95 %
 QUANTILES: Final = np.array((BAND_SIGMAS, 0.0, -BAND_SIGMAS))  # margins below these are passed: low, median, high
 TINY: Final = 1e-9  # sigma of what is known exactly
-MEASURED_TOLERANCE: Final = 0.02
 
 
 @dataclass(frozen=True)
@@ -46,7 +54,8 @@ class PowerLimit:
         current_a: magnitude of the current [A].
         cell: index of the cell that limits, None where the accumulator's current limit does.
         reason: which limit it meets; `relays`: they are open, nothing can flow.
-        beyond_measured: the current is larger than any the cell file was measured with; None = the file does not say.
+        measured_a: largest current that the cell file was measured with for so long; None = the file does not say [A].
+        beyond_measured: current or temperature lie beyond those of the cell file; None = the file does not say.
     """
 
     horizon_s: float
@@ -56,6 +65,7 @@ class PowerLimit:
     current_a: float
     cell: int | None
     reason: Reason
+    measured_a: float | None
     beyond_measured: bool | None
 
 
@@ -71,7 +81,8 @@ class StatePower:
 class TimeToTrip:
     """Seconds until a limit is met at a constant current, with their band; inf = not within an hour.
 
-    `cell` is who meets it first, None where none does.
+    `cell` is who meets it first, None where none does. `beyond_measured` is as in `PowerLimit`,
+    at that time; None also where the charge limits.
     """
 
     limit: Limit
@@ -79,6 +90,7 @@ class TimeToTrip:
     low_s: float
     high_s: float
     cell: int | None
+    beyond_measured: bool | None
 
 
 @dataclass(frozen=True)
@@ -219,7 +231,8 @@ class PowerModel:
                     current_a=held_a,
                     cell=int(cells[least[k]]) if is_cell else None,
                     reason=reason,
-                    beyond_measured=self.is_beyond_measured(held_a),
+                    measured_a=self._measured_a(float(horizon_s)),
+                    beyond_measured=self._is_beyond(states, held_a, float(horizon_s)),
                 )
             )
         return tuple(results)
@@ -234,10 +247,19 @@ class PowerModel:
             names = CHARGE_LIMITS if current_a < 0.0 else DISCHARGE_LIMITS
             early, usual, late = (float(s) for s in seconds[:, k])
             name = names[int(questions.counts[:, k].argmax())]
-            results.append(TimeToTrip(name, usual, early, late, None if math.isinf(usual) else int(first[k])))
+            beyond = None  # a count of charge knows no drop
+            if not name.startswith("soc"):
+                beyond = self._is_beyond(states, float(current_a), min(usual, TIME_LIMIT_S))
+            results.append(TimeToTrip(name, usual, early, late, None if math.isinf(usual) else int(first[k]), beyond))
         return tuple(results)
 
-    def is_beyond_measured(self, current_a: float) -> bool | None:
-        """Say whether no current as large as this was measured for the cell file; None where it does not say."""
-        largest_a = self.cell.fit_current_max_a
-        return abs(current_a) > (1.0 + MEASURED_TOLERANCE) * largest_a if largest_a else None
+    def _measured_a(self, time_s: float) -> float | None:
+        measured_a = float(measured_current_a(self.cell, time_s))
+        return measured_a if math.isfinite(measured_a) else None
+
+    def _is_beyond(self, states: OperatingPoint, current_a: float, time_s: float) -> bool | None:
+        if is_beyond_temperatures(self.cell, states.temperature_degc):
+            return True
+        if self._measured_a(time_s) is None:
+            return None
+        return bool(is_beyond_measured(self.cell, current_a, time_s))

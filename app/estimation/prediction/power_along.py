@@ -11,9 +11,17 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel, charge_moved_coulomb
+from app.estimation.filters.tuning import Tuning
 from app.estimation.prediction.calibration import AHEAD_S, scale_along
-from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint, voltage_sigma_v
-from app.estimation.prediction.power import BAND_SIGMAS, HORIZONS_S, QUANTILES, PowerModel
+from app.estimation.prediction.constant_current import (
+    BAND_SIGMAS,
+    CellKnowledge,
+    Limits,
+    OperatingPoint,
+    is_beyond_measured,
+    voltage_sigma_v,
+)
+from app.estimation.prediction.power import HORIZONS_S, QUANTILES, PowerModel
 
 ROUNDS: Final = 13  # of bisection: to 1/8192 of the largest current
 CHUNK_ROWS: Final = 2048
@@ -103,8 +111,8 @@ def power_along(
                 )
                 parts.append(_held(PowerModel(cell, limits, known), states.of(rows), full_a, horizon_s))
             watts, current_a = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-            measured_a = cell.fit_current_max_a or math.inf
-            beyond = np.asarray(current_a > 1.02 * measured_a)
+            beyond = is_beyond_measured(cell, current_a, horizon_s)
+            beyond |= cell.drop_error(states.temperature_degc) > Tuning().drop_error_max
             yield PowerAlong(direction, horizon_s, watts[1], watts[0], watts[2], current_a, beyond)  # type: ignore[arg-type]
 
 
@@ -172,7 +180,8 @@ def voltage_ahead(
     soc = states.soc[then] - (moved - moved[then]) / (SECONDS_PER_HOUR * cell.capacity_ah)
     foretold_v = cell.terminal_voltage(soc, states.branch_a, current_a, states.temperature_degc)
     drop_v = cell.open_circuit_voltage(soc, states.temperature_degc) - foretold_v
-    sigma_v = voltage_sigma_v(cell, CellKnowledge(), soc, soc_sigma[then], current_a, drop_v)
+    at_row = OperatingPoint(soc, states.branch_a, states.temperature_degc)
+    sigma_v = voltage_sigma_v(cell, CellKnowledge(), at_row, soc_sigma[then], current_a, drop_v)
     foretold_v = np.where(has_row, foretold_v, np.nan)
     scale = scale_along(time_s, current_a, (voltage_v - foretold_v) / sigma_v, cell.capacity_ah)
     return VoltageAhead(foretold_v, sigma_v, scale)

@@ -1474,6 +1474,7 @@ export interface PowerLimit {
   current_a: number;
   cell: number | null;
   reason: 'voltage' | 'soc' | 'temperature' | 'current' | 'relays';
+  measured_a: number | null;
   beyond_measured: boolean | null;
 }
 
@@ -1494,6 +1495,7 @@ export interface Prediction {
   energy_left_low_wh: number | null;
   energy_left_high_wh: number | null;
   energy_left_cell: number | null;
+  energy_left_beyond_measured: boolean | null;
   counted_with: CountedWith | null;
   laps: Laps | null;
   target: EnergyTarget | null;
@@ -2225,6 +2227,7 @@ export interface Trip {
   low_s: number | null;
   high_s: number | null;
   cell: number | null;
+  beyond_measured: boolean | null;
 }
 
 /** The first rows in our units, current positive on discharge; `soc` and temperatures empty where missing. */

@@ -195,7 +195,7 @@ def test_power_beyond_the_measured_currents_is_marked(drive, tmp_path, capsys):
     assert run(drive, "--cell", cell, "--power") == 0
     said = capsys.readouterr().out
     assert "extrapolated 100 % of the time" in said
-    assert "no current above 20 A was measured" in said
+    assert "beyond the currents (up to 20 A, less for longer)" in said
     assert "names no largest current" in said
     assert run(drive, "--cell", CELL) == 0
     assert "state of power" not in capsys.readouterr().out

@@ -1,9 +1,12 @@
 """What the pages are told of the future, from frames of a made-up master."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellLimits
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.health.capacity import REST_S, CapacityBetweenRests, CapacityTracker
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
@@ -15,17 +18,21 @@ from app.sources.master.source import MasterSource
 CELL = load_cell("samsung-25r-10p")
 
 
-@pytest.fixture
-def pipeline(master):
+def pipeline_of(cell, master):
     chain = Pipeline(
         MasterSource("serial"),
-        lambda: make_estimator("fused", CELL, 96),
+        lambda: make_estimator("fused", cell, 96),
         filter_name="fused",
         cell_name="c",
-        predictor=Predictor(CELL, (12,) * 8),
+        predictor=Predictor(cell, (12,) * 8),
     )
     chain.feed(master.config())
     return chain
+
+
+@pytest.fixture
+def pipeline(master):
+    return pipeline_of(CELL, master)
 
 
 def drive(pipeline, master, frames, current_raw=5000):
@@ -209,3 +216,24 @@ def test_the_offset_is_not_taken_off_where_it_is_not_observable(pipeline, master
         pipeline.predict()
     assert snapshot.estimator.current_offset_a is None
     assert pipeline._predictor.offset_a == 0.0
+
+
+@pytest.mark.parametrize(
+    ("cell", "codes"),
+    [
+        (CELL, ("power-held", "to-trip-at-load", "energy-at-load")),
+        (
+            replace(CELL, fit_current_max_a=20.0, limits=CellLimits()),
+            ("power-held-beyond", "to-trip-at-load-beyond", "energy-at-load-beyond"),
+        ),
+        (replace(CELL, fit_temperature_degc=np.array([-20.0])), ("beyond-temperatures",) * 3),
+    ],
+)
+def test_what_was_never_measured_is_marked_with_the_reason(master, cell, codes):
+    prediction = drive(pipeline_of(cell, master), master, 60).prediction
+    conditions = prediction.power_condition, prediction.to_trip_condition, prediction.energy_condition
+    assert tuple(each.code for each in conditions) == codes
+    is_beyond = "beyond" in codes[0]
+    assert {limit.beyond_measured for limit in prediction.power.discharge} == {is_beyond}
+    assert any(trip.beyond_measured for trip in prediction.to_trip) == is_beyond
+    assert prediction.energy_left_beyond_measured == is_beyond

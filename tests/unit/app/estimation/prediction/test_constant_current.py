@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -87,11 +89,22 @@ def test_charging_counts_the_efficiency_and_discharging_does_not():
     np.testing.assert_allclose(back, CELL.coulombic_efficiency * out)
 
 
-def test_a_current_beyond_the_measured_ones_is_less_sure():
+def test_beyond_the_measured_currents_the_drop_grows_faster_and_is_less_sure():
     most_a = CELL.fit_current_max_a
     within, beyond = (ahead(factor * most_a, 1.0) for factor in (1.0, 2.0))
     drops = [CELL.ocv.voltage(each.soc) - each.voltage_v for each in (within, beyond)]
+    assert (drops[1] > 2.0 * drops[0]).all()
     assert (beyond.voltage_sigma_v / drops[1] > within.voltage_sigma_v / drops[0]).all()
+
+
+@pytest.mark.parametrize("current_a", [-100.0, 100.0])
+def test_hysteresis_takes_its_half_gap_in_either_direction(current_a):
+    with_gap = replace(CELL, hysteresis_v=0.02)
+    one, other = (
+        carry_forward(cell, point(0.5), CellKnowledge(), np.array(current_a), np.array(5.0), np.inf)
+        for cell in (CELL, with_gap)
+    )
+    np.testing.assert_allclose(np.sign(current_a) * (one.voltage_v - other.voltage_v), 0.02)
 
 
 def test_currents_and_times_make_a_table_over_the_cells():

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.evidence import Evidence
 from app.estimation.errors import ModelError, ShapeError
 from app.estimation.prediction.energy import (
     EnergyLeft,
@@ -54,6 +57,26 @@ def test_cell_without_soc_is_left_out():
     assert left(soc).energy_wh == pytest.approx(left().energy_wh * 95 / 96)
     with pytest.raises(ModelError):
         left(np.nan)
+
+
+def test_it_ends_where_the_load_takes_the_first_cell_to_its_lowest_voltage():
+    """In the cold or near empty the voltage ends it, long before the charge does."""
+    time_s = np.arange(0.0, 0.6 * 3600 * CELL.capacity_ah / 100.0)
+    _, voltage = simulate(CELL, time_s, np.full(time_s.size, 100.0), np.full(time_s.size, 25.0), 0.6)
+    lasts_s = float(time_s[np.argmax(voltage < 3.3)])
+    found = left(current_a=100.0, v_min_v=3.3, branch_a=np.zeros((CELL.n_rc, 96)))
+    assert found.charge_ah == pytest.approx(100.0 * lasts_s / 3600.0, rel=0.02)
+    assert found.energy_wh < left(current_a=100.0).energy_wh
+    assert left(0.05, current_a=100.0, v_min_v=3.6).energy_wh == 0.0
+
+
+def test_a_load_that_was_never_measured_for_so_long_costs_more_and_is_less_sure():
+    seen = replace(CELL, evidence=Evidence(held=((1.0, 200.0), (100.0, 20.0))))
+    soc, degc = np.full(2, 0.6), np.full(2, 25.0)
+    one, other = (energy_left(cell, soc, 0.01 * soc, degc, 60.0) for cell in (CELL, seen))
+    assert (one.beyond_measured, other.beyond_measured) == (False, True)
+    assert other.energy_wh < one.energy_wh
+    assert other.sigma_wh > one.sigma_wh
 
 
 def test_empty_has_nothing_left():

@@ -2,14 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.evidence import Evidence
 from app.estimation.errors import ModelError, ShapeError
 from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint
 from app.estimation.prediction.power import PowerModel
 from tests.open_loop import simulate
 
 CELL = load_cell("samsung-25r-10p")
+MEASURED = replace(CELL, fit_current_max_a=1000.0)
+SEEN = replace(CELL, evidence=Evidence(held=((1.0, 150.0), (10.0, 150.0), (100.0, 50.0))))
 WIDE = Limits(discharge_max_a=5000.0, charge_max_a=5000.0, temperature_max_degc=1e6, v_min_v=2.5, v_max_v=4.2)
 
 
@@ -36,7 +41,7 @@ def driven(soc, current_a, seconds, degc=25.0):
 
 @pytest.mark.parametrize("horizon", [0, 1, 2])
 def test_discharge_power_ends_at_the_lowest_voltage(horizon):
-    found = state_of_power(PowerModel(CELL, WIDE), states(0.3)).discharge[horizon]
+    found = state_of_power(PowerModel(MEASURED, WIDE), states(0.3)).discharge[horizon]
     voltage, _ = driven(0.3, found.current_a, found.horizon_s)
     assert voltage == pytest.approx(2.5, abs=0.03)
     assert found.reason == "voltage"
@@ -182,7 +187,7 @@ def test_at_the_largest_current_every_cell_keeps_its_limits_and_a_little_more_pa
 
 def test_the_band_widens_with_what_is_not_known():
     def width(known):
-        limit = state_of_power(PowerModel(CELL, WIDE, known), states(0.3)).discharge[1]
+        limit = state_of_power(PowerModel(MEASURED, WIDE, known), states(0.3)).discharge[1]
         assert limit.low_w < limit.power_w < limit.high_w
         return limit.high_w - limit.low_w
 
@@ -200,11 +205,56 @@ def test_times_have_a_band_that_may_reach_beyond_the_hour():
     assert trip.low_s == pytest.approx(trip.seconds - 1.645 * 3600 * np.hypot(0.02, 0.01) / 0.51, rel=0.01)
 
 
-def test_beyond_the_measured_currents_is_said_and_is_less_sure():
-    within, beyond = replace(CELL, fit_current_max_a=1000.0), replace(CELL, fit_current_max_a=50.0)
-    one, other = (state_of_power(PowerModel(cell, WIDE), states(0.5)).discharge[0] for cell in (within, beyond))
+def test_beyond_the_measured_currents_the_band_ends_where_the_model_does_and_reaches_lower():
+    beyond = replace(CELL, fit_current_max_a=50.0)
+    one, other = (state_of_power(PowerModel(cell, WIDE), states(0.5)).discharge[0] for cell in (MEASURED, beyond))
     assert (one.beyond_measured, other.beyond_measured) == (False, True)
-    assert other.current_a == one.current_a
-    assert other.high_w - other.low_w > 1.5 * (one.high_w - one.low_w)
+    assert (one.measured_a, other.measured_a) == (1000.0, 50.0)
+    assert 50.0 < other.current_a < one.current_a
+    assert other.low_w < other.power_w < one.low_w
+    assert one.power_w < other.high_w < 1.25 * one.high_w
     not_encoded = state_of_power(PowerModel(replace(CELL, fit_current_max_a=0.0), WIDE), states(0.5))
     assert not_encoded.discharge[0].beyond_measured is None
+    assert not_encoded.discharge[0].measured_a is None
+
+
+@given(st.floats(0.1, 0.95), st.floats(-10.0, 45.0), st.floats(0.0, 0.05), st.floats(2.0, 3.2), st.floats(0.0, 0.5))
+def test_a_band_holds_its_median_and_a_stricter_limit_leaves_less(soc, degc, soc_sigma, v_min_v, stricter_v):
+    known = CellKnowledge(soc_sigma=np.full(1, soc_sigma))
+    one, other = (
+        state_of_power(PowerModel(SEEN, replace(WIDE, v_min_v=v), known), states(soc, degc, 1)).discharge
+        for v in (v_min_v, v_min_v + stricter_v)
+    )
+    for loose, strict in zip(one, other, strict=True):
+        assert loose.low_w <= loose.power_w <= loose.high_w
+        assert strict.current_a <= loose.current_a
+        assert strict.measured_a == loose.measured_a
+
+
+@given(st.floats(0.2, 0.9), st.floats(0.1, 0.9))
+def test_the_fewer_currents_were_measured_the_wider_the_band_downwards(soc, share):
+    held = tuple((seconds, share * amps) for seconds, amps in SEEN.evidence.held)
+    fewer = replace(SEEN, evidence=Evidence(held=held))
+    one, other = (state_of_power(PowerModel(cell, WIDE), states(soc, n=1)).discharge for cell in (SEEN, fewer))
+    for more, less in zip(one, other, strict=True):
+        assert less.measured_a <= more.measured_a
+        assert less.low_w <= more.low_w
+        assert less.power_w <= more.power_w
+        if less.beyond_measured:
+            assert less.low_w < less.power_w
+
+
+def test_a_temperature_that_was_never_measured_widens_the_band_and_is_marked():
+    everywhere = replace(MEASURED, fit_temperature_degc=np.array([-10.0, 0.0, 25.0]))
+    warm_alone = replace(MEASURED, fit_temperature_degc=np.array([25.0]))
+    one, other = (
+        state_of_power(PowerModel(c, WIDE), states(0.5, -10.0)).discharge[0] for c in (everywhere, warm_alone)
+    )
+    assert (one.beyond_measured, other.beyond_measured) == (False, True)
+    assert other.low_w < one.low_w < one.high_w < other.high_w
+
+
+def test_a_time_to_a_limit_is_marked_where_its_current_was_never_measured_for_so_long():
+    _, (within, beyond) = PowerModel(SEEN, WIDE).predict(states(0.5), (40.0, 120.0))
+    assert [trip.beyond_measured for trip in within] == [False, None, False]
+    assert [trip.beyond_measured for trip in beyond] == [True, None, True]
