@@ -5,15 +5,26 @@ import { firstTrip } from '../src/store/prediction';
 describe('what lies ahead', () => {
   it('names the limit that is met first', () => {
     const trips = [
-      { limit: 'v_min', seconds: 40, low_s: 31, high_s: 52, cell: 3 },
-      { limit: 'temperature_max', seconds: null, low_s: null, high_s: null, cell: null },
-      { limit: 'soc_min', seconds: 12, low_s: 9, high_s: null, cell: 7 },
+      { limit: 'v_min', seconds: 40, low_s: 31, high_s: 52, cell: 3, beyond_measured: null },
+      {
+        limit: 'temperature_max',
+        seconds: null,
+        low_s: null,
+        high_s: null,
+        cell: null,
+        beyond_measured: null,
+      },
+      { limit: 'soc_min', seconds: 12, low_s: 9, high_s: null, cell: 7, beyond_measured: null },
     ] as const;
     expect(firstTrip(trips)?.limit).toBe('soc_min');
   });
 
   it('has no first limit when none is near', () => {
-    expect(firstTrip([{ limit: 'v_min', seconds: null, low_s: 3000, high_s: null, cell: null }])).toBeNull();
+    expect(
+      firstTrip([
+        { limit: 'v_min', seconds: null, low_s: 3000, high_s: null, cell: null, beyond_measured: null },
+      ]),
+    ).toBeNull();
     expect(firstTrip([])).toBeNull();
   });
 

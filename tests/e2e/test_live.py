@@ -1,9 +1,12 @@
 """What the crew watches: values move, agree with the service, and are never shown as live when they are not."""
 
 import re
+from dataclasses import replace
 
 from playwright.sync_api import expect
 
+from app.estimation.cell_model.cell_file import load_cell, save_cell
+from app.estimation.cell_model.circuit import CellLimits
 from tests.e2e.stillness import moved, watch
 
 READS_ONLY = True
@@ -127,3 +130,28 @@ def test_old_values_are_shown_as_old_and_then_as_last_known(make_service, open_p
     with service.client() as client:
         client.post("/commands/stream-start", json={}).raise_for_status()
     expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")
+
+
+def test_a_number_beyond_what_the_cell_file_was_measured_with_is_grey_and_the_reason_is_there(
+    make_service, open_page, tmp_path
+):
+    cell = replace(load_cell(), fit_current_max_a=50.0, limits=CellLimits())
+    save_cell(cell, path := tmp_path / "little.toml")
+    service = make_service("--seed", "1", "--scenario", "clean-endurance", "--cell", str(path))
+    snapshot = service.wait_for(
+        lambda s: s["prediction"] and s["prediction"]["power"]["discharge"][0]["reason"] != "relays"
+    )
+    power, condition = snapshot["prediction"]["power"], snapshot["prediction"]["power_condition"]
+    assert all(each["beyond_measured"] and each["measured_a"] <= 50.0 for each in power["discharge"])
+    assert condition["code"] == "power-held-beyond"
+    page = open_page(f"{service.base_url}/#/overview")
+    for horizon in (1, 10, 30):
+        shown = page.get_by_test_id(f"power-discharge-{horizon}")
+        expect(shown).to_have_class(re.compile(r"\bbeyond\b"))
+        expect(shown).to_have_attribute(
+            "title", re.compile(r"beyond measured currents: \d+\sA measured for \d+\ss, \d+\sA asked")
+        )
+    expect(page.get_by_test_id("power-condition")).to_contain_text(
+        re.compile("beyond measured currents", re.IGNORECASE)
+    )
+    expect(page.get_by_test_id("power-charge-1")).not_to_have_class(re.compile(r"\bbeyond\b"))
