@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from app.estimation.arrays import FloatArray
 
 Pairs = tuple[tuple[float, float], ...]
+ERROR_RATIO: Final = (0.5, 5.0)  # of an error somewhere to that of all
 PULSE_S: Final = 10.0
 HELD_S: Final = (1.0, 3.0, 10.0, 30.0, 100.0)  # for which currents are looked for; after it surfaces deplete no further
 
@@ -38,14 +39,14 @@ class Evidence:
     by_c: Pairs = ()
     held: Pairs = ()
 
-    def error_v(self, soc: ArrayLike, current_c: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
-        """Return the error that was left there [V], the largest of those by SOC, current and temperature; or 0."""
-        error_v = np.zeros(np.broadcast_shapes(*map(np.shape, (soc, current_c, temperature_degc))))
+    def error_v(self, of_all_v: float, soc: ArrayLike, current_c: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+        """Return the error left at a SOC, current and temperature [V]: that of all times how each changes it."""
+        ratio = np.ones(np.broadcast_shapes(*map(np.shape, (soc, current_c, temperature_degc))))
         at = ((self.by_soc, soc), (self.by_c, np.abs(current_c)), (self.by_degc, temperature_degc))
         for pairs, values in at:
-            if pairs:
-                error_v = np.maximum(error_v, np.interp(np.asarray(values, dtype=np.float64), *np.array(pairs).T))
-        return error_v
+            if pairs and of_all_v > 0.0:
+                ratio = ratio * np.interp(np.asarray(values, dtype=np.float64), *np.array(pairs).T) / of_all_v
+        return of_all_v * np.clip(ratio, *ERROR_RATIO)
 
 
 def sand_current_a(held: Pairs, time_s: ArrayLike) -> FloatArray:

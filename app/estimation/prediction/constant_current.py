@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.cell_model.evidence import HELD_S, PULSE_S, sand_current_a
+from app.estimation.cell_model.evidence import HELD_S, PULSE_S, Evidence, sand_current_a
 from app.estimation.cell_model.surface import GAS_CONSTANT, KELVIN
 from app.estimation.errors import ShapeError
 from app.estimation.filters.tuning import Tuning
@@ -262,8 +262,7 @@ def voltage_sigma_v(
     by_soc = cell.ocv.slope(surface) * soc_sigma
     of_circuit = np.where(np.asarray(current_a) < 0.0, CHARGE_SIGMA_FRAC, RESISTANCE_SIGMA_FRAC)
     by_resistance = drop_v * np.sqrt(np.square(known.resistance_sigma) + of_circuit**2 + cell.drop_error(degc) ** 2)
-    error_v: ArrayLike = cell.fit_voltage_rms_v or VOLTAGE_SIGMA_V
-    if cell.evidence is not None:
-        error_v = np.maximum(error_v, cell.evidence.error_v(states.soc, current_a / cell.c_rate_a, degc))
-    variance = by_soc**2 + by_resistance**2 + np.square(error_v) + cell.ocv_error_v(degc) ** 2
+    left = cell.evidence or Evidence()
+    by_circuit = left.error_v(cell.fit_voltage_rms_v or VOLTAGE_SIGMA_V, states.soc, current_a / cell.c_rate_a, degc)
+    variance = by_soc**2 + by_resistance**2 + by_circuit**2 + cell.ocv_error_v(degc) ** 2
     return np.asarray(np.sqrt(variance) * known.voltage_scale)

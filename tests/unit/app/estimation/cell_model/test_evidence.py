@@ -37,8 +37,9 @@ def test_without_a_word_about_currents_none_is_beyond():
     np.testing.assert_array_equal(sand_current_a((), np.array([1.0, 30.0])), np.inf)
 
 
-def test_the_largest_of_the_errors_left_at_a_point_counts():
-    evidence = Evidence(by_soc=((0.1, 0.05), (0.5, 0.01)), by_c=((0.0, 0.002), (4.0, 0.03)), by_degc=((25.0, 0.02),))
-    found_v = evidence.error_v(np.array([0.1, 0.5, 0.5]), np.array([1.0, -4.0, 0.0]), 25.0)
-    assert found_v == pytest.approx([0.05, 0.03, 0.02])
-    assert Evidence().error_v(0.5, 1.0, 25.0) == 0.0
+def test_an_error_is_that_of_all_times_what_soc_current_and_temperature_change():
+    by_c, by_soc = ((0.0, 0.01), (4.0, 0.03)), ((0.1, 0.05), (0.5, 0.02))
+    evidence = Evidence(by_soc=by_soc, by_c=by_c, by_degc=((25.0, 0.01),))
+    found_v = evidence.error_v(0.02, np.array([0.1, 0.5, 0.5]), np.array([4.0, -4.0, 0.0]), 25.0)
+    assert found_v == pytest.approx([0.02 * 2.5 * 1.5 * 0.5, 0.02 * 1.5 * 0.5, 0.5 * 0.02])
+    assert Evidence().error_v(0.02, 0.5, 1.0, 25.0) == 0.02
