@@ -62,8 +62,9 @@ def at_load(load_a: float, trips: tuple[TimeToTrip, ...], temperatures: Message 
         return Message("to-trip-at-rest")
     if temperatures is not None:
         return temperatures
-    is_beyond = any(trip.beyond_measured for trip in trips)
-    return Message("to-trip-at-load-beyond" if is_beyond else "to-trip-at-load", load=Quantity(load_a, "A", 0))
+    if any(trip.beyond_measured for trip in trips):
+        return Message("to-trip-at-load-beyond", load=Quantity(load_a, "A", 0))
+    return Message("to-trip-at-load", load=Quantity(load_a, "A", 0))
 
 
 def until_empty(driven_a: float, is_beyond: bool | None, temperatures: Message | None) -> Message:
@@ -72,7 +73,9 @@ def until_empty(driven_a: float, is_beyond: bool | None, temperatures: Message |
         return Message("energy-without-load")
     if temperatures is not None:
         return temperatures
-    return Message("energy-at-load-beyond" if is_beyond else "energy-at-load", load=Quantity(driven_a, "A", 0))
+    if is_beyond:
+        return Message("energy-at-load-beyond", load=Quantity(driven_a, "A", 0))
+    return Message("energy-at-load", load=Quantity(driven_a, "A", 0))
 
 
 def laps_known(watch: LapWatch, left: LapsLeft | None) -> Message:
