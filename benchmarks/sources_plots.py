@@ -13,7 +13,6 @@ from benchmarks.balancing_plots import COLOURS, figure_of, save
 
 if TYPE_CHECKING:
     from app.estimation.cell_model.ocv import OcvCurve
-    from app.estimation.filters.estimates import Estimates
     from app.estimation.recording.cell_recording import Recording
     from benchmarks.sources_runs import PatternRun, ThesisRun
 
@@ -74,28 +73,4 @@ def draw_errors(path: Path, drive: Recording, estimates: Mapping[str, FloatArray
     level.legend(frameon=False)
     error.axhspan(-2, 2, color="#eeeeee")
     error.set(title="error; band of 2 points", xlabel="time [s]", ylabel="points", xscale="log", ylim=(-52, 12))
-    save(figure, path)
-
-
-def draw_physics(path: Path, run: Recording, shown: Mapping[str, Estimates]) -> None:
-    """Draw SOC, its error with 3 sigma, and the innovation, along a race of a cell of pure physics."""
-    figure, (soc_axis, error_axis, volt_axis) = _figure(3)
-    pick = slice(None, None, 20)
-    minutes = (run.time_s[pick] - run.time_s[0]) / 60.0
-    soc_axis.plot(minutes, 100.0 * run.soc[pick], **TRUTH, label="truth", zorder=3)
-    for k, (name, record) in enumerate(shown.items()):
-        soc, sigma = 100.0 * record.soc[pick, 0], 100.0 * record.soc_sigma[pick, 0]
-        error = soc - 100.0 * run.soc[pick]
-        soc_axis.plot(minutes, soc, label=name)
-        (line,) = error_axis.plot(minutes, error, label=name)
-        if k == 0:
-            error_axis.fill_between(minutes, -3.0 * sigma, 3.0 * sigma, color=line.get_color(), alpha=0.12, linewidth=0)
-            volt_axis.plot(minutes, 1e3 * record.innovation_v[pick, 0], linewidth=0.6)
-    soc_axis.set_ylabel("SOC / %")
-    error_axis.set_ylabel("error / points, band: 3 sigma")
-    error_axis.set_ylim(-4.0, 4.0)
-    volt_axis.set_ylabel("innovation / mV")
-    for axis in (soc_axis, error_axis, volt_axis):
-        axis.set_xlabel("time / min")
-    soc_axis.legend(frameon=False)
     save(figure, path)

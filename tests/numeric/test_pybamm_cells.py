@@ -1,4 +1,4 @@
-"""The recordings of pure physics that benchmarks/pybamm_check.py identifies and judges cells on."""
+"""The recordings of pure physics that benchmarks/accuracy_power.py judges power on."""
 
 import numpy as np
 import pytest
