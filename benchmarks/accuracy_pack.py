@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -15,7 +14,7 @@ from app.live.pipeline import Pipeline
 from app.live.prediction import Predictor
 from app.sources.items import TableItem
 from app.sources.table_source import TableSource
-from benchmarks.accuracy_drives import PHYSICS, model_of, recording, without
+from benchmarks.accuracy_drives import Folders, model_of, recording, without
 from tests.numeric.judgement import VOLTAGE_NOISE_V, disturbed
 
 FloatArray = NDArray[np.float64]
@@ -52,11 +51,11 @@ def cells_of(race: Recording, slow: Recording) -> tuple[FloatArray, FloatArray]:
     return soc, np.interp(soc, grid, ocv) + resistance * drop
 
 
-def judge(cell: str, sign: tuple[float, float], data: Path) -> FloatArray:
+def judge(cell: str, sign: tuple[float, float], folders: Folders) -> FloatArray:
     """Return the figures of a pack of a cell's race, the model identified without it: see `line`."""
-    race, tests = recording(data / PHYSICS / f"{cell}_train.csv.gz"), without(f"{cell}_train")
-    model = model_of(tests, data)
-    soc, clean_v = cells_of(race, recording(data / PHYSICS / f"{tests.slow[0]}.csv.gz"))
+    race, tests = recording(f"{cell}_train", folders), without(f"{cell}_train")
+    model = model_of(tests, folders)
+    soc, clean_v = cells_of(race, recording(tests.slow[0], folders))
     n_cells = soc.shape[1]
     voltage_v = np.round(clean_v + VOLTAGE_NOISE_V * np.random.default_rng(SEED).normal(size=clean_v.shape), 4)
     _, current_a = disturbed(race, model.capacity_ah, *sign)

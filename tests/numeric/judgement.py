@@ -13,7 +13,7 @@ from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.filters.estimators import Estimates, make_estimator
 from app.estimation.recording.cell_recording import Recording
-from app.estimation.scoring import InnovationScore, SocScore, score_innovations, score_soc
+from app.estimation.scoring import SocScore, score_soc
 
 SIGNS = tuple((gain, offset) for gain in (-1.0, 1.0) for offset in (-1.0, 1.0))
 GAIN_ERROR = 0.005
@@ -34,7 +34,6 @@ class Judgement:
     filter: FloatArray
     fused: FloatArray
     scores: tuple[SocScore, ...]
-    innovations: tuple[InnovationScore | None, ...]
 
     @property
     def excess(self) -> FloatArray:
@@ -94,7 +93,7 @@ def rmse_points(soc: FloatArray, reference: FloatArray) -> float:
 def judge(model: CellModel, recording: Recording, off: float) -> Judgement:
     """Return how right count, filter and fusion are from a start SOC that is wrong by `off`."""
     start = float(recording.soc[0]) + (off if 0.0 < recording.soc[0] + off <= 1.0 else -off)
-    count, alone, fused, scores, innovations = [], [], [], [], []
+    count, alone, fused, scores = [], [], [], []
     for gain, offset in SIGNS:
         sensed = disturbed(recording, model.capacity_ah, gain, offset)
         count.append(rmse_points(counted(model, recording, sensed[1], start), recording.soc))
@@ -107,7 +106,4 @@ def judge(model: CellModel, recording: Recording, off: float) -> Judgement:
             raise ValueError(f"{recording.source} has no soc column")
         fused.append(100.0 * score.soc_rmse)
         scores.append(score)
-        innovations.append(
-            score_innovations(recording.time_s, found.innovation_v[:, 0], found.innovation_sigma_v[:, 0])
-        )
-    return Judgement(np.array(count), np.array(alone), np.array(fused), tuple(scores), tuple(innovations))
+    return Judgement(np.array(count), np.array(alone), np.array(fused), tuple(scores))

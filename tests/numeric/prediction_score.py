@@ -10,11 +10,6 @@ import numpy as np
 
 from tests.numeric.prediction_races import RaceRun, fly_ahead
 
-HEADER = (
-    f"{'prediction':34} {'n':>5} {'in band %':>9} {'below':>6} {'above':>6} {'median off %':>12} {'bias %':>7} "
-    f"{'band +- %':>9}"
-)
-
 
 @dataclass
 class Score:
@@ -38,14 +33,15 @@ class Score:
         return float(((truth >= low) & (truth <= high)).mean())
 
     def line(self, name: str) -> str:
-        """Return a line of the table."""
+        """Return a row of Markdown: moments, share in the band, below and above it, median off, bias, half the band."""
         low, middle, high, truth = (np.array(v) for v in (self.low, self.middle, self.high, self.truth))
         scale = np.maximum(np.abs(truth), 1e-9)
         off = (middle - truth) / scale
+        shares = 100 * self.coverage(), 100 * (truth < low).mean(), 100 * (truth > high).mean()
+        inside, below, above = (f"{share:.0f}" for share in shares)
         return (
-            f"{name:34} {truth.size:5d} {100 * self.coverage():9.0f} {100 * (truth < low).mean():6.0f} "
-            f"{100 * (truth > high).mean():6.0f} {100 * np.median(np.abs(off)):12.1f} {100 * np.median(off):7.1f} "
-            f"{100 * np.median((high - low) / 2 / scale):9.1f}"
+            f"| {name} | {truth.size} | {inside} % | {below} / {above} % | {100 * np.median(np.abs(off)):.1f} % | "
+            f"{100 * np.median(off):+.1f} % | {100 * np.median((high - low) / 2 / scale):.1f} % |"
         )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,10 @@ KELVIN = 273.15
 RACE_DT_S = 0.1
 PULSE_DT_S = 1.0
 SLOW_DT_S = 60.0
-REGENERATION = 0.3  # share of the peak current
+HOLD_AT, HOLD_A = "held from [s]", "held [A]"
+SURGE_C, POWER_ROUNDS = 50.0, 13
+BEYOND_V: Final = 1.0  # a simulation ends so far below the lowest voltage
+REGENERATION = 0.3  # of the peak current
 
 
 @dataclass(frozen=True)
@@ -47,11 +51,50 @@ CELLS = {
     cell.name: cell
     for cell in (
         Cell("Mohtat2020", 4.969, 5.0, 1.3),
-        Cell("Chen2020", 5.153, 4.0, 1.1),
+        Cell("Chen2020", 5.153, 5.5, 1.25),
+        Cell("Prada2013", 2.303, 6.0, 1.3, is_isothermal=True),
         Cell("Ecker2015", 0.1562, 5.0, 1.2),
-        Cell("OKane2022", 5.0, 4.0, 1.2),
+        Cell("Ai2020", 2.4649, 5.0, 1.2),
     )
 }
+
+
+def _parameters(cell: Cell, soc: float, degc: float) -> tuple[Any, float]:
+    """Return PyBaMM's parameters at a SOC and temperature, and the charge between the voltage limits at rest [Ah]."""
+    os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
+    import pybamm
+
+    values = pybamm.ParameterValues(cell.name)
+    low, high = values["Lower voltage cut-off [V]"], values["Upper voltage cut-off [V]"]
+    values.set_initial_state(soc)
+    values.update(
+        {
+            "Ambient temperature [K]": degc + KELVIN,
+            "Initial temperature [K]": degc + KELVIN,
+            "Total heat transfer coefficient [W.m-2.K-1]": 30.0,
+            "Lower voltage cut-off [V]": low - BEYOND_V,
+            "Upper voltage cut-off [V]": high + 0.5,
+        },
+        check_already_exists=False,
+    )
+    electrodes, parameters = pybamm.lithium_ion.get_min_max_stoichiometries(values), pybamm.LithiumIonParameters()
+    return values, float(values.evaluate(parameters.n.Q_init)) * (electrodes[1] - electrodes[0])
+
+
+def _simulation(cell: Cell, values: Any, current_a: FloatArray, dt_s: float, full: bool) -> Any:
+    """Return PyBaMM's simulation of a current, held from `HOLD_AT` on at `HOLD_A`."""
+    import pybamm
+
+    drawn = pybamm.Interpolant(dt_s * np.arange(current_a.size), current_a, pybamm.t)
+    at_s, held_a = pybamm.InputParameter(HOLD_AT), pybamm.InputParameter(HOLD_A)
+    values["Current function [A]"] = drawn * (pybamm.t <= at_s) + held_a * (pybamm.t > at_s)
+    kind = pybamm.lithium_ion.DFN if full else pybamm.lithium_ion.SPMe
+    longest_s = 20.0 if dt_s >= SLOW_DT_S else 2.0 if dt_s >= PULSE_DT_S else 0.5
+    return pybamm.Simulation(
+        kind(None if cell.is_isothermal else {"thermal": "lumped"}),
+        parameter_values=values,
+        solver=pybamm.IDAKLUSolver(options={"dt_max": longest_s}),
+    )
 
 
 def simulate(
@@ -72,33 +115,11 @@ def simulate(
     Raises:
         ImportError: PyBaMM is not installed.
     """
-    os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
-    import pybamm
-
-    values = pybamm.ParameterValues(cell.name)
-    low, high = values["Lower voltage cut-off [V]"], values["Upper voltage cut-off [V]"]
-    values.set_initial_state(soc)
-    values.update(
-        {
-            "Ambient temperature [K]": degc + KELVIN,
-            "Initial temperature [K]": degc + KELVIN,
-            "Total heat transfer coefficient [W.m-2.K-1]": 30.0,
-            "Lower voltage cut-off [V]": low - 1.0,
-            "Upper voltage cut-off [V]": high + 0.5,
-        },
-        check_already_exists=False,
-    )
-    electrodes, parameters = pybamm.lithium_ion.get_min_max_stoichiometries(values), pybamm.LithiumIonParameters()
-    at_rest_ah = float(values.evaluate(parameters.n.Q_init)) * (electrodes[1] - electrodes[0])
+    values, at_rest_ah = _parameters(cell, soc, degc)
+    low = values["Lower voltage cut-off [V]"] + BEYOND_V
     time_s = dt_s * np.arange(current_a.size)
-    values["Current function [A]"] = pybamm.Interpolant(time_s, current_a, pybamm.t)
-    kind = pybamm.lithium_ion.DFN if full else pybamm.lithium_ion.SPMe
-    longest_s = 20.0 if dt_s >= SLOW_DT_S else 2.0 if dt_s >= PULSE_DT_S else 0.5
-    solver = pybamm.IDAKLUSolver(options={"dt_max": longest_s})
-    simulation = pybamm.Simulation(
-        kind(None if cell.is_isothermal else {"thermal": "lumped"}), parameter_values=values, solver=solver
-    )
-    solution = simulation.solve(t_eval=[0.0, float(time_s[-1])], t_interp=time_s)
+    simulation = _simulation(cell, values, current_a, dt_s, full)
+    solution = simulation.solve(t_eval=[0.0, float(time_s[-1])], t_interp=time_s, inputs={HOLD_AT: 1e9, HOLD_A: 0.0})
     time_s = time_s[time_s <= solution.t[-1]]
     voltage = np.asarray(solution["Voltage [V]"](t=time_s))
     current = np.asarray(solution["Current [A]"](t=time_s))
@@ -162,6 +183,46 @@ def race_current(cell: Cell, seed: int, seconds: float = 1600.0) -> FloatArray:
 def race(cell: Cell, seed: int, soc: float, degc: float, full: bool) -> Recording:
     """A race that starts at rest."""
     return simulate(cell, race_current(cell, seed), RACE_DT_S, soc, degc, full, f"{cell.name} race {seed}")
+
+
+def held_power(
+    cell: Cell, seed: int, soc: float, degc: float, full: bool, at_s: FloatArray, horizons_s: tuple[float, ...]
+) -> FloatArray:
+    """Return (m, 1 + horizons) moments of the race [s], and the largest power that the cell then holds so long [W].
+
+    It is that of the largest constant current that does not take the voltage below the cell's lowest, at its end;
+    found by bisection up to `SURGE_C`. Arguments as in `race`.
+
+    Raises:
+        ImportError: PyBaMM is not installed.
+    """
+    values, _ = _parameters(cell, soc, degc)
+    import pybamm
+
+    low = values["Lower voltage cut-off [V]"] + BEYOND_V
+    simulation = _simulation(cell, values, race_current(cell, seed), RACE_DT_S, full)
+    free, rows, state, before_s = {HOLD_AT: 1e9, HOLD_A: 0.0}, [], None, 0.0
+    for now_s in at_s.tolist():
+        state = simulation.step(now_s - before_s, starting_solution=state, inputs=free, save=False)
+        before_s, row = now_s, [now_s]
+        for horizon_s in horizons_s:
+            held_w, least_a, most_a = 0.0, 0.0, SURGE_C * cell.capacity_ah
+            for _ in range(POWER_ROUNDS):
+                trial_a = 0.5 * (least_a + most_a)
+                try:
+                    ahead = simulation.step(
+                        horizon_s, starting_solution=state, inputs={HOLD_AT: now_s, HOLD_A: trial_a}, save=False
+                    )
+                    volts, lasted_s = ahead["Voltage [V]"].entries[1:], ahead.t[-1] - now_s
+                except pybamm.SolverError:
+                    volts, lasted_s = np.zeros(1), 0.0
+                if lasted_s >= 0.999 * horizon_s and volts.min() >= low:
+                    least_a, held_w = trial_a, trial_a * float(volts[-1])
+                else:
+                    most_a = trial_a
+            row.append(held_w)
+        rows.append(row)
+    return np.array(rows)
 
 
 def save(recording: Recording, path: Path) -> None:

@@ -22,7 +22,6 @@ from app.sources.recordings.dataset import load_recording
 SETTLED_S = 60.0  # the filter has started
 TRAINING = "(training)"
 PANASONIC = "panasonic-18650pf"
-HEADER = f"{'drive':44} {'n':>6} {'in band %':>9} {'median off mV':>13} {'RMS mV':>7} {'band +- mV':>10}"
 
 
 def models(data: Path) -> Iterator[tuple[str, CellModel, Recording]]:
@@ -73,11 +72,3 @@ def drive_scores(
     for name, cell, drive in models(data):
         if with_training or TRAINING not in name:
             yield name, score(cell, first_seconds(drive, seconds))
-
-
-def print_drives(data: Path) -> None:
-    """Print a line a drive."""
-    print(f"\nvoltage {AHEAD_S:g} s ahead under load, by the current that flowed\n{HEADER}")
-    for name, (n, inside, median_v, rms_v, half_v) in drive_scores(data):
-        off = f"{1e3 * median_v:13.1f} {1e3 * rms_v:7.1f} {1e3 * half_v:10.1f}"
-        print(f"{name:44} {n:6d} {100 * inside:9.0f} {off}", flush=True)
