@@ -42,7 +42,7 @@ PURPOSE = {
     "asammdf": "MDF4 export",
     "paho-mqtt": "publishing to an MQTT broker",
     "matplotlib": "`--plot`, pictures in the documentation",
-    "pybamm": "physical cell models for `python -m benchmarks.accuracy power`",
+    "pybamm": "physical cell models for `python -m benchmarks.pybamm_recordings`",
     "msgpack": "python-can's UDP multicast bus",
     "argcomplete": "completion of commands and options in bash, zsh, fish and PowerShell",
     "python-calamine": "import of Excel files",

@@ -1,4 +1,4 @@
-"""The recordings of pure physics that benchmarks/accuracy_power.py judges power on."""
+"""The recordings of pure physics that benchmarks/pybamm_recordings.py makes."""
 
 import numpy as np
 import pytest
