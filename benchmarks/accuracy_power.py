@@ -41,6 +41,7 @@ def judge(cell: str, source: str, folder: Path) -> list[str]:
     model = model_of(Tests((f"{cell}_c30",), (f"{cell}_hppc", f"{cell}_hppc40"), names), (folder,))
     race = recording(f"{cell}_race", (folder,))
     truth = np.loadtxt(folder / f"{cell}_power.csv", delimiter=",", skiprows=1)
+    model = replace(model, v_min_v=float(truth[0, 1]))  # a slow test may end below it
     at = np.searchsorted(race.time_s, truth[:, 0], side="right") - 1
     found: dict[float, list[FloatArray]] = {horizon_s: [] for horizon_s in HORIZONS_S}
     for sign in SIGNS:
@@ -54,7 +55,7 @@ def judge(cell: str, source: str, folder: Path) -> list[str]:
         scale = voltage_ahead(model, *columns, states, run.soc_sigma).scale
         for power in power_along(model, states.of(at), run.soc_sigma[at], scale[at], HORIZONS_S):
             if power.direction == "discharge":
-                held = truth[:, 1 + HORIZONS_S.index(power.horizon_s)]
+                held = truth[:, 2 + HORIZONS_S.index(power.horizon_s)]
                 found[power.horizon_s].append(np.array((power.low_w, power.power_w, power.high_w, held)))
     rows = []
     for horizon_s, each in found.items():

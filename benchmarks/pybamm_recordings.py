@@ -53,7 +53,9 @@ def main() -> None:
         name, _, of = file.removesuffix(".gz").removesuffix(".csv").partition("_")
         if of == "power":
             held = held_power(CELLS[name], RACE, START_SOC, START_DEGC, False, MOMENTS_S, HORIZONS_S)
-            np.savetxt(args.keep / file, held, "%.6g", ",", comments="", header="time_s,power_10s_w,power_30s_w")
+            np.savetxt(
+                args.keep / file, held, "%.6g", ",", comments="", header="time_s,v_min_v,power_10s_w,power_30s_w"
+            )
         else:
             save(work_of(name)[of](), args.keep / file)
 

@@ -53,7 +53,7 @@ CELLS = {
         Cell("Mohtat2020", 4.969, 5.0, 1.3),
         Cell("Chen2020", 5.153, 5.5, 1.25),
         Cell("Prada2013", 2.303, 6.0, 1.3, is_isothermal=True),
-        Cell("Ecker2015", 0.1562, 5.0, 1.2),
+        Cell("Ecker2015", 0.1710, 5.0, 1.2),
         Cell("Ai2020", 2.4649, 5.0, 1.2),
     )
 }
@@ -145,10 +145,13 @@ def held(levels: list[tuple[float, float]], dt_s: float) -> FloatArray:
 
 
 def slow_test(cell: Cell, full: bool) -> Recording:
-    """C/30 discharge, an hour of rest, C/30 charge."""
-    c = cell.capacity_ah
-    current = held([(0.0, 60.0), (c / 30.0, 29.7 * 3600.0), (0.0, 3600.0), (-c / 30.0, 29.5 * 3600.0)], SLOW_DT_S)
-    return simulate(cell, current, SLOW_DT_S, 1.0, 25.0, full, f"{cell.name} slow")
+    """C/30 discharge down to the lowest voltage, an hour of rest, C/30 charge."""
+    c, name = cell.capacity_ah, f"{cell.name} slow"
+    down = held([(0.0, 60.0), (c / 30.0, 33.0 * 3600.0)], SLOW_DT_S)
+    emptied = simulate(cell, down, SLOW_DT_S, 1.0, 25.0, full, name)
+    again = held([(0.0, 3600.0), (-c / 30.0, 29.5 * 3600.0)], SLOW_DT_S)
+    current = np.concatenate((down[: emptied.time_s.size - 1], again))
+    return simulate(cell, current, SLOW_DT_S, 1.0, 25.0, full, name)
 
 
 def pulse_test(cell: Cell, degc: float, full: bool) -> Recording:
@@ -188,10 +191,10 @@ def race(cell: Cell, seed: int, soc: float, degc: float, full: bool) -> Recordin
 def held_power(
     cell: Cell, seed: int, soc: float, degc: float, full: bool, at_s: FloatArray, horizons_s: tuple[float, ...]
 ) -> FloatArray:
-    """Return (m, 1 + horizons) moments of the race [s], and the largest power that the cell then holds so long [W].
+    """Return (m, 2 + horizons) moments of the race [s], the cell's lowest voltage [V], and powers that it holds [W].
 
-    It is that of the largest constant current that does not take the voltage below the cell's lowest, at its end;
-    found by bisection up to `SURGE_C`. Arguments as in `race`.
+    Held for each horizon: that of the largest constant current that does not take the voltage below the lowest, at its
+    end; found by bisection up to `SURGE_C`. Arguments as in `race`.
 
     Raises:
         ImportError: PyBaMM is not installed.
@@ -204,7 +207,7 @@ def held_power(
     free, rows, state, before_s = {HOLD_AT: 1e9, HOLD_A: 0.0}, [], None, 0.0
     for now_s in at_s.tolist():
         state = simulation.step(now_s - before_s, starting_solution=state, inputs=free, save=False)
-        before_s, row = now_s, [now_s]
+        before_s, row = now_s, [now_s, low]
         for horizon_s in horizons_s:
             held_w, least_a, most_a = 0.0, 0.0, SURGE_C * cell.capacity_ah
             for _ in range(POWER_ROUNDS):
