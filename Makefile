@@ -118,4 +118,5 @@ $(VENV)/.build-installed: requirements/build.lock | $(PY)
 $(VENV)/.dev-installed: requirements/dev.lock pyproject.toml | $(PY)
 	@$(PIP) --require-hashes -r requirements/dev.lock
 	@$(PIP) --no-deps --no-build-isolation --editable .
+	@$(PY) .ci/commit_subject.py --install
 	@touch $@ $(VENV)/.build-installed

@@ -26,7 +26,7 @@ LOCKS = {
         *(word for extra in EXTRAS for word in ("--extra", extra)),
         *("--constraint", "requirements/run.lock", "--constraint", "requirements/build.lock"),
     ],
-    "site": ["--group", "site", "--constraint", "requirements/dev.lock"],  # beside dev in one environment
+    "site": ["--group", "site", "--constraint", "requirements/dev.lock"],  # next to dev in one environment
 }
 OPTIONS = [
     *("--universal", "--python-version", "3.11", "--fork-strategy", "fewest"),

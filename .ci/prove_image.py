@@ -208,10 +208,10 @@ def check_service(stage: Stage) -> None:
         user_id = Path(f"/proc/{service.pid}").stat().st_uid
         if user_id == 0:
             raise RuntimeError("the service runs as root")
-        said = dict(re.findall(r"(?m)^(\w+):\t(\w+)", Path(f"/proc/{service.pid}/status").read_text(encoding="ascii")))
-        if any(int(said[name], 16) for name in ("CapInh", "CapPrm", "CapEff", "CapBnd", "CapAmb")):
+        caps = dict(re.findall(r"(?m)^(\w+):\t(\w+)", Path(f"/proc/{service.pid}/status").read_text(encoding="ascii")))
+        if any(int(caps[name], 16) for name in ("CapInh", "CapPrm", "CapEff", "CapBnd", "CapAmb")):
             raise RuntimeError("the service has capabilities")
-        if said["NoNewPrivs"] != "1":
+        if caps["NoNewPrivs"] != "1":
             raise RuntimeError("the service may gain privileges")
         write = subprocess.run(
             chroot_command(stage, ["touch", "/opt/voltwall/mark"], {}), capture_output=True, check=False

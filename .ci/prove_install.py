@@ -19,7 +19,7 @@ import urllib.request
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-START_UP_LIMIT_S = 60.0  # on a machine that does other things beside it
+START_UP_LIMIT_S = 60.0  # on a machine that does other things next to it
 
 
 def main(arguments: list[str]) -> int:
@@ -37,7 +37,7 @@ def main(arguments: list[str]) -> int:
             run(*install, str(source))
             shutil.rmtree(source)
         voltwall = programs / "voltwall"
-        for taken in ("app", "simulator", "firmware_protocol"):  # modules of the user's, beside which it has to work
+        for taken in ("app", "simulator", "firmware_protocol"):  # modules of the user's, next to which it has to work
             (folder / f"{taken}.py").write_text(f"raise ImportError('not the {taken} that you look for')\n")
         version = run(str(voltwall), "--version", cwd=folder).strip()
         run(

@@ -1,4 +1,4 @@
-"""The software bill of materials (CycloneDX 1.6): what a wheel or an image brings beside our own code.
+"""The software bill of materials (CycloneDX 1.6): what a wheel or an image brings next to our own code.
 
 Python packages are those of `requirements/run.lock`, which the image installs; the browser's are those that
 `frontend/src` imports and what these need, of `frontend/package-lock.json`. Made by `.ci/generated.py`; hatchling puts

@@ -102,7 +102,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; errors that a user can mend are one line on stderr and exit code 2, Ctrl-C one line and 130."""
+    """Run a command; errors that a user can fix are one line on stderr and exit code 2, Ctrl-C one line and 130."""
     if sys.maxsize < 1 << 32:  # libraries that it needs have no such build, and the engine is tested on none
         print("voltwall: needs a 64-bit system with a 64-bit Python, and this one is of 32 bits", file=sys.stderr)
         return 2

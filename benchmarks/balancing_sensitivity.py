@@ -22,15 +22,15 @@ UNSUPERVISED = Supervisor(max_degc=99.0)
 CASES = ((20.0, 0.25), (20.0, 0.5), (40.0, 0.5))
 
 
-class ImperfectLook:
+class ImperfectSampling:
     """The thesis's rule on voltages that are noisy, filtered, old, or acted on late."""
 
     def __init__(
-        self, *, noise_v: float = 0.0, filter_s: float = 0.0, old_looks: int = 0, closes_after: int = 1
+        self, *, noise_v: float = 0.0, filter_s: float = 0.0, old_samples: int = 0, closes_after: int = 1
     ) -> None:
         self._noise_v = noise_v
         self._filter_s = filter_s
-        self._old_looks = old_looks
+        self._old_samples = old_samples
         self._closes_after = closes_after  # looks in a row that ask for it; a switch opens at once
         self._rule = ThresholdBleeding()
         self._rng = np.random.default_rng(1)
@@ -47,7 +47,7 @@ class ImperfectLook:
 
     def decide(self, accumulator: Accumulator, period_s: float) -> Balance:
         """Return the cells to bleed."""
-        wanted = self._rule.bleeding(self._look(accumulator.terminal_voltage_v, period_s))
+        wanted = self._rule.bleeding(self._sample(accumulator.terminal_voltage_v, period_s))
         if not len(self._asked):
             self._asked, self._on = np.zeros(len(wanted), dtype=int), np.zeros(len(wanted), dtype=bool)
         self._asked = np.where(wanted, self._asked + 1, 0)
@@ -56,12 +56,12 @@ class ImperfectLook:
         self._cell_s += len(wanted) * period_s
         return Balance(bleeding=self._on)
 
-    def _look(self, voltage_v: FloatArray, period_s: float) -> FloatArray:
+    def _sample(self, voltage_v: FloatArray, period_s: float) -> FloatArray:
         seen_v = voltage_v + self._noise_v * self._rng.standard_normal(len(voltage_v))
         if self._filter_s:
             before_v = seen_v if self._filtered_v is None else self._filtered_v
             seen_v = self._filtered_v = before_v + (seen_v - before_v) * -math.expm1(-period_s / self._filter_s)
-        self._seen_v = [*self._seen_v, seen_v][-1 - self._old_looks :]
+        self._seen_v = [*self._seen_v, seen_v][-1 - self._old_samples :]
         return self._seen_v[0]
 
 
@@ -81,10 +81,10 @@ def bleeding() -> None:
     }
     print("\n| what the logic does | " + " | ".join(f"{ohm:g} ohm, {c}C" for ohm, c in CASES) + " |")
     print("|---" * (1 + len(CASES)) + "|")
-    for name, (plan, look) in changes.items():
+    for name, (plan, sample) in changes.items():
         row = []
         for ohm, c_rate in CASES:
-            logic = ImperfectLook(**look)  # type: ignore[arg-type]
+            logic = ImperfectSampling(**sample)  # type: ignore[arg-type]
             accumulator = Accumulator(six_cells(bleed_ohm=ohm), np.random.default_rng(0))
             result = charge(accumulator, logic, ChargePlan(c_rate * RATED_AH, **plan), UNSUPERVISED)
             row.append(

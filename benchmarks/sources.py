@@ -110,8 +110,8 @@ def run_orders(data: Path, plots: Path | None) -> None:
     shown = {}
     for n_rc, model in enumerate(models):
         for name in ("ekf", "ukf", "cdkf", "fused"):
-            told = NEAR_SIGMA if name == "fused" else None
-            near, near_sigma, per_step = estimate(model, name, test, 0.98, told)
+            stated = NEAR_SIGMA if name == "fused" else None
+            near, near_sigma, per_step = estimate(model, name, test, 0.98, stated)
             far, far_sigma, _ = estimate(model, name, test, 0.5)
             a = score_soc(test.time_s, near, near_sigma, test.soc)
             b = score_soc(test.time_s, far, far_sigma, test.soc)

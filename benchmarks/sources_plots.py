@@ -28,7 +28,7 @@ def _figure(columns: int, height_in: float = 3.0) -> tuple[Any, Any]:
 
 
 def draw_thesis(path: Path, redone: ThesisRun, right: PatternRun, curves: Mapping[str, OcvCurve]) -> None:
-    """The thesis beside the product: SOC of 96 cells in the hard pattern, and the OCV curve of each."""
+    """The thesis next to the product: SOC of 96 cells in the hard pattern, and the OCV curve of each."""
     figure, (theirs, ours, ocv) = _figure(3)
     seconds = np.linspace(0.0, 113_605 * 290e-6, redone.truth.size)
     theirs.plot(seconds, 100 * redone.estimate[:, ::8], color=COLOURS[0], alpha=0.25, linewidth=0.5)

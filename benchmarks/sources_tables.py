@@ -1,4 +1,4 @@
-"""The SOC thesis's key data and load patterns beside the right numbers: `python -m benchmarks.sources_tables`.
+"""The SOC thesis's key data and load patterns next to the right numbers: `python -m benchmarks.sources_tables`.
 
 Prints the first two tables of docs/contributing/theses.md and one of the units of the master's struct, computed from
 the cell file, the layout and the patterns. With `--curves FILE` its table of 10 x 1001 voltages is written as CSV.

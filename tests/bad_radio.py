@@ -15,7 +15,7 @@ MOST_RETRIES = 6
 
 
 class BadRadio:
-    """Forwards to a port of loopback; `cut` and `mend` may be called from any thread."""
+    """Forwards to a port of loopback; `cut` and `repair` may be called from any thread."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class BadRadio:
         self._is_cut, self._hangs = True, hangs
         self._loop.call_soon_threadsafe(self._break_all)
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         """Connections that were made from now on pass."""
         self._is_cut = False
         self._loop.call_soon_threadsafe(self._break_all)  # those that were tried meanwhile

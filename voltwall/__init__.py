@@ -15,7 +15,7 @@
             print(snapshot["cells"]["voltage_v"])
 
 Units are SI with degrees Celsius, as the names of columns and attributes say; a current is positive on discharge, a
-cell's index counts from 0, and what was not measured is null, never 0. Errors that the caller can mend are
+cell's index counts from 0, and what was not measured is null, never 0. Errors that the caller can fix are
 `VoltwallError`. The names of `__all__`, and their attributes, are stable.
 """
 

@@ -13,7 +13,7 @@ class Lap:
     Attributes:
         number: from 1.
         start, end: in UTC.
-        driver: who drove; empty where nobody said.
+        driver: who drove; empty where unknown.
         counts: False for an out-lap, an incident or a partial lap.
         energy_out_wh, energy_in_wh: discharged, and charged by braking [Wh].
         power_mean_w, power_max_w: [W].

@@ -234,8 +234,8 @@ class Surveyor:
         survey = self._survey
         survey.missing += np.isnan(piece.voltage_v).sum(axis=0)
         if self._waited is not None:
-            is_told = np.isfinite(piece.voltage_v)
-            first = np.where(is_told.any(axis=0), is_told.argmax(axis=0), len(is_told))
+            is_measured = np.isfinite(piece.voltage_v)
+            first = np.where(is_measured.any(axis=0), is_measured.argmax(axis=0), len(is_measured))
             self._waited += np.where(np.isnan(survey.voltage_max_v), first, 0)
         keep_extreme(survey.voltage_min_v, survey.voltage_min_at_s, piece.voltage_v, piece.time_s, lowest=True)
         keep_extreme(

@@ -186,7 +186,7 @@ def inject(body: FaultIn, simulator: SimulatorPart, events: EventsPart, user: Us
 
 @router.delete("/faults", response_model=FaultsInForceOut)
 def clear_all(simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
-    """Mend everything."""
+    """Clear all faults."""
     _ask(simulator, "clear-all")
     events.note("info", "simulator-fault", Message("all-faults-cleared"), user.name)
     return {"active": []}
@@ -200,7 +200,7 @@ def clear(
     pack: Annotated[int | None, Query(ge=1, le=MOST)] = None,
     cell: Annotated[int | None, Query(ge=1, le=MOST)] = None,
 ) -> dict[str, Any]:
-    """Mend one."""
+    """Clear one fault."""
     _ask(simulator, "clear", {"fault": name, "pack": pack, "cell": cell})
     return {"active": _ask(simulator, "status")["active"]}
 

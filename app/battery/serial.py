@@ -6,7 +6,7 @@ from typing import Literal
 
 ByteOrder = Literal["little", "big"]
 Parity = Literal["none", "even", "odd"]
-SIGNALS = {  # of a profile -> kind of `Values`
+SIGNALS = {  # name in a profile -> kind of `Values`
     "cells.voltage": "voltage",
     "cells.temperature": "temperature",
     "cells.balancing": "balancing",
@@ -32,8 +32,18 @@ PLAUSIBLE = {  # V, degC, ohm, A, a fraction of 1: beyond it no frame without a 
     "charger_voltage": (-1.0, 2000.0),
     "charger_current": (-1000.0, 1000.0),
 }
-TYPES = {"u8": "u1", "i8": "i1", "u16": "u2", "i16": "i2", "u32": "u4", "i32": "i4", "u64": "u8", "i64": "i8",
-         "f32": "f4", "f64": "f8"}  # of numpy  # fmt: skip
+TYPES = {
+    "u8": "u1",
+    "i8": "i1",
+    "u16": "u2",
+    "i16": "i2",
+    "u32": "u4",
+    "i32": "i4",
+    "u64": "u8",
+    "i64": "i8",
+    "f32": "f4",
+    "f64": "f8",
+}  # numpy's names
 LONGEST_FRAME = 16_384  # bytes; of a line characters
 Header = tuple[int | None, ...]  # None: any byte
 
@@ -86,17 +96,17 @@ class SerialField:
     """Values of one signal in a frame or line: value = raw * scale + offset."""
 
     name: str
-    kind: str  # of `Values`
-    type: str = "u16"  # of TYPES
+    kind: str  # kind of `Values`
+    type: str = "u16"  # a key of TYPES
     at: int = 0  # byte of the first value; negative counts from the end
     count: int = 1
     stride: int = 0  # bytes from one value to the next; 0: they follow each other
     byte_order: ByteOrder = "little"
     bits: bool = False  # each value is a mask, lowest bit first, of which `count` bits are values
     index: IndexAt | None = None
-    columns: tuple[int, int] | None = None  # of a line: first and last, from 0
-    group: str = ""  # of a line's pattern
-    base: int = 10  # of a line's numbers: 10 or 16
+    columns: tuple[int, int] | None = None  # columns of a line: first and last, from 0
+    group: str = ""  # group of a line's pattern
+    base: int = 10  # base of a line's numbers: 10 or 16
     first: int = 0  # cell or sensor, from 0, of the first value
     scale: float = 1.0
     offset: float = 0.0
@@ -106,7 +116,7 @@ class SerialField:
     equals: tuple[int, ...] = ()
     mask: int = 0
     max_age_s: float | None = None
-    line: int | None = None  # of the profile
+    line: int | None = None  # line number in the profile
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +148,7 @@ class SerialLine:
     poll: bytes = b""
     poll_s: float = 1.0
     fields: tuple[SerialField, ...] = ()
-    row: int | None = None  # of the profile
+    row: int | None = None  # line number in the profile
 
 
 @dataclass(frozen=True, slots=True)

@@ -206,7 +206,7 @@ def _in_words(entry: CellSignals) -> str:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Print every doubt; 1 where there is one, 2 if the profile cannot be used."""
+    """Print every warning; 1 where there is one, 2 if the profile cannot be used."""
     from app.battery.library import load_part
     from app.battery.profile_errors import errors_of
     from app.battery.serial import SerialMapping
@@ -215,24 +215,24 @@ def _check(args: argparse.Namespace) -> int:
     document = load_part(args.profile)
     errors, profile = errors_of(document)
     found = [_entry("error", error.file, error.line, error.path, _of_field(error)) for error in errors]
-    n_errors, n_doubts = len(errors), 0
+    n_errors, n_warnings = len(errors), 0
     if profile is not None:
-        doubts = _of_cell(profile.battery.cell, profile.file)
+        warnings = _of_cell(profile.battery.cell, profile.file)
         if isinstance(profile.source, DbcMapping):
-            doubts += _of_dbc(profile.battery, profile.source, profile.file, args.log)
+            warnings += _of_dbc(profile.battery, profile.source, profile.file, args.log)
         elif isinstance(profile.source, SerialMapping):
-            doubts += _of_serial(profile.battery, profile.source, profile.file, args)
+            warnings += _of_serial(profile.battery, profile.source, profile.file, args)
         elif not args.json:
             print(f"{profile.file}: the team's own master; nothing of a DBC to check")
-        if errors:  # doubts would be of what was set aside
-            doubts = [doubt for doubt in doubts if doubt.is_error and not _is_known(doubt.field, errors)]
-        for doubt in doubts:
-            kind = "error" if doubt.is_error else "doubt"
-            text = f"{doubt.field}: {render(doubt.what)}"
-            found.append(_entry(kind, doubt.file, doubt.line, doubt.field, text))
-        n_errors += sum(doubt.is_error for doubt in doubts)
-        n_doubts = len(doubts) - (n_errors - len(errors))
-    code = 2 if n_errors else int(bool(n_doubts))
+        if errors:  # warnings would be of what was set aside
+            warnings = [warning for warning in warnings if warning.is_error and not _is_known(warning.field, errors)]
+        for warning in warnings:
+            kind = "error" if warning.is_error else "warning"
+            text = f"{warning.field}: {render(warning.what)}"
+            found.append(_entry(kind, warning.file, warning.line, warning.field, text))
+        n_errors += sum(warning.is_error for warning in warnings)
+        n_warnings = len(warnings) - (n_errors - len(errors))
+    code = 2 if n_errors else int(bool(n_warnings))
     if args.json:
         print(json.dumps(found, indent=2))
         return code
@@ -240,7 +240,7 @@ def _check(args: argparse.Namespace) -> int:
         place = each["file"] if each["line"] is None else f"{each['file']}:{each['line']}"
         print(f"{place}: {each['kind']}: {each['text']}")
     cells = "" if profile is None or errors else f"{profile.battery.n_cells} cells, "
-    print(f"{cells}{n_errors} errors, {n_doubts} doubts")
+    print(f"{cells}{n_errors} errors, {n_warnings} warnings")
     return code
 
 
@@ -263,7 +263,7 @@ def _is_known(field: str, errors: list[ProfileError]) -> bool:
 
 
 def _of_dbc(battery: Battery, source: DbcMapping, file: str, log: Path | None) -> list[ProfileIssue]:
-    """Doubts of the files that the profile names, and of what it says of them."""
+    """Warnings of the files that the profile names, and of what it says of them."""
     from app.sources.dbc.check import ProfileIssue, issues_of
 
     missing = [Path(name) for name in source.dbc if not Path(name).is_file()]
@@ -274,17 +274,17 @@ def _of_dbc(battery: Battery, source: DbcMapping, file: str, log: Path | None) -
 
 
 def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argparse.Namespace) -> list[ProfileIssue]:
-    """Doubts of serial tables; with captured bytes also prints what they hold."""
-    from app.sources.serial.check import captured_bytes, serial_doubts, shown_values
+    """Warnings of serial tables; with captured bytes also prints what they hold."""
+    from app.sources.serial.check import captured_bytes, serial_issues, shown_values
 
     try:
         capture = None if args.log is None else captured_bytes(args.log)
     except (OSError, ValueError) as error:
         raise ConfigError("log", args.log, getattr(error, "strerror", None) or str(error)) from error
-    doubts = serial_doubts(battery, mapping, file, capture)
-    if capture is not None and not args.json and not any(each.is_error for each in doubts):
+    warnings = serial_issues(battery, mapping, file, capture)
+    if capture is not None and not args.json and not any(each.is_error for each in warnings):
         print("\n".join(shown_values(battery, mapping, capture)))
-    return doubts
+    return warnings
 
 
 def _of_cell(cell: str, file: str) -> list[ProfileIssue]:

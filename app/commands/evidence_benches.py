@@ -70,7 +70,7 @@ class Bench(Protocol):
     def fail(self, step: Step, limits: ConfiguredLimits) -> None:
         """Make the fault; Skipped where it is not done."""
 
-    def mend(self, step: Step) -> None:
+    def repair(self, step: Step) -> None:
         """Take it away, so that faults can be cleared."""
 
 
@@ -92,7 +92,7 @@ class SimulatedBench:
         }.get(step.name)
         self._ask("inject", {"fault": _FAULTS[step.name][0], "value": value, **self._place(step)})
 
-    def mend(self, step: Step) -> None:
+    def repair(self, step: Step) -> None:
         """Clear it."""
         self._ask("clear", {"fault": _FAULTS[step.name][0], **self._place(step)})
 
@@ -112,6 +112,6 @@ class ManualBench:
         if reason := input(f"  {what} now, then press Enter (or type why this step is skipped): ").strip():
             raise Skipped(reason)
 
-    def mend(self, step: Step) -> None:
+    def repair(self, step: Step) -> None:
         """Prompt."""
         input(f"  {_FAULTS[step.name][2]}, reset the shutdown circuit, then press Enter: ")

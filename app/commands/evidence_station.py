@@ -35,7 +35,7 @@ class NotReady(AppError):
 
 
 class Station:
-    """Reads and records from `start` to `stop`. Waits look at the newest fast frame and at every event."""
+    """Reads and records from `start` to `stop`. Waits sample at the newest fast frame and at every event."""
 
     def __init__(self, url: str, folder: Path, version: str, clock: Clock) -> None:
         self._clock = clock
@@ -111,12 +111,12 @@ class Station:
         self.recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, frame.raw, isinstance(frame, Frame))
         if not isinstance(frame, Frame):
             return
-        for look in master_samples([(item.t_mono_ns, frame.raw)], BAUD_RATE):
+        for sample in master_samples([(item.t_mono_ns, frame.raw)], BAUD_RATE):
             with self._news:
-                if look.values is not None:
-                    self._newest = look
-                if look.event is not None and look.event.code in TRIPS:
-                    self._trips.append(look.event)
+                if sample.values is not None:
+                    self._newest = sample
+                if sample.event is not None and sample.event.code in TRIPS:
+                    self._trips.append(sample.event)
                 self._news.notify_all()
 
 
@@ -155,7 +155,7 @@ def walk(station: Station, bench: Bench, names: set[str], say: Callable[[str], N
             station.rest(AFTER_S)
             station.mark(MARKER, f"{step.name} done")
             say("  the circuit opened" if opened else f"  the circuit did not open within {OPENS_S:g} s")
-            bench.mend(step)
+            bench.repair(step)
             _clear(station)
         station.rest(SETTLE_S)
 

@@ -71,7 +71,7 @@ def run_filter(
         estimator: a filter for one cell; it is started at the first row.
         recording: the measurements.
         capacity_ah: of the cell [Ah].
-        initial_soc: SOC believed at the first row, 0..1; None = from the voltage there.
+        initial_soc: SOC assumed at the first row, 0..1; None = from the voltage there.
         initial_sigma: standard deviation of that; None = the filter's default.
         cell: its model; resistances are learned only near temperatures it was made at. None = at all.
         on_progress: called with how many rows are done, of how many.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from app.sessions.transfer.follow import Follower
 
 BAR = 40  # characters
-LOOK_S = 2.0
+POLL_S = 2.0
 
 
 def add_arguments(actions: Actions) -> None:
@@ -102,7 +102,7 @@ def _follow(follower: Follower, folder: Path) -> int:
             if lines != before:
                 print("\n".join(lines), flush=True)
             before = lines
-            thread.join(LOOK_S)
+            thread.join(POLL_S)
     except KeyboardInterrupt:
         ending.set()
     return 0

@@ -17,7 +17,7 @@ from app.service.settings import Settings
 from app.words import Message
 
 log = logging.getLogger(__name__)
-LOOK_S = 3600.0
+CHECK_S = 3600.0
 
 
 def certificate_of(settings: Settings) -> Certificate | None:
@@ -61,7 +61,7 @@ class Renewal:
         self._context = context
         self._tell = tell
 
-    def look(self, now_s: float) -> None:
+    def check(self, now_s: float) -> None:
         """Take one that `--tls` makes before the end of the old one, or that somebody put in the place of theirs."""
         settings, own = self._settings, self._certificate
         try:
@@ -84,8 +84,8 @@ class Renewal:
     async def keep(self) -> None:
         """Look each hour, for ever."""
         while True:
-            await asyncio.sleep(LOOK_S)
-            await asyncio.to_thread(self.look, Clock().wall_s())
+            await asyncio.sleep(CHECK_S)
+            await asyncio.to_thread(self.check, Clock().wall_s())
 
 
 def certificate_text(certificate: Certificate, settings: Settings, port: int) -> str:

@@ -75,7 +75,7 @@ def settling_time(elapsed_s: FloatArray, error: FloatArray, bound: float) -> flo
 
 LAGS: Final = 20  # autocorrelations that are judged, in rows
 ROWS_MIN: Final = 10 * LAGS  # fewer say nothing
-BOUND_95: Final = 1.96  # of the autocorrelation of white noise, over sqrt(n)
+BOUND_95: Final = 1.96  # bound of the autocorrelation of white noise, over sqrt(n)
 LASTING_S: Final = 300.0  # no correlation is followed further
 
 

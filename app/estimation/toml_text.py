@@ -11,9 +11,9 @@ import tomllib
 from typing import Any, Final
 
 MOST_CHARACTERS: Final = 262_144  # the longest text of ours has 13,000
-MOST_LEVELS: Final = 8  # of brackets within each other and parts of a key, `a.b.c`, together
+MOST_LEVELS: Final = 8  # levels of brackets within each other and parts of a key, `a.b.c`, together
 MOST_OF_A_KEY: Final = 200  # characters
-LOWEST, HIGHEST = -(2**63), 2**64 - 1  # of a whole number
+LOWEST, HIGHEST = -(2**63), 2**64 - 1  # range of a whole number
 _MARK: Final = re.compile(r"""["'#\[\]{}.,\n]""")
 _STRING_ENDS: Final = {
     '"""': re.compile(r'"""|\\.', re.DOTALL),

@@ -39,7 +39,7 @@ class AlarmTracker:
         self._seen_ns: dict[str, int] = {}
         self._raised_ns: dict[str, int] = {}
         self._named: tuple[TripCause, ...] | None = None  # None: nothing recorded was looked at yet
-        self._past: dict[int, TripCause] = {}  # of trips that are over and acknowledged, by cell
+        self._past: dict[int, TripCause] = {}  # causes of trips that are over and acknowledged, by cell
         self._next_id = 1 + max((alarm.id for alarm in self._alarms.values()), default=0)
 
     def step(self, snapshot: Snapshot) -> tuple[tuple[Alarm, ...], list[Event]]:

@@ -1,7 +1,7 @@
 """Numbers that ought to agree: the sum of the cells with the total, current with voltage, the chips with the master.
 
 Each check has a verdict: True where both sides agree, False where they contradict each other, None where one side is
-missing or says nothing. A check never changes a value; it says how far one may be believed.
+missing or says nothing. A check never changes a value; it says how far one may be trusted.
 """
 
 import math

@@ -22,7 +22,7 @@ from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.calibration import VoltageForecast
 from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint
 from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, laps_left
-from app.estimation.prediction.energy_target import EnergyTarget, RacePlan, TargetKeeper
+from app.estimation.prediction.energy_target import EnergyTarget, EnergyTargetStore, RacePlan
 from app.estimation.prediction.heat import HeatBalance
 from app.estimation.prediction.laps import LapWatch
 from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
@@ -118,7 +118,7 @@ class Predictor:
         self._laps = LapWatch()
         self._unknown_cells = 0  # without an SOC
         self._marks: deque[float] = deque()  # seconds since crossings of the line that the lap counter has not yet seen
-        self._target = TargetKeeper()
+        self._target = EnergyTargetStore()
         self._plans: deque[RacePlan | None] = deque()  # new plans that the lap counter has not yet seen
         self._t_s = 0.0
         self._assessed_s = self._judged_s = -1e9

@@ -68,9 +68,9 @@ class SessionWatch:
 
     def _begin(self, session_id: str, *, is_over: bool) -> None:
         with contextlib.suppress(RuntimeError):  # shutting down
-            self._thread.submit(self._look, session_id, is_over)
+            self._thread.submit(self._judge, session_id, is_over)
 
-    def _look(self, session_id: str, is_over: bool) -> None:
+    def _judge(self, session_id: str, is_over: bool) -> None:
         began_ns = self._clock.monotonic_ns()
         try:
             self._recorder.flush()

@@ -45,7 +45,7 @@ class RetentionRule:
 
 
 def clock_problem(catalogue: Catalogue, now_ns: int, *, is_set_by_others: bool) -> Message | None:
-    """Return why sessions are not deleted by this clock; None where it can be believed.
+    """Return why sessions are not deleted by this clock; None where it can be trusted.
 
     Args:
         catalogue: of the sessions.
@@ -71,7 +71,7 @@ def apply_rule(catalogue: Catalogue, rule: RetentionRule, now_ns: int, note: Not
         rule: what stays.
         now_ns: the clock.
         note: called for each, with its severity.
-        by_age: the clock is believed.
+        by_age: the clock is trusted.
     """
     gone: list[str] = []
     if rule.keep_gb is not None:

@@ -63,7 +63,7 @@ def bare(name: str) -> str:
 
 
 def engine_sources() -> list[Path]:
-    """Return the C files of the estimator, without what only a shared library has and what is learned beside it."""
+    """Return the C files of the estimator, without what only a shared library has and what is learned next to it."""
     return [path for path in sorted(ENGINE.glob("vw_*.c")) if path.stem not in ("vw_library", "vw_resistance")]
 
 

@@ -31,7 +31,7 @@ class Cable:
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         self.cut_at_write, self._is_cut = None, False
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ def test_the_line_is_cut_at_the_write_and_the_page_says_which_is_in_force(car, o
     page.get_by_test_id("confirm").click()
     outcome = page.get_by_test_id("outcome")
     expect(outcome).to_contain_text("Active configuration unknown")
-    cable.mend()
+    cable.repair()
     expect(outcome).to_contain_text(said)
     expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text(in_force)
     if cut == "before":

@@ -60,7 +60,7 @@ def test_a_session_that_was_recorded_while_the_radio_was_cut_is_whole_in_the_end
         assert told()["recorders"][0]["error"]
         client.post(f"/sessions/{session_id}/stop")
         until(lambda: sessions()[session_id]["closed"])
-        radio.mend()
+        radio.repair()
         until(
             lambda: copy["id"] in sessions() and copy["id"] not in {each["id"] for each in told()["copies"]}, PATIENCE_S
         )

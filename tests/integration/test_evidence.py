@@ -13,12 +13,12 @@ class Judge(evidence_benches.SimulatedBench):
 
     truth_s: dict = {}  # noqa: RUF012
 
-    def mend(self, step):
+    def repair(self, step):
         status = self._ask("status", {})
         (fault,) = status["active"]
         assert status["relays"] == "open"
         self.truth_s[step.name] = status["relays_since_s"] - fault["since_s"]
-        super().mend(step)
+        super().repair(step)
 
 
 @pytest.mark.timeout(180)

@@ -21,7 +21,7 @@ SURFACE = replace(
     reference_a=15.0 * (0.2 + MODEL.soc_grid) * np.linspace(0.5, 1.5, MODEL.temperature_grid_degc.size)[:, None],
     surface_per_a=np.linspace(2e-3, 5e-4, MODEL.temperature_grid_degc.size) * np.array([[0.3], [1.0]]),
 )
-KNOWN_V2 = 1e-10  # of a lasting error that plays no part in a test
+KNOWN_V2 = 1e-10  # variance of a lasting error that plays no part in a test
 
 
 def setup_of(model=MODEL, kind=Kind.SIGMA_FUSED, rule=central_difference, tuning=None) -> FilterSetup:

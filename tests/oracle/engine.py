@@ -31,7 +31,7 @@ from tests.oracle.state import (
 from tests.oracle.update import update
 
 COUNT_SIGMA_MAX: Final = 0.5
-BEYOND_SHARE: Final = 0.1  # of the charge, at currents beyond those of the cell file
+BEYOND_SHARE: Final = 0.1  # share of the charge, at currents beyond those of the cell file
 
 
 def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> tuple[State, FloatArray]:
@@ -86,7 +86,7 @@ class ReferenceEngine:
         self._current_a = 0.0
         self._since_s = 0.0  # since the starts were last weighed
         self._flow_a = self._beyond_a = 0.0  # size of the current, and of what of it is beyond the cell file's
-        self._rest_s = -1.0  # of rest since the start; negative once it has been read or broken
+        self._rest_s = -1.0  # time of rest since the start; negative once it has been read or broken
 
     def start(
         self,

@@ -23,7 +23,7 @@ from app.estimation.filters.estimates import OUT_OCV, OUT_VOLTAGE
 
 DRIFT_S: Final = 40.0
 MEMORY_S: Final = 300.0  # four or five laps; heat changes resistances, and the model follows heat only in part
-LASTING_S: Final = 6.0  # of an error from which the drift has been taken
+LASTING_S: Final = 6.0  # time of an error from which the drift has been taken
 RESTART_S: Final = 2.0  # a hole this long begins the drift anew
 FACTOR_MIN, FACTOR_MAX = 0.2, 10.0  # beyond it, it is no resistance
 QUIET_V: Final = 2e-3  # where no cell's drop moves more, nothing can be learnt and nothing is forgotten

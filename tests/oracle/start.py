@@ -24,7 +24,7 @@ from tests.oracle.state import (
     noise_v2,
 )
 
-START_POINTS: Final = 101  # of the SOC, among which the first voltage chooses
+START_POINTS: Final = 101  # points of the SOC among which the first voltage chooses
 
 
 def start(

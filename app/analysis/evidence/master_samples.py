@@ -44,7 +44,7 @@ class MasterSample:
 
 
 def master_samples(frames: Iterable[tuple[int, bytes]], baud_rate: int) -> list[MasterSample]:
-    """Return a look for every intact frame, in order of arrival; `frames` are (arrival [ns], bytes between delimiters).
+    """A sample for every intact frame, in order of arrival; `frames` are (arrival [ns], bytes between delimiters).
 
     Args:
         frames: as recorded, good and bad ones.

@@ -1,7 +1,7 @@
-"""From the violation to the open circuit, out of looks at the master; each end lies between two looks.
+"""From the violation to the open circuit, out of samples at the master; each end lies between two samples.
 
 Both ends stand on the master's own clock, so that neither the line nor this computer can make the time shorter: a frame
-that comes late still says when it was copied, one that is lost only moves two looks apart. This computer's clock is
+that comes late still says when it was copied, one that is lost only moves two samples apart. This computer's clock is
 held against the master's, and where the two run at different rates the band is widened by it.
 """
 
@@ -71,11 +71,11 @@ class Timing:
 
     low_s: float
     high_s: float
-    sampled_s: float  # between the last look within the limits and the first beyond
-    opened_s: float  # between the last look at a closed circuit and the first at an open one
+    sampled_s: float  # between the last sample within the limits and the first beyond
+    opened_s: float  # between the last sample at a closed circuit and the first at an open one
     latency_s: float  # delay of the firmware's own measuring and filter
     clock_s: float  # uncertainty of the two clocks
-    host_s: float  # from the first look beyond to the open one by this computer's clock, the line's time taken off
+    host_s: float  # from the first sample beyond to the open one by this computer's clock, the line's time taken off
     cell: int | None
     value: float | None  # in the field's unit
     limit: float | None
@@ -89,48 +89,48 @@ class Unmeasured:
     why: Missing
 
 
-def clock_rate(looks: Sequence[MasterSample]) -> ClockRate:
+def clock_rate(samples: Sequence[MasterSample]) -> ClockRate:
     """Hold this computer's clock against the master's, by the frames that waited least at both ends of a recording."""
-    if len(looks) < 2 or looks[-1].uptime_ms - looks[0].uptime_ms < MIN_SPAN_S * 1000:
+    if len(samples) < 2 or samples[-1].uptime_ms - samples[0].uptime_ms < MIN_SPAN_S * 1000:
         return ClockRate(1.0, 0.0, 0.0)
-    uptime_s = np.array([each.uptime_ms - looks[0].uptime_ms for each in looks]) * 1e-3
-    arrived_s = np.array([each.arrived_ns - looks[0].arrived_ns for each in looks]) * 1e-9
-    late_s = arrived_s - np.array([each.line_s for each in looks]) - uptime_s
+    uptime_s = np.array([each.uptime_ms - samples[0].uptime_ms for each in samples]) * 1e-3
+    arrived_s = np.array([each.arrived_ns - samples[0].arrived_ns for each in samples]) * 1e-9
+    late_s = arrived_s - np.array([each.line_s for each in samples]) - uptime_s
     quarter_s = uptime_s[-1] / 4
     ends = [np.flatnonzero(uptime_s <= quarter_s), np.flatnonzero(uptime_s >= uptime_s[-1] - quarter_s)]
     first, last = (end[late_s[end].argmin()] for end in ends)
     span_s = float(uptime_s[last] - uptime_s[first])
-    doubt_s = sum(float(np.median(late_s[end]) - late_s[end].min()) for end in ends) + 2 * UPTIME_STEP_S
+    uncertainty_s = sum(float(np.median(late_s[end]) - late_s[end].min()) for end in ends) + 2 * UPTIME_STEP_S
     drift_s = float(late_s[last] - late_s[first])
     left_s = late_s - late_s[first] - (uptime_s - uptime_s[first]) * drift_s / span_s
-    return ClockRate(1 + drift_s / span_s, doubt_s / span_s, float(left_s.max()))
+    return ClockRate(1 + drift_s / span_s, uncertainty_s / span_s, float(left_s.max()))
 
 
 def measure(
-    looks: Sequence[MasterSample], sign: Sign, limits: ConfiguredLimits, cycles: Cycles, rate: ClockRate
+    samples: Sequence[MasterSample], sign: Sign, limits: ConfiguredLimits, cycles: Cycles, rate: ClockRate
 ) -> Timing | Unmeasured:
     """Return how long the master took from the first violation to the open circuit.
 
-    The violation began after the last look within the limits, less what the firmware may take to see it, and before the
-    first look beyond. The circuit opened after the last look at a closed one and before the first at an open one; a
-    trip's event leaves ahead of all telemetry, so the frame before it is such a look too (SPEC section 8, rule 1).
+    The violation began after the last sample within the limits, less the latency of the firmware, and before the first
+    sample beyond. The circuit opened after the last sample of a closed one and before the first of an open one; a
+    trip's event leaves ahead of all telemetry, so the frame before it is such a sample too (SPEC section 8, rule 1).
 
     Args:
-        looks: from before the fault to after the circuit opened, in order of arrival.
+        samples: from before the fault to after the circuit opened, in order of arrival.
         sign: what the fault shows.
         limits: in force.
         cycles: of the firmware.
         rate: of the clocks.
     """
-    fast = [each for each in looks if each.values is not None]
+    fast = [each for each in samples if each.values is not None]
     if not fast:
         return Unmeasured("no-frames")
-    if any(each.boot != looks[0].boot for each in looks):
+    if any(each.boot != samples[0].boot for each in samples):
         return Unmeasured("restarted")
     shows = _sign(sign, limits, _values(fast[0]))
     if not _values(fast[0]).is_ok or shows(_values(fast[0])) is not None:
         return Unmeasured("violated-before")
-    from_s = looks[looks.index(fast[0]) + 1 :]
+    from_s = samples[samples.index(fast[0]) + 1 :]
     opened = next((each for each in from_s if _is_open(each)), None)
     bad = next((i for i, each in enumerate(fast) if shows(_values(each)) is not None), None)
     if opened is None:
@@ -139,11 +139,11 @@ def measure(
         return Unmeasured("not-seen")
     before, first = fast[bad - 1], fast[bad]
     cell = shows(_values(first))
-    closed_ms = _last_closed_ms(looks, opened)
+    closed_ms = _last_closed_ms(samples, opened)
     latency_s = _latency_s(sign, limits, cycles, fast[bad - 1 :], cell)
     high_s = (opened.uptime_ms - before.uptime_ms) * 1e-3 + latency_s + UPTIME_STEP_S
     low_s = max(0.0, (closed_ms - first.uptime_ms) * 1e-3 - UPTIME_STEP_S)
-    trips = [each.event for each in looks if each.event is not None and each.event.code in TRIPS]
+    trips = [each.event for each in samples if each.event is not None and each.event.code in TRIPS]
     value, limit = _figures(sign, limits, _values(first), cell)
     return Timing(
         low_s=rate.shortest(low_s),
@@ -160,22 +160,22 @@ def measure(
     )
 
 
-def _values(look: MasterSample) -> SampledValues:
-    if look.values is None:
+def _values(sample: MasterSample) -> SampledValues:
+    if sample.values is None:
         raise ValueError("no fast frame")
-    return look.values
+    return sample.values
 
 
-def _is_open(look: MasterSample) -> bool:
-    if look.values is not None:
-        return not look.values.is_ok
-    return look.event is not None and look.event.code in TRIPS
+def _is_open(sample: MasterSample) -> bool:
+    if sample.values is not None:
+        return not sample.values.is_ok
+    return sample.event is not None and sample.event.code in TRIPS
 
 
-def _last_closed_ms(looks: Sequence[MasterSample], opened: MasterSample) -> int:
-    at = next(i for i, each in enumerate(looks) if each is opened)
-    closed = [each.uptime_ms for each in looks[:at] if each.values is not None and each.values.is_ok]
-    previous = looks[at - 1]
+def _last_closed_ms(samples: Sequence[MasterSample], opened: MasterSample) -> int:
+    at = next(i for i, each in enumerate(samples) if each is opened)
+    closed = [each.uptime_ms for each in samples[:at] if each.values is not None and each.values.is_ok]
+    previous = samples[at - 1]
     if opened.event is not None and (previous.sequence + 1) & 0xFF == opened.sequence:
         closed.append(previous.uptime_ms)
     return max(closed)
@@ -232,7 +232,7 @@ def _sign(sign: Sign, limits: ConfiguredLimits, healthy: SampledValues) -> Calla
 
 
 def _latency_s(
-    sign: Sign, limits: ConfiguredLimits, cycles: Cycles, looks: Sequence[MasterSample], cell: int | None
+    sign: Sign, limits: ConfiguredLimits, cycles: Cycles, samples: Sequence[MasterSample], cell: int | None
 ) -> float:
     """Return how long a violation may have stood before the master's struct shows it [s]."""
     if sign.startswith("temperature"):
@@ -244,7 +244,7 @@ def _latency_s(
         return cycles.wire_check_s + cycles.pass_s
     if sign == "slave-lost" or cell is None:
         return cycles.pass_s
-    traced = [int(_values(each).voltage[cell]) for each in looks]
+    traced = [int(_values(each).voltage[cell]) for each in samples]
     limit = limits.v_cell_max if sign == "voltage-high" else limits.v_cell_min
     extreme = max(traced) if sign == "voltage-high" else min(v for v in traced if v != V_MISSING)
     return cycles.pass_s * _filter_passes(traced[0], extreme, limit, limits.v_alpha / 1000)

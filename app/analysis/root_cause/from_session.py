@@ -108,7 +108,7 @@ def verdict_of(session: SessionFile, group: Sequence[Trigger], cell: CellModel |
     """
     kept = kept_verdicts(session, group)
     verdict, end_s = kept[-1] if kept else None, _end_s(session)
-    for k, to_s in enumerate(_looks_s(session, group)):
+    for k, to_s in enumerate(_stretch_ends_s(session, group)):
         if verdict is not None and (verdict.judged is None or verdict.judged >= min(to_s, end_s) - SHORT_S):
             continue
         if k and verdict is not None and verdict.code != UNEXPLAINED:
@@ -165,7 +165,7 @@ def _judged(
     return judge([trip], _hypotheses(recording, model, trip.at_s), recording.segments)
 
 
-def _looks_s(session: SessionFile, group: Sequence[Trigger]) -> list[float]:
+def _stretch_ends_s(session: SessionFile, group: Sequence[Trigger]) -> list[float]:
     """Up to when an incident is looked at, in order: for its black box, and later while nothing explains it."""
     end_s = _end_s(session)
     due_s = session.unix_s(round(group[-1].mono_s * 1e9)) + SETTLED_S

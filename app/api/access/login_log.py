@@ -25,7 +25,7 @@ class LoginLog:
         self._clock = clock
         self._lock = threading.Lock()
         self._refused = 0  # since the last record
-        self._told_s: float | None = None
+        self._logged_s: float | None = None
 
     def changed(self, who: str, what: str) -> AbstractContextManager[None]:
         """Keep the intent to change accounts, tokens or log-ins, then what became of what is done within.
@@ -51,9 +51,9 @@ class LoginLog:
         now = self._clock.monotonic_s()
         with self._lock:
             self._refused += 1
-            if self._told_s is not None and now - self._told_s < REFUSALS_EACH_S:
+            if self._logged_s is not None and now - self._logged_s < REFUSALS_EACH_S:
                 return
-            many, self._refused, self._told_s = self._refused, 0, now
+            many, self._refused, self._logged_s = self._refused, 0, now
         name = "?" if who is None else who
         self._note("warning", "login-refused", Message("login-refused", count=many, name=name, address=address))
         self._log.note(name, "login", f"from {address}", f"refused: {many} since the record before")

@@ -28,7 +28,7 @@ from app.api.web.problems import Problem, invalid
 from app.words import Message, rendered
 
 router = APIRouter(tags=["live"])
-LOOK_S = 1.0  # after which a reader that was logged out gets no more
+POLL_S = 1.0  # after which a reader that was logged out gets no more
 
 
 @router.get("/health", response_model=HealthOut)
@@ -117,7 +117,7 @@ async def stream(
     with fan_out.joined(reader, rate):
         while authentication.user_of(websocket.headers, "") is not None:
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LOOK_S):
+                async with asyncio.timeout(POLL_S):
                     await _end_of(websocket)
                     return
     with contextlib.suppress(WebSocketDisconnect):

@@ -134,7 +134,7 @@ def plugged() -> dict[str, Any]:
 
 
 @router.post("/check-link", response_model=LinkCheckOut)
-def look(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
+def check_link(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
     """Open a port or a bus for a moment and count what arrives; of one that is read already, what its link counts."""
     if (body.serial is None) == (body.can is None):
         raise invalid("serial", body.serial, Message("one-of-two", names=("serial", "can")))

@@ -12,7 +12,7 @@ from app.estimation.cell_model.circuit import MAX_RC_PAIRS
 from app.estimation.cell_model.surface import NUMBERS, ROWS
 from app.estimation.errors import CellFileError
 
-MOST_POINTS: Final = 10_000  # of a table over SOC and temperature
+MOST_POINTS: Final = 10_000  # points of a table over SOC and temperature
 _TOP: Final = {"name", "source", "capacity_ah", "coulombic_efficiency", "v_min_v", "v_max_v", "v_nominal_v", "mass_kg"}
 SECTIONS: Final = {
     "ocv": {"method", "soc", "voltage_v"},

@@ -28,9 +28,9 @@ from app.estimation.errors import ModelError
 
 MAX_RC_PAIRS: Final = 4
 SECONDS_PER_HOUR: Final = 3600.0
-TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one
+TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # range of any working cell
 VOLTAGE_MAX_V: Final = 10.0  # no single cell has more
-LEAST_WH_PER_KG: Final = 5.0  # of any cell, a capacitor included
+LEAST_WH_PER_KG: Final = 5.0  # specific energy of any cell, a capacitor included
 ACTIVATION_SIGMA_J_MOL: Final = 12e3  # between lithium-ion cells, of what the whole drop follows over temperature
 EMPTY_ACTIVATION_J_MOL: Final = 30e3  # by which the cold makes a cell look empty early: diffusion in solids
 SHIFT_MAX_V: Final = 0.3

@@ -24,7 +24,7 @@ POLYNOMIAL_DEGREE: Final = 10
 SLOPE_MIN_V: Final = 0.02  # V per unit of SOC: the least slope beyond the ends, so that the inverse exists
 SLOPE_MAX_V: Final = 5.0  # the steepest continuation beyond the ends
 OVERSHOOT: Final = 0.05  # how far past 0 and 1 the inverse may answer
-SMOOTHING_CUTOFF: Final = 0.06  # of the Nyquist rate of a grid of 501 points: features narrower than 3 % SOC go
+SMOOTHING_CUTOFF: Final = 0.06  # share of the Nyquist rate of a grid of 501 points: features narrower than 3 % SOC go
 _SMOOTHING_POINTS: Final = 501
 
 

@@ -22,10 +22,10 @@ from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.errors import ModelError, ShapeError
 
-FADE: Final = 0.98  # of an older session with every new one: about fifty sessions are remembered
+FADE: Final = 0.98  # weight of an older session with every new one: about fifty sessions are remembered
 START_SIGMA_FRAC: Final = 0.05  # how far the nominal capacity may be off before any session
 SOC_MOVED_MIN: Final = 0.1  # less than this shows nothing that the errors would not drown
-SEARCH_FRAC: Final = (0.3, 1.5)  # of the nominal capacity
+SEARCH_FRAC: Final = (0.3, 1.5)  # shares of the nominal capacity
 SEARCH_POINTS: Final = 241
 NEWTON_STEPS: Final = 4
 RESISTANCE_END_OF_LIFE: Final = 2.0  # times the new resistance
@@ -186,8 +186,8 @@ def state_of_health(
 REST_A: Final = 1.0  # below, no current flows: what is left is the sensor's noise and offset
 REST_S: Final = 120.0  # then the RC pairs have settled to a few millivolts
 REST_SOC_SIGMA: Final = 0.015
-COUNT_GAIN_SIGMA: Final = 0.005  # of the charge counted
-COUNT_OFFSET_A: Final = 0.5  # of the current sensor
+COUNT_GAIN_SIGMA: Final = 0.005  # sigma of the charge counted
+COUNT_OFFSET_A: Final = 0.5  # current of the current sensor
 
 
 class CapacityBetweenRests:

@@ -28,24 +28,24 @@ from app.estimation.health.cell_voltages import CellVoltage, UnderLoad, resistan
 
 Law = Literal["joint", "resistance", "capacity", "leak", "stuck", "warm", "lower"]
 LeakHeat = Callable[[FloatArray, float], FloatArray]
-_Likelihood = Callable[[FloatArray], FloatArray]  # of sizes
+_Likelihood = Callable[[FloatArray], FloatArray]  # likelihood over sizes
 ONSETS: Final = 48
 CORRELATED: Final = 0.1  # independent values a sample: errors of one second are alike
 MOST_INDEPENDENT: Final = 15.0  # values of a stretch: drifts of healthy cells last as long as it does
 HEALTHY_OHM: Final = 2.5e-4  # by which sound cells and joints differ
-WARM_OHM: Final = 8e-4  # of a cell of 2 mohm, from 25 to 60 degC
+WARM_OHM: Final = 8e-4  # resistance of a cell of 2 mohm, from 25 to 60 degC
 STUCK_V: Final = 1.5e-3
 CAPACITY_SIZES: Final = np.geomspace(0.05, 4.0, 24)
-HEALTHY_SPREAD: Final = 0.015  # of the charge that cells begin with
+HEALTHY_SPREAD: Final = 0.015  # spread of the charge that cells begin with
 SPREAD_SIZES: Final = np.linspace(-HEALTHY_SPREAD, HEALTHY_SPREAD, 13)
 LOWER_SIZES: Final = np.geomspace(0.02, 0.3, 16)
 FINER, FINER_POINTS = 2, 7  # searches around the best of a grid: a grid's steps cost more than laws differ by
 LEAK_SIZES_A: Final = np.geomspace(0.5, 60.0, 28)
-ZERO_A: Final = 0.5  # of the current sensor, at most: a large joint shows it as a voltage
-SIZE_SHARE: Final = 0.05  # of a size: the model's error, which more samples do not take away
+ZERO_A: Final = 0.5  # current of the current sensor, at most: a large joint shows it as a voltage
+SIZE_SHARE: Final = 0.05  # share of a size: the model's error, which more samples do not take away
 RARER: Final = 2.0  # log odds of a cell that resists more against a joint: within a second they look alike
 GROWN_TURNS: Final = 2  # from its size to how slow it is, and back
-STEP_SHARE: Final = 0.05  # of a size, by which the likelihood's curvature is taken
+STEP_SHARE: Final = 0.05  # share of a size, by which the likelihood's curvature is taken
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class CellFit:
     log_likelihood: float
     size: float
     onset_s: float
-    sigma: float = float("nan")  # of the size; NaN: it has none
+    sigma: float = float("nan")  # sigma of the size; NaN: it has none
 
 
 def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: LeakHeat) -> list[CellFit]:

@@ -14,14 +14,16 @@ from app.estimation.health.stretch import Stretch
 FULL_RATE_S: Final = 8.0  # around the instant that is asked about every sample counts
 SPACING_S: Final = 1.0  # elsewhere one a second
 LEAST_NOISE_V: Final = 1.5e-3
-LAG_SHARE: Final = 0.3  # of what a cell moves by from sample to sample: the master's low pass, and when it was measured
+LAG_SHARE: Final = (
+    0.3  # share of what a cell moves by from sample to sample: the master's low pass, and when it was measured
+)
 SHOWN_LAG_SHARE: Final = 0.1  # and where the typical cell shows both
 LAGS: Final = (-1, 0, 1, 2)  # samples by which voltages may lead or follow the current
 SHOWN_S: Final = 1.1  # movement within it is taken from the typical cell's voltage, slower one from the current
 QUICK_S: Final = 0.3  # between samples: less often shows no lag
 FEWEST: Final = 100  # steps of the current that show it
 MOVED_A: Final = 3.0
-LIKELY_OHM: Final = (0.3, 3.0)  # of the model's resistance: else something else moved the voltage
+LIKELY_OHM: Final = (0.3, 3.0)  # shares of the model's resistance: beyond them something else moved the voltage
 USUAL_DEGC: Final = 25.0
 CHARGE_RANGE: Final = (-0.05, 1.05)
 CHARGE_STEP: Final = 0.005

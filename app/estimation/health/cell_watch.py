@@ -23,12 +23,12 @@ from app.estimation.health.sensor_watch import ChannelWatch, DeadSensors, Thermi
 
 __all__ = ["JUDGE_S", "CellWatch", "CellWatchMemory"]
 
-SIGMA_MIN_FRAC: Final = 0.02  # of a size: gain of the current sensor, and what a model leaves out
-GROWTH_MIN: Final = 0.15  # of a cell's own resistance
-GROWTH_JUDGEMENTS: Final = 60.0  # of driving that a cell's own growth is the mean of
+SIGMA_MIN_FRAC: Final = 0.02  # sigma of a filter's SOC
+GROWTH_MIN: Final = 0.15  # share of a cell's own resistance
+GROWTH_JUDGEMENTS: Final = 60.0  # time of driving over which a cell's own growth is averaged
 GROWTH_SIGMA_MAX: Final = 0.5  # what is less sure teaches nothing of it
-GROWTH_SIGMAS: Final = 6.0  # of its scatter over the cells
-CELL_SHARE: Final = 0.25  # of what is more: a joint has nothing that lasts, so it is the cell that resists
+GROWTH_SIGMAS: Final = 6.0  # multiple of its scatter over the cells
+CELL_SHARE: Final = 0.25  # share of what is more: a joint has nothing that lasts, so it is the cell that resists
 LEAK_MIN_A: Final = 4e-3  # 0.4 % of 25 Ah in a day
 LEAK_SIGMAS: Final = 5.0
 LOST_MIN: Final = 0.06
@@ -40,11 +40,11 @@ AT_ONCE: Final = 0.4  # share of the cells that must be measured in one sample t
 THERMISTOR_K: Final = 1.0  # resolution of a temperature
 CHANNEL_V: Final = 1e-3
 EMPTY_SOC: Final = 0.12
-UNSURE: Final = 0.25  # of a size: a size with a larger sigma does not replace one that was surer
-GONE: Final = 0.5  # of what was found: evidence that it is less ends a finding, want of evidence does not
+UNSURE: Final = 0.25  # share of a size: a size with a larger sigma does not replace one that was surer
+GONE: Final = 0.5  # share of what was found: evidence that it is less ends a finding, want of evidence does not
 _TEMPERATURE: Final[tuple[FindingCode, FindingCode]] = ("temperature-sensor-fault", "temperature-sensor-open")
 _VOLTAGE: Final[tuple[FindingCode, FindingCode]] = ("cell-voltage-stuck", "cell-voltage-missing")
-HOLD: Final = 0.6  # of a threshold: what was found ends below it
+HOLD: Final = 0.6  # share of a threshold: what was found ends below it
 
 
 @dataclass(frozen=True)

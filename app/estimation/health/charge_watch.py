@@ -26,33 +26,35 @@ from app.estimation.health.segments import Segments
 LOOK_S: Final = 30.0
 SAMPLES_MIN: Final = 10  # in a look
 REST_A: Final = 1.0
-SETTLED_S: Final = 30.0  # of standing before a look at rest: then fast pairs are gone
+SETTLED_S: Final = 30.0  # time of standing before a look at rest: then fast pairs are gone
 COASTING_S: Final = 3.0  # without current: longer is standing
 PAIR_S: Final = 10.0
 EXCITED_A: Final = 10.0  # std of the current in a look while driving: less parts no drop from the OCV
 GAP_S: Final = 10.0  # what flowed in a longer gap is not known
 SLOW_S: Final = np.array((150.0, 1800.0))  # time constants of slow overpotentials
-MEAN_S: Final = 600.0  # of the mean current
+MEAN_S: Final = 600.0  # time of the mean current
 QUICK, LASTING = 0, 1  # the two filters
-LEAK_WALK_A2: Final = np.array((1.0 / 60.0, (2e-3) ** 2 / 86400.0))[:, None]  # of i_leak, in a second [A^2/s]
+LEAK_WALK_A2: Final = np.array((1.0 / 60.0, (2e-3) ** 2 / 86400.0))[
+    :, None
+]  # random walk of i_leak in a second [A^2/s]
 LEAK_PRIOR_A: Final = np.array((0.5, 0.5))[:, None]
 CAPACITY_PRIOR: Final = 0.3
-START_SIGMA: Final = 0.3  # of the charge against the pack's
+START_SIGMA: Final = 0.3  # sigma of the charge against the pack's
 REST_V: Final = 1.5e-4  # noise of a look at rest
-NOISE_SHARE: Final = 0.05  # of the variance within a look that the mean over it keeps
+NOISE_SHARE: Final = 0.05  # share of the variance within a look that the mean over it keeps
 DRIVE_V: Final = 1.5e-3  # and of one while driving
 SLOW_FLOOR_V: Final = 4e-4  # temperature, hysteresis
 SLOW_START_V: Final = 1e-3  # at a start: what was before is not known
 SLOW_OHM: Final = 1.5e-4  # by which the slow overpotentials of like cells differ, over the mean current
 SLOW_FRAC_OHM: Final = 1.5e-3  # and of a cell that resists more, for so much of its resistance
 LIKE: Final = 0.15  # a resistance that is no more than this above the others' is like them
-OCV_SHAPE: Final = 0.03  # of a distance between charges: the cell file's OCV is not quite the cell's
-COUNT_FRAC: Final = 2e-3  # of the charge that flowed
+OCV_SHAPE: Final = 0.03  # share of a distance between charges: the cell file's OCV is not quite the cell's
+COUNT_FRAC: Final = 2e-3  # share of the charge that flowed
 SOC_MIN, SOC_MAX = 0.15, 1.0  # where the cell file's OCV can be trusted to a few millivolts
 BLEED_A: Final = 0.3  # more does not flow through a balancing resistor
-MOVED_FRAC: Final = 0.01  # of charge in a gap: then the car was driven or charged
-LOST_SIGMA: Final = 0.02  # of the charge against the pack's after that
-CAPACITY_SHAPE: Final = 0.2  # of lost capacity that a wrong OCV may show as a leak
+MOVED_FRAC: Final = 0.01  # share of charge in a gap: then the car was driven or charged
+LOST_SIGMA: Final = 0.02  # sigma of the charge against the pack's after that
+CAPACITY_SHAPE: Final = 0.2  # share of lost capacity that a wrong OCV may show as a leak
 SURPRISE_SIGMAS: Final = 4.0
 SUDDEN_SIGMAS: Final = 4.0  # apart: the lasting filter does not see a leak that the quick one does
 QUICK_SIGMAS: Final = 3.0  # above nothing: then the quick filter counts
@@ -231,7 +233,7 @@ class ChargeWatch:
         self._begin_with(X, cells, START_SIGMA)
         if leak:
             self._begin_with(LEAK, cells, LEAK_PRIOR_A)
-        self._outputs[:, cells] = np.nan  # of the look that goes on
+        self._outputs[:, cells] = np.nan  # outputs of the current look
 
     def _begin_with(self, state: int, cells: BoolArray, sigma: float | FloatArray) -> None:
         self._mean[state][:, cells] = 0.0

@@ -36,7 +36,7 @@ class StepResistance:
         self._time_s = 0.0
         self._learned_s = -np.inf
         self._rises = False
-        self._sums = np.zeros((3, n_cells))  # of the typical cell's and the cell's difference: x x, x y, y y [V^2]
+        self._sums = np.zeros((3, n_cells))  # sums of the typical cell's and the cell's difference: x x, x y, y y [V^2]
         self._count = np.zeros(n_cells)
         self.learned = 0  # differences, in all
 
@@ -84,7 +84,7 @@ class StepResistance:
         self.learned += 1
 
 
-MEMORY_S: Final = 25.0  # of the regression: less than half a lap, so that a fault shows within the lap
+MEMORY_S: Final = 25.0  # time of the regression: less than half a lap, so that a fault shows within the lap
 JUDGE_S: Final = 2.5  # between two judgements
 FIRST_ALARM_OHM: Final = 1.75e-4  # while a cell's own past is not known
 ALARM_OHM: Final = 1.5e-4
@@ -92,12 +92,12 @@ LEARN_OHM: Final = 7.5e-5  # beyond this the joint is changing, and so nothing i
 PAST_JUDGEMENTS: Final = 8  # before the past of a joint counts
 CONFIRMATIONS: Final = 3  # judgements in a row
 BASELINE_JUDGEMENTS: Final = 120  # in the moving average of a sound joint
-QUICK_MEMORY_S: Final = 6.0  # of a second regression, which shows that a joint has changed
+QUICK_MEMORY_S: Final = 6.0  # time of a second regression, which shows that a joint has changed
 CHANGED_SIGMAS: Final = 5.0  # apart: the slow one remembers another joint
 JUMP_OHM: Final = 1e-3  # by which a joint parts within one step of the current
 JUMP_SIGMAS: Final = 4.0
 PARTED_OHM: Final = 4.5e-4  # more than the first judgement of a sound joint is wrong by
-NEW_S: Final = 1.0  # of driving since the last judgement: less is no new evidence
+NEW_S: Final = 1.0  # time of driving since the last judgement: less is no new evidence
 
 
 @dataclass(frozen=True)
@@ -142,12 +142,12 @@ class JointWatch:
         self._jump_sigma_ohm, self._jumped_at_s = np.zeros(n_cells), 0.0
         self._baseline_ohm = baseline.copy()
         self._learnt = np.where(np.isnan(self._baseline_ohm), 0, BASELINE_JUDGEMENTS)
-        self._sound_judgements = np.zeros(n_cells, dtype=np.int64)  # of this session
+        self._sound_judgements = np.zeros(n_cells, dtype=np.int64)  # number in this session
         self._was_sound = np.zeros(n_cells, dtype=np.bool_)
         self._is_loose = np.isfinite(before.excess_ohm)
         self._in_a_row = np.zeros(n_cells, dtype=np.int64)  # judgements that contradict `_is_loose`
         self._report = JointReport(nan, nan, nan, before.excess_ohm.copy(), before.sigma_ohm.copy(), self._is_loose)
-        self._judged_at_s = 0.0  # of learned seconds
+        self._judged_at_s = 0.0  # time in learned seconds
         self._judgements = 0
         self._apart_ohm = np.zeros(n_cells)
         self._growth_sigma = np.full(n_cells, np.inf)

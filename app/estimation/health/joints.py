@@ -17,7 +17,7 @@ from app.estimation.errors import ShapeError
 from app.estimation.health.segments import Segments, medians
 
 POLISH_ROUNDS: Final = 6
-LESS_SIGMAS: Final = 3.0  # of sound cells' scatter, by which a cell may resist less than its peers
+LESS_SIGMAS: Final = 3.0  # multiple of sound cells' scatter by which a cell may resist less than its peers
 SLOPE_MAX: Final = 5.0  # ohmic over pair resistance; more means that the pair was hardly seen
 
 

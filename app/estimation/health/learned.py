@@ -14,7 +14,7 @@ from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.soc_estimator import SocEstimator
 from app.estimation.health.resistance_scale import LESS_SHAPE_ERROR, SHAPE_ERROR, ResistanceScale
 
-CAPACITY_SIGMA_MAX_FRAC: Final = 0.03  # of the nominal capacity
+CAPACITY_SIGMA_MAX_FRAC: Final = 0.03  # share of the nominal capacity
 RESISTANCE_SIGMA_MAX: Final = 0.08
 
 

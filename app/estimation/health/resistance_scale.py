@@ -32,7 +32,7 @@ class ResistanceScale:
             n_cells: number of cells.
             past: (2, n_cells) factor and sigma at the end of an earlier session; None = there was none.
         """
-        if past is None or past.shape != (2, n_cells):  # of another accumulator, or of none
+        if past is None or past.shape != (2, n_cells):  # another accumulator, or none
             past = np.tile([[1.0], [PRIOR_SIGMA]], n_cells)
         factor, sigma = past
         is_known = (factor > FACTOR_MIN) & (factor < FACTOR_MAX) & (sigma > 0.0)

@@ -18,7 +18,7 @@ from app.estimation.errors import ShapeError, check_step
 
 PAIR_S: Final = 10.0  # time constant of the RC pair in the regression; cells in parallel cans lie at 8 to 20 s
 DRIFT_S: Final = 40.0  # slower than this is SOC and heat and is taken away from all signals alike
-MEMORY_S: Final = 60.0  # of the regression: about one lap of a Formula Student track
+MEMORY_S: Final = 60.0  # time of the regression: about one lap of a Formula Student track
 RESTART_S: Final = 2.0  # after a hole this long the signals restart
 SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then and has to be forgotten
 AVERAGE_S: Final = DRIFT_S  # after that the drift is the mean of all samples: one alone would leave its noise in all
@@ -26,7 +26,7 @@ BLOCK: Final = 64  # samples taken at once; RESTART_S each, they last 13 PAIR_S:
 EXCITED_A: Final = 3.0  # a current nearer to its slow mean than this is noise and moves no resistance
 STANDING_A: Final = 2.0  # below it the car stands ...
 STANDING_S: Final = 5.0  # ... after this long: what follows is slow recovery
-SET_NOISE_V: Final = 2e-3  # of samples that a resistance was set for
+SET_NOISE_V: Final = 2e-3  # voltage of samples that a resistance was set for
 SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
 
 
@@ -56,7 +56,7 @@ class ResistanceTracker:
         self._gains: tuple[float, float, float, float] = (-1.0, 0.0, 0.0, 0.0)
         self._has_unknown = False
         self._has_settled = False
-        self._averaged_s = 0.0  # of samples in the drift, until they are AVERAGE_S
+        self._averaged_s = 0.0  # time of samples in the drift, until AVERAGE_S
 
     @property
     def learned_s(self) -> float:

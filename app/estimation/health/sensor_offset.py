@@ -25,9 +25,9 @@ START_SIGMA: Final = 0.5
 GAIN_SIGMA: Final = 0.01
 OFFSET_SIGMA_C: Final = 0.01
 OFFSET_WALK_C: Final = 0.001  # how far it wanders in an hour, with its heat
-OPEN_SIGMA_C: Final = 0.001  # of a mean over a look with the relays open
-OBSERVED_SHARE: Final = 0.5  # of the prior: a smaller sigma means that the run has shown the offset
-SIGMA_MIN: Final = 1e-3  # of a filter's SOC
+OPEN_SIGMA_C: Final = 0.001  # sigma of a mean over a look with the relays open
+OBSERVED_SHARE: Final = 0.5  # share of the prior: a smaller sigma means that the run has shown the offset
+SIGMA_MIN: Final = 1e-3  # sigma of a filter's SOC
 START: Final = 0  # its place before gain and offset
 OFFSET: Final = 2
 

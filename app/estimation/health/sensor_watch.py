@@ -22,16 +22,16 @@ COLD_K: Final = 15.0  # below the pack's median
 FROZEN_K: Final = 6.0  # by which the pack moved while the sensor showed one value
 BACK_K: Final = 5.0  # from the pack: it shows the cell again
 STILL_V: Final = 1.5e-3  # a live channel's noise and the cell's own movement exceed it
-MOVED_V: Final = 30e-3  # of the median cell meanwhile
+MOVED_V: Final = 30e-3  # voltage of the median cell meanwhile
 HOP_V: Final = 0.15  # in one sample without current; a short of 75 A does less
 QUIET_V: Final = 5e-3  # the others in that sample
 REST_A: Final = 1.0
 MISSING_S: Final = 5.0  # without a value, while the pack has values
 CONFIRM_S: Final = 2.0
-RELEASE_S: Final = 20.0  # of sound values
+RELEASE_S: Final = 20.0  # time of sound values
 SAMPLE_S: Final = 1.5  # a sample counts for no longer: what was not measured neither begins nor ends anything
 GAP_S: Final = 2.0  # over a hole nothing is compared
-PACK_SHARE: Final = 0.5  # of the pack has to be there
+PACK_SHARE: Final = 0.5  # share of the pack has to be there
 
 
 @dataclass(frozen=True)

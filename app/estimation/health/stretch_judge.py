@@ -19,7 +19,7 @@ from app.estimation.health.cell_fits import CORRELATED, MOST_INDEPENDENT, CellFi
 from app.estimation.health.cell_voltages import CellVoltages
 from app.estimation.health.stretch import Stretch
 
-LOOKED_AT: Final = 4  # of the oddest cells in each respect, with those that were reported
+LOOKED_AT: Final = 4  # number of the oddest cells in each respect, with those that were reported
 JUMP_K: Final = 6.0  # between two readings: no cell with its mass does that
 JUMP_S: Final = 3.0
 CELL_J_PER_K: Final = 450.0  # ten 18650, by weight
@@ -30,7 +30,7 @@ WARMER_K: Final = 3.0
 HEATED_W: Final = 8.0
 FREE: Final = 2.0  # what a heat that may have any size has to gain
 LEAK_LASTS_S: Final = 15.0
-LEAST_GAIN: Final = 2.0  # of the voltage's likelihood
+LEAST_GAIN: Final = 2.0  # gain of the voltage's likelihood
 LEAK_V: Final = 3.6
 NOISE_V: Final = 5e-3
 NOISE_TIMES: Final = 6.0  # the usual cell's

@@ -15,10 +15,10 @@ from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 
 GAP_S: Final = 60.0  # a shorter hole in the record cannot hide a discharge
 REST_S: Final = 600.0  # a rest this long ends near the OCV
-BRANCH_CURRENT_FRAC: Final = 0.3  # of the largest current: below, the test rests or holds the voltage
-BRANCH_CHARGE_FRAC: Final = 0.3  # of the largest charge moved one way: a branch moves at least this much
-IDLE_FRAC: Final = 0.05  # of the largest current: below, the cell rests
-TURN_FRAC: Final = 0.05  # of the charge moved at all: a way back that is shorter, like a pulse, is no turn
+BRANCH_CURRENT_FRAC: Final = 0.3  # share of the largest current: below, the test rests or holds the voltage
+BRANCH_CHARGE_FRAC: Final = 0.3  # share of the largest charge moved one way: a branch moves at least this much
+IDLE_FRAC: Final = 0.05  # share of the largest current: below, the cell rests
+TURN_FRAC: Final = 0.05  # share of the charge moved at all: a way back that is shorter, like a pulse, is no turn
 ROWS_MIN: Final = 10
 
 

@@ -42,14 +42,14 @@ JUDGED_SOC: Final = 0.05  # below, the voltage falls so fast that its error says
 VOLTAGE_RMS_LIMIT_V: Final = 0.03  # above, estimates drift: see docs/explanation/identification.md
 SOC_BEYOND: Final = 0.05  # a recording further beyond full or empty is not on the SOC axis
 OCV_POINTS: Final = 101
-SEEN_STEP_K: Final = 5.0  # of the list of temperatures that were measured
-SEEN_SHARE: Final = 0.01  # of the rows of a recording at a temperature that make it measured
+SEEN_STEP_K: Final = 5.0  # step of the list of measured temperatures
+SEEN_SHARE: Final = 0.01  # share of the rows of a recording at a temperature that make it measured
 SPAN_MIN_K: Final = 8.0  # tests that lie apart this far show the energies
 FIT_SIGMA_J_MOL: Final = 6e3  # how far beyond its temperatures a measured energy holds
-ERROR_STEP_K: Final = 10.0  # of what is left, by temperature ...
+ERROR_STEP_K: Final = 10.0  # step of the residual by temperature ...
 ERROR_SOC: Final = np.array([0.0, 0.1, 0.2, 0.4, 0.7, 1.0])  # ... by SOC, between these ...
 ERROR_C: Final = np.array([0.0, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0])  # ... and by current [C]
-UNKNOWN: Final = 0.8  # of the prior's sigma: a number that no recording shows
+UNKNOWN: Final = 0.8  # share of the prior's sigma: a number that no recording shows
 SIGMA_OF: Final = {
     "ohmic": "r0_ohm",
     "ohmic_energy": "r0_j_mol",

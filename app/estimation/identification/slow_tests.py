@@ -28,17 +28,19 @@ from app.estimation.recording.cell_recording import Recording
 
 SLOW_C: Final = 0.15  # faster, the drop at the current is no longer small
 FAST_C: Final = 1.5  # a discharge from full to empty at more than this is a piece of a drive or of a pulse test
-ALIKE_FRAC: Final = 0.8  # of the largest charge moved: discharges that went as far
+ALIKE_FRAC: Final = 0.8  # share of the largest charge moved: discharges that went as far
 RESTS_MIN: Final = 5  # rested points that make a curve
-RESTS_SPAN: Final = 0.5  # of the SOC that they lie over
-RESTS_BEYOND: Final = 0.02  # of SOC 1: counts drift
-KNOWN_SHARE: Final = 0.5  # of the rows whose soc column is filled
+RESTS_SPAN: Final = 0.5  # share of the SOC that they cover
+RESTS_BEYOND: Final = 0.02  # tolerance in SOC: counts drift
+KNOWN_SHARE: Final = 0.5  # share of the rows whose soc column is filled
 CURRENTS_RATIO: Final = 1.5  # between two discharges that tell the drop
-COUNT_TOLERANCE: Final = 0.03  # of the capacity: more disagreement of count and rest voltage and the count is wrong
-REST_SHARE: Final = 0.3  # of the way from discharge to charge branch: half for diffusion, less with hysteresis
+COUNT_TOLERANCE: Final = (
+    0.03  # share of the capacity: with more disagreement of count and rest voltage the count is wrong
+)
+REST_SHARE: Final = 0.3  # share of the way from discharge to charge branch: half for diffusion, less with hysteresis
 GRID_POINTS: Final = 401
 FLAT_V: Final = 0.15  # per unit of SOC: an OCV that rises less tells little
-FLAT_SHARE: Final = 0.25  # of the range: less is a dip that a drive passes
+FLAT_SHARE: Final = 0.25  # share of the range: less is a dip that a drive passes
 END_SOC: Final = 0.02  # the last part of the discharge ...
 END_STEEPNESS: Final = 3.0  # ... falls at least this many times as fast as the middle where a cell is empty
 

@@ -56,7 +56,7 @@ class EnergyTarget:
     counted_by: LapSource | None
 
 
-class TargetKeeper:
+class EnergyTargetStore:
     """Counts the laps of a plan down and keeps the target of the lap that is driven."""
 
     def __init__(self) -> None:

@@ -17,9 +17,9 @@ import numpy as np
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 
 STEP_MIN_S: Final = 0.5  # what is written faster is no mean that matters
-CHANGES_MIN: Final = 100  # of the current, from which the shares are read
+CHANGES_MIN: Final = 100  # changes of the current from which the shares are read
 NEXT_SHARE: Final = (0.25, 0.75)  # 0.41 to 0.49 of six drives written as means, -0.03 to 0.06 as instants
-EXPLAINED_MIN: Final = 0.3  # of the changes of the voltage; else they say nothing
+EXPLAINED_MIN: Final = 0.3  # share of the changes of the voltage; below it they have no information
 
 
 def has_current_means(recording: Recording) -> bool:

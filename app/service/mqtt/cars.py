@@ -121,10 +121,10 @@ class Car:
 
     def age_s(self, part: str, now_s: float) -> float | None:
         """Seconds since the car measured a part; None where that is not known."""
-        told_s: float | None = self._values.get("age_s", {}).get(part)
-        if told_s is None or self.values_s is None:
+        reported_s: float | None = self._values.get("age_s", {}).get(part)
+        if reported_s is None or self.values_s is None:
             return None
-        return max(0.0, told_s) + self.waited_s + (now_s - self.values_s)
+        return max(0.0, reported_s) + self.waited_s + (now_s - self.values_s)
 
     def state(self, now_s: float) -> State:
         """Whether its values may be taken for the present."""

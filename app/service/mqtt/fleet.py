@@ -1,4 +1,4 @@
-"""Hears all cars of a broker: what the page of the fleet shows."""
+"""Receives all cars of a broker: what the page of the fleet shows."""
 
 import threading
 from typing import Any

@@ -168,7 +168,7 @@ class Watch:
         connection.execute("PRAGMA trusted_schema = OFF")
         connection.execute("PRAGMA cell_size_check = ON")
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LENGTH_BYTES)
-        connection.set_progress_handler(self._look, _CHECK_AFTER)
+        connection.set_progress_handler(self._check, _CHECK_AFTER)
         self._until_s = float("inf")
 
     @contextmanager
@@ -180,7 +180,7 @@ class Watch:
         finally:
             self._until_s = float("inf")
 
-    def _look(self) -> int:
+    def _check(self) -> int:
         return time.monotonic() > self._until_s
 
 

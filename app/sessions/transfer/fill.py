@@ -94,7 +94,7 @@ def fill_gaps(
 
     Raises:
         NothingInCommon: not one frame is in both.
-        HeardOnCanAlone: one of them was not read over RS232: nothing tells which frame is which.
+        CanOnlySession: one of them was not read over RS232: nothing tells which frame is which.
         NotNow: the session is being recorded or read.
         NotASession, SchemaTooNew: one of them cannot be read.
         RecordingFailed: the disk does not take the new file; the session stays as it is.

@@ -294,8 +294,8 @@ def _agreeing(raw: int, state_signals: Mapping[str, StateSignal], states: Mappin
     """How many states a raw number tells rightly; one that holds counts more than one that does not."""
     total = 0
     for name, signal in state_signals.items():
-        is_told = bool(raw & signal.mask) if signal.mask else raw in signal.equals
-        total += (2 if states[name] else 1) * (is_told == states[name])
+        is_set = bool(raw & signal.mask) if signal.mask else raw in signal.equals
+        total += (2 if states[name] else 1) * (is_set == states[name])
     return total
 
 

@@ -15,7 +15,7 @@ _MOST_FRAMES = 300_000  # two minutes of a full bus
 
 
 class BusListener:
-    """Hears a bus in a thread, and keeps the newest of what it received; ends by itself where nobody asks any more."""
+    """Receives frames of a bus in a thread and keeps the newest; ends automatically when nobody reads them."""
 
     def __init__(self, url: str, idle_s: float = 30.0, *, by_operator: bool = False) -> None:
         """Open the bus.

@@ -1,4 +1,4 @@
-"""Two nodes that send the same CAN id: a cell's voltage then reads two values in turn, and neither can be believed.
+"""Two nodes that send the same CAN id: a cell's voltage then reads two values in turn, and neither can be trusted.
 
 On a bus every id has one sender. Where two slaves were given the same address, or a second BMS was plugged in, each
 frame replaces the one before it. Time and bus do not tell the senders apart; that a voltage goes to and fro, again and
@@ -17,7 +17,7 @@ from app.words import Cell, Message, Quantity
 LEAST_JUMP_V: Final = 0.010  # above the noise of a cell monitor
 JUMP_RATIO: Final = 4.0  # the jump to the value before, over the change since the one before that
 FOUND: Final = 10  # jumps to and fro in a row
-MOST: Final = 20  # so it takes at most ten other values until the cells are believed again
+MOST: Final = 20  # so it takes at most ten other values until the cells are trusted again
 LOST: Final = 2  # taken off for a value that does not jump: two senders now and then swap their order
 MOST_SHARE: Final = 0.5  # share of all cells; where more alternate, it is the current
 

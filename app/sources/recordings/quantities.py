@@ -122,8 +122,8 @@ def sounds_like(name: str, quantity: str) -> bool:
     bare = {word.rstrip("0123456789") for word in words}
     is_numbered = any(word[-1:].isdigit() for word in words) or find_unit("temperature", _words(name)[-1]) is not None
     known = (words | bare) - (set() if is_numbered and len(words) > 1 else {"t"})  # `Cell3_T`; not the `T/R` of a relay
-    is_said = bool(known & _PARTS[quantity]) or (quantity == "soc" and "stateofcharge" in "".join(_words(name)))
-    return is_said and not words & set(_NEVER[quantity].split())
+    is_named = bool(known & _PARTS[quantity]) or (quantity == "soc" and "stateofcharge" in "".join(_words(name)))
+    return is_named and not words & set(_NEVER[quantity].split())
 
 
 def is_wall_clock(name: str) -> bool:

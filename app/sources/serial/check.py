@@ -18,7 +18,7 @@ _SUM_ERROR = 0.03
 _CELL_V = (1.0, 5.0)
 
 
-def serial_doubts(battery: Battery, mapping: SerialMapping, file: str, capture: bytes | None) -> list[ProfileIssue]:
+def serial_issues(battery: Battery, mapping: SerialMapping, file: str, capture: bytes | None) -> list[ProfileIssue]:
     """Return what is doubtful, errors first; `capture` are bytes that were read from the line, None without."""
     found = []
     for i, part in enumerate(mapping.parts):

@@ -17,7 +17,7 @@ from app.sources.dbc.battery_decoder import ChannelValues
 from app.sources.serial.framing import Framed
 from app.sources.serial.patterns import groups_of
 
-MOST_IMPLAUSIBLE = 0.25  # of a frame without a checksum: more, and it is none
+MOST_IMPLAUSIBLE = 0.25  # share of a frame without a checksum; with more it is no frame
 STEP = {"voltage": 0.05, "temperature": 4.0}  # V, degC by which one channel moves against all others, at least
 STEP_SCATTERS = 8.0
 FEWEST = 4  # channels that show how all move

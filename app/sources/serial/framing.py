@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from app.battery.serial import LONGEST_FRAME, SerialFrame, SerialLine, SerialMapping
 from app.sources.serial.checksums import is_sound
 
-IDLE_NS = 200_000_000  # of silence: what is not complete will not be
+IDLE_NS = 200_000_000  # silence after which an incomplete frame is dropped
 _LAST_BYTES = 64
 
 
@@ -36,7 +36,7 @@ class StreamReader:
         self._pieces: list[tuple[int, int]] = []  # (end in `_data`, time) of each piece that was read
         self._last_ns: int | None = None
         self.frames = self.bad_frames = self.skipped_bytes = 0
-        self.last = b""  # of all that was read
+        self.last = b""  # last bytes that were read
 
     def feed(self, data: bytes, t_ns: int) -> list[Framed]:
         """Take bytes that were read at a time [ns], in order; return the frames that are complete."""

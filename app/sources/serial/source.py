@@ -15,7 +15,7 @@ from app.telemetry.measurement import Measurement
 
 LIVE_S = 3.0  # from the last frame on; LIVE_PERIODS of the slowest request, where that is longer
 LIVE_PERIODS = 3.0
-BITS = 10  # of a character on the line, parity and a second stop bit come on top
+BITS = 10  # bits of a character on the line; parity and a second stop bit come on top
 
 
 class SerialSource:

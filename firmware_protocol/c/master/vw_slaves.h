@@ -2,7 +2,7 @@
  *
  * Registers go into the master's struct as the chips gave them. A packet with a wrong PEC leaves the old registers
  * and is
- * counted; what may be believed now says vw_slaves_valid_cells() and vw_slaves_cell_degc(), and only that: missing is
+ * counted; which are valid now, says vw_slaves_valid_cells() and vw_slaves_cell_degc(), and only that: missing is
  * never 0.
  * All functions wait on the bus (`wait_us`) and are called from one task.
  */

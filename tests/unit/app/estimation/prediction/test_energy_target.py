@@ -3,7 +3,7 @@
 import pytest
 
 from app.estimation.prediction.energy import EnergyLeft
-from app.estimation.prediction.energy_target import RacePlan, TargetKeeper
+from app.estimation.prediction.energy_target import EnergyTargetStore, RacePlan
 from app.estimation.prediction.laps import LapWatch
 
 LAP_S, FULL_WH = 60, 6_000.0
@@ -15,7 +15,7 @@ class Race:
     """A battery that gives FULL_WH down to an SOC of 0, and in which a slow lap loses no less than a fast one."""
 
     def __init__(self):
-        self.watch, self.keeper, self.driven_s = LapWatch(), TargetKeeper(), 0
+        self.watch, self.keeper, self.driven_s = LapWatch(), EnergyTargetStore(), 0
 
     def left(self, reserve_soc, pace):
         return EnergyLeft(FULL_WH * (1 - reserve_soc) - self.watch.now[1], 60.0, 1.0, 0)

@@ -14,10 +14,10 @@ from app.sources.serial.checksums import checksum_of
 from app.sources.serial.decoder import SerialDecoder
 from app.sources.serial.framing import IDLE_NS, StreamReader
 
-# of JBD's own document of the protocol
+# JBD's own document of the protocol
 JBD_BASIC = bytes.fromhex("DD03001B1700000002D003E8000020780000000000001048030F020B760B82FBFF77")
 JBD_CELLS = bytes.fromhex("DD04001E0F660F630F630F640F3E0F630F370F5B0F650F3B0F630F630F3C0F660F3DF9F977")
-# of a bridge to MQTT: demonstration of a car battery of eight cells
+# a bridge to MQTT: demonstration of a car battery of eight cells
 DALY = [
     bytes.fromhex(each)
     for each in (
