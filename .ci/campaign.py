@@ -107,25 +107,25 @@ def run_tests(size: str, what: str, *chosen: str, promise: str | None = None) ->
         command = [sys.executable, "-m", "pytest", "-q", "-n", str(PROCESSES[size]), "--dist", "worksteal"]
         command += ["-o", "junit_family=xunit1", f"--junitxml={cases}", *chosen]
         done = subprocess.run(command, cwd=ROOT, env=environment, check=False, capture_output=True, text=True)
-        marked = sorted(line.split("\t", 1) for line in figures.read_text(encoding="utf-8").splitlines())
+        measured = sorted(line.split("\t", 1) for line in figures.read_text(encoding="utf-8").splitlines())
         found = [*ElementTree.parse(cases).getroot().iter("testcase")] if cases.exists() else []
         counted = Counter((case.get("file") or "?", _outcome(case)) for case in found)
         took_s = Counter[str]()
         for case in found:
             took_s[case.get("file") or "?"] += float(case.get("time") or 0.0)  # type: ignore[assignment]
-    print(*(figure for _, figure in marked), sep="\n")
+    print(*(figure for _, figure in measured), sep="\n")
     print(f"{what}: {(done.stdout.splitlines() or ['nothing'])[-1]}", flush=True)
     if done.returncode:
         print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
     if done.returncode and not any(outcome == "failed" for _, outcome in counted):
         return [Part(what, NOTHING, 0, "DID NOT RUN", held=False)]
     if promise is not None:
-        return [replace(_part(promise, " ".join(chosen), counted, marked), took_s=sum(took_s.values()))]
+        return [replace(_part(promise, " ".join(chosen), counted, measured), took_s=sum(took_s.values()))]
     files = sorted({file for file, _ in counted})
-    return [replace(_part(promise_of(file), file, counted, marked), took_s=took_s[file]) for file in files]
+    return [replace(_part(promise_of(file), file, counted, measured), took_s=took_s[file]) for file in files]
 
 
-def _part(promise: str, file: str, counted: Counter[tuple[str, str]], marked: list[list[str]]) -> Part:
+def _part(promise: str, file: str, counted: Counter[tuple[str, str]], measured: list[list[str]]) -> Part:
     """The row of a file of tests, or of all."""
     of_all = not file.endswith(".py")
     passed, failed, skipped = (
@@ -133,7 +133,7 @@ def _part(promise: str, file: str, counted: Counter[tuple[str, str]], marked: li
         for wanted in ("passed", "failed", "skipped")
     )
     words = [f"{failed} FAILED"] * bool(failed) + [f"{skipped} skipped"] * bool(skipped)
-    words += [figure.replace("|", "/") for test, figure in marked if of_all or test.startswith(file)]
+    words += [figure.replace("|", "/") for test, figure in measured if of_all or test.startswith(file)]
     return Part(promise, file, passed + failed, "; ".join(words) or "held", held=not failed)
 
 
@@ -145,8 +145,8 @@ def _outcome(case: ElementTree.Element) -> str:
 
 def promise_of(file: str) -> str:
     """The first sentence of a file of tests."""
-    marked = ast.get_docstring(ast.parse((ROOT / file).read_text(encoding="utf-8"))) or file
-    return " ".join(marked.split("\n\n")[0].split()).rstrip(".")
+    docstring = ast.get_docstring(ast.parse((ROOT / file).read_text(encoding="utf-8"))) or file
+    return " ".join(docstring.split("\n\n")[0].split()).rstrip(".")
 
 
 def as_rows(size: str, day: str, parts: list[Part]) -> list[str]:

@@ -86,5 +86,5 @@ class Season(Closing):
         paths = session_files([Path(place).expanduser() for place in places])
         built = build_lake(LakeFolder(self.lake), paths)
         failed = {session: render(why) for session, why in built.failed}
-        text = {"made": built.made, "current": built.current, "not closed": built.not_closed}
-        return {session: text for text, sessions in text.items() for session in sessions} | failed
+        states = {"made": built.made, "current": built.current, "not closed": built.not_closed}
+        return {session: text for text, sessions in states.items() for session in sessions} | failed

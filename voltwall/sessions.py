@@ -172,8 +172,8 @@ class Session(Closing):
         rows = list(chosen.rows())
         time_s = np.concatenate([np.empty(0), *(each.time_s for each in rows)])
         values = np.concatenate([np.empty((0, len(shown))), *(each.values[:, shown] for each in rows)])
-        shown = [chosen.signals[k] for k in shown]
-        return over_time(time_s, [each.name for each in shown], [each.unit for each in shown], values)
+        columns = [chosen.signals[k] for k in shown]
+        return over_time(time_s, [each.name for each in columns], [each.unit for each in columns], values)
 
     @property
     def laps(self) -> list[Lap]:
