@@ -54,7 +54,7 @@ EXAMPLES = {
     "estimate": ("estimate race.csv --cell cell.toml --plot race.png",),
     "completion": ("completion bash",),
     "bench": ("bench --seconds 10",),
-}  # the other commands have theirs beside their options
+}  # the other commands have theirs next to their options
 
 
 class Parser(argparse.ArgumentParser):

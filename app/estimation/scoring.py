@@ -22,7 +22,7 @@ class SocScore:
         soc_max_error_after_60s: largest magnitude from 60 s after the start; NaN for shorter runs.
         settle_5_s, settle_2_s: seconds from the start until the error stays within 5 % and 2 %; None = never.
         inside_3_sigma: share of the rows whose error lies within three sigma.
-        sigma_rms: root mean square sigma; beside the RMSE of many runs it shows whether sigma is too wide.
+        sigma_rms: root mean square sigma; with the RMSE of many runs it shows whether sigma is too wide.
         nees: mean of (error / sigma)^2; 1 where sigma tells the truth.
     """
 

@@ -60,7 +60,7 @@ class CellDocument:
     def refuse_alone(self, section: str, key: str, needed: str) -> None:
         """Refuse a field that says nothing without another."""
         if key in self._section(section) and needed not in self._section(section):
-            raise self._error(section, needed, f"is missing beside {key}")
+            raise self._error(section, needed, f"is missing where {key} is given")
 
     def refuse_both(self, section: str, other: str) -> None:
         """Refuse two sections that say the same."""

@@ -176,7 +176,7 @@ def save_cell(model: CellModel, path: str | Path) -> None:
 
 def format_cell(model: CellModel) -> str:
     """Return the model as TOML text."""
-    said = (("v_nominal_v", model.v_nominal_v), ("mass_kg", model.mass_kg))
+    nominal = (("v_nominal_v", model.v_nominal_v), ("mass_kg", model.mass_kg))
     lines = [
         f"name = {_quote(model.name)}",
         f"source = {_quote(model.source)}",
@@ -184,7 +184,7 @@ def format_cell(model: CellModel) -> str:
         f"coulombic_efficiency = {_number(model.coulombic_efficiency)}",
         f"v_min_v = {_number(model.v_min_v)}",
         f"v_max_v = {_number(model.v_max_v)}",
-        *(f"{name} = {_number(value)}" for name, value in said if value is not None),
+        *(f"{name} = {_number(value)}" for name, value in nominal if value is not None),
         "",
         "[ocv]",
         f'method = "{model.ocv.method}"',

@@ -39,7 +39,7 @@ ENTROPY_SIGMA_V_K: Final = 3e-4  # by which an OCV changes with temperature wher
 
 @dataclass(frozen=True, slots=True)
 class CellLimits:
-    """What the data sheet allows beyond the voltages; None where it was not said."""
+    """What the data sheet allows beyond the voltages; None where unknown."""
 
     temperature_min_degc: float | None = None
     temperature_max_degc: float | None = None
@@ -83,8 +83,8 @@ class CellModel:
         hysteresis_rate: how fast the hysteresis state follows charge, per unit of SOC moved.
         coulombic_efficiency: share of the charging charge that is kept, 0..1.
         v_min_v, v_max_v: limits of the cell's voltage [V].
-        v_nominal_v: voltage by which the maker counts energy [V]; None where it was not said. Not used by any filter.
-        mass_kg: of what the file describes, a cell or a module of them [kg]; None where it was not said.
+        v_nominal_v: voltage by which the maker counts energy [V]; None where unknown. Not used by any filter.
+        mass_kg: of what the file describes, a cell or a module of them [kg]; None where unknown.
         evidence: what the identification rests on; None = not known.
         limits: the data sheet's other limits; no filter uses them.
         fit_voltage_rms_v: open-loop voltage error of the identification [V]; 0 = not known.

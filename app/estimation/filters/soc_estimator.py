@@ -171,7 +171,7 @@ class SocEstimator:
             raise EstimatorError(NOT_STARTED)
         if not 0.0 <= dt_s < inf:
             raise EstimatorError(f"a step of {dt_s} s is no step")
-        # the usual case without a call: beside an engine of microseconds each counts
+        # the usual case without a call: next to an engine of microseconds each counts
         if (
             type(voltages_v) is ndarray
             and type(temperatures_degc) is ndarray

@@ -1,4 +1,4 @@
-"""The offset of the current sensor, by a filter that hears voltages against a count of the measured charge.
+"""The offset of the current sensor, by a filter that compares voltages with a count of the measured charge.
 
     z_f(t) + Q(t) = z_0 + g Q(t) + b t / (3600 C) + e(t)
 

@@ -153,12 +153,14 @@ def identify(
     _check_load(measured, capacity_ah)
     rounds = count(1)
 
-    def told() -> None:
+    def report_round() -> None:
         on_progress(next(rounds), ROUNDS)
 
-    def laid(said: list[str], shift: OcvShift | None = None) -> list[Part]:
+    def laid(notes: list[str], shift: OcvShift | None = None) -> list[Part]:
         return [
-            Part(r, reference_soc(r, capacity_ah, slow, typical_ohm, said, shift), is_drive=any(r is d for d in drives))
+            Part(
+                r, reference_soc(r, capacity_ah, slow, typical_ohm, notes, shift), is_drive=any(r is d for d in drives)
+            )
             for r in measured
         ]
 
@@ -168,7 +170,7 @@ def identify(
         # the rests of the others lie on the OCV at their temperature, which those with a soc column show
         first = fit_surface(columned, slow, capacity_ah, typical_ohm, n_rc, has_surface=not is_circuit)
         parts = laid([], _ocv_shift(first, typical_temperature(slow_tests)))
-    fit = fit_surface(parts, slow, capacity_ah, typical_ohm, n_rc, told, not is_circuit)
+    fit = fit_surface(parts, slow, capacity_ah, typical_ohm, n_rc, report_round, not is_circuit)
     source = f"identified from {', '.join(r.source for r in (*slow_tests, *measured))}"
     model = _cell_model(fit, slow, measured, capacity_ah, name, source)
     fits = tuple(_part_fit(model, part) for part in parts)

@@ -55,7 +55,7 @@ class SlowCurves:
         charge_v: (n,) voltage while charging [V], rising; equal to `discharge_v` where no charge was recorded.
         counted_ah: charge the discharge counted from full to empty [Ah].
         current_a: magnitude of the discharge current [A].
-        has_charge: a charging branch was recorded beside a discharge.
+        has_charge: a charging branch was recorded as well as a discharge.
         notes: what was assumed, in plain words.
         warnings: what makes the curves doubtful.
         is_loaded: the curves hold the drop of a current that was not slow: rests do not lie on them.

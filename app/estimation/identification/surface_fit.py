@@ -319,10 +319,10 @@ def fit_surface(
     capacity_ah: float,
     typical_ohm: float,
     n_lags: int,
-    told: Callable[[], None] = lambda: None,
+    report_round: Callable[[], None] = lambda: None,
     has_surface: bool = True,
 ) -> SurfaceFit:
-    """Return the numbers that explain all parts best; `told` is called after each of `ROUNDS`."""
+    """Return the numbers that explain all parts best; `report_round` is called after each of `ROUNDS`."""
     unknowns, basis = Unknowns(slow, typical_ohm * capacity_ah, n_lags, has_surface), OcvBasis(slow)
     rows = [Rows(part, slow, capacity_ah) for part in parts]
     degc = np.array([each.degc for each in rows])
@@ -333,7 +333,7 @@ def fit_surface(
         for each in rows:
             alike = np.exp(-0.5 * ((degc - each.degc) / ALIKE_K) ** 2)
             each.sigma_v = max(float(np.sqrt(np.average(rms_v**2, weights=alike))), LEAST_SIGMA_V)
-        told()
+        report_round()
     sigma = np.sqrt(np.diag(np.linalg.inv(gram)))
     seen_degc = np.concatenate([each.kelvin for each in rows]) - KELVIN
     seen = (float(np.percentile(seen_degc, 1.0)), float(np.percentile(seen_degc, 99.0)))

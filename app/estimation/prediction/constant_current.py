@@ -81,7 +81,7 @@ class OperatingPoint:
 
 @dataclass(frozen=True)
 class CellKnowledge:
-    """What is known of each cell beside the cell file: (n_cells,) or scalars.
+    """Corrections of each cell to the cell file: (n_cells,) or scalars.
 
     Attributes:
         soc_sigma: standard deviation of the SOC.

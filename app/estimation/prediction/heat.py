@@ -2,7 +2,7 @@
 
     cooling = loss - C dT/dt, both averaged over the same last minutes
 
-Temperatures come in whole degrees, so one mean value over all cells is told. With x = heat given - C T, two means with
+Temperatures come in whole degrees, so one mean value over all cells is used. With x = heat given - C T, two means with
 the memories s < l give the average as (x_s - x_l) / (l - s).
 """
 
@@ -17,7 +17,7 @@ from app.estimation.arrays import FloatArray
 
 SHORT_S: Final = 30.0
 LONG_S: Final = 180.0
-READY_S: Final = 240.0  # before, nothing is told
+READY_S: Final = 240.0  # time before the first prediction
 UNKNOWN_S: Final = 10.0  # what flowed in a longer gap is not known
 
 

@@ -48,13 +48,15 @@ class PowerAlong:
 def limits_of(cell: CellModel) -> Limits:
     """Return the limits of a cell by its file; without a largest current there, `SURGE_C`."""
     surge_a = SURGE_C * cell.capacity_ah
-    said = cell.limits
+    limits = cell.limits
     return Limits(
         v_min_v=cell.v_min_v,
         v_max_v=cell.v_max_v,
-        discharge_max_a=said.discharge_max_a or surge_a,
-        charge_max_a=said.charge_max_a or surge_a,
-        temperature_max_degc=TEMPERATURE_MAX_DEGC if said.temperature_max_degc is None else said.temperature_max_degc,
+        discharge_max_a=limits.discharge_max_a or surge_a,
+        charge_max_a=limits.charge_max_a or surge_a,
+        temperature_max_degc=TEMPERATURE_MAX_DEGC
+        if limits.temperature_max_degc is None
+        else limits.temperature_max_degc,
         heat_capacity_j_k=math.inf,
     )
 

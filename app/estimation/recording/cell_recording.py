@@ -98,7 +98,7 @@ def clean(
         The recording; `notes` lists every repair and every warning, in plain words.
 
     Raises:
-        DatasetError: a column is missing, empty, has another length, or cannot be what it is said to be.
+        DatasetError: a column is missing, empty, has another length, or cannot be what it claims.
     """
     notes: list[str] = []
     columns = dict(columns)

@@ -16,7 +16,7 @@ from app.estimation.recording.cell_recording import GAP_STEPS
 
 SHORT_GAP_S: Final = 60.0
 ENDS_S: Final = 4.0  # the longest gap in which the ends alone count
-CURRENT_LASTS_S: Final = 3.0  # correlation time of the current of a drive, beside what changes over minutes
+CURRENT_LASTS_S: Final = 3.0  # correlation time of the current of a drive, apart from what changes over minutes
 USUAL_S: Final = 1800.0  # memory of the usual current
 STEPS_SEEN: Final = 20  # before a step is called unusual
 SECONDS_PER_HOUR: Final = 3600.0

@@ -150,7 +150,7 @@ def load() -> ctypes.PyDLL:
     """Return the library, in the fastest variant that this processor runs.
 
     Raises:
-        EstimatorError: there is none for this machine, or it was built from other sources than those beside it.
+        EstimatorError: there is none for this machine, or it was built from other sources than these.
     """
     library = _open(LIBRARY)
     level = library.vw_library_level()
