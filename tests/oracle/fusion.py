@@ -66,7 +66,7 @@ def fuse(
         u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
         e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved within its own covariance
         z_b = z_f when u_f was least, counted on, in place of z_k where no start is right, and for a rough one that
-        is less sure; v_b: see `remember_best`
+        is less sure, h_b = u_f^4 / (u_f^4 + v_b^4); v_b: see `remember_best`
         P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                  v as in w_k: what was contradicted stays so
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
@@ -104,20 +104,19 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
     count_v2 = state.start_v2 + gain_v2 * state.drawn**2 + state.count_gain**2 + state.count_offset**2
     d = z - (state.start_soc - state.drawn * (1.0 + fused_gain))
     known_v2 = tuning.wander_factor * np.maximum(state.apart_v2 - state.cov[0, 0], 0.0)
-    errs_v2 = (
-        alone_v2
-        + np.maximum(state.wander_v2 - known_v2, 0.0)
-        + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
-    )
-    errs_v2 = np.minimum(errs_v2, SOC_VARIANCE_MAX)
+    strays_v2 = np.maximum(state.wander_v2 - known_v2, 0.0)
+    now_v2 = alone_v2 + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
+    errs_v2 = np.minimum(now_v2 + strays_v2, SOC_VARIANCE_MAX)
     total_v2 = np.minimum(errs_v2 + count_v2, tuning.doubt_soc**2)
     w = state.start_weight * student(d, total_v2)
     contradicted = np.maximum(d**2 / total_v2 / 2.0 - CONTRADICTION, 0.0)
-    state, off, best_v2 = remember_best(setup, state, z, errs_v2, fused_gain, gain_v2)
+    variances = np.minimum(now_v2, SOC_VARIANCE_MAX), strays_v2, errs_v2
+    state, off, best_v2 = remember_best(setup, state, z, variances, fused_gain, gain_v2)
     is_less_sure = best_v2 < count_v2
     is_less_sure[np.arange(N_STARTS) != ROUGH] = False
     sure_v2, apart = np.where(is_less_sure, best_v2, count_v2), np.where(is_less_sure, off, d)
-    share, kept = errs_v2**2 / (errs_v2**2 + sure_v2**2), errs_v2**2 / (errs_v2**2 + best_v2**2)
+    kept = errs_v2**4 / (errs_v2**4 + best_v2**4)
+    share = np.where(is_less_sure, kept, errs_v2**2 / (errs_v2**2 + count_v2**2))
     unknown, total = tuning.start_unknown, tuning.start_unknown + w.sum(axis=0)
     moved = -(unknown * kept * off + (w * share * apart).sum(axis=0)) / total
     spread_v2 = (unknown * (kept * off) ** 2 + (w * (share * apart) ** 2).sum(axis=0)) / total - moved**2
@@ -136,17 +135,26 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
 
 
 def remember_best(
-    setup: FilterSetup, state: State, z: FloatArray, errs_v2: FloatArray, fused_gain: FloatArray, gain_v2: FloatArray
+    setup: FilterSetup,
+    state: State,
+    z: FloatArray,
+    variances: tuple[FloatArray, FloatArray, FloatArray],
+    fused_gain: FloatArray,
+    gain_v2: FloatArray,
 ) -> tuple[State, FloatArray, FloatArray]:
-    """Return the state, how far the filter is from where it was the surest, counted on, and the variance of that."""
+    """Return the state, how far the filter is from where it was the surest, counted on, and the variance of that.
+
+    What the filter strays now it strayed then: of the `variances` without it, of it, and with it, the first is kept.
+    """
+    now_v2, strays_v2, errs_v2 = variances
     counted, since = state.drawn * (1.0 + fused_gain), state.drawn - state.best_drawn
-    since_v2 = (gain_v2 + setup.tuning.counter_gain**2) * since**2
-    aged_v2 = state.best_v2 + since_v2 + (state.count_offset - state.best_offset) ** 2
+    since_v2 = (gain_v2 + setup.tuning.counter_gain**2) * since**2 + (state.count_offset - state.best_offset) ** 2
+    aged_v2 = state.best_v2 + strays_v2 + since_v2
     is_best = errs_v2 <= aged_v2
     state = replace(
         state,
         best_soc=np.where(is_best, z + counted, state.best_soc),
-        best_v2=np.where(is_best, errs_v2, state.best_v2),
+        best_v2=np.where(is_best, now_v2, state.best_v2),
         best_drawn=np.where(is_best, state.drawn, state.best_drawn),
         best_offset=np.where(is_best, state.count_offset, state.best_offset),
     )

@@ -210,16 +210,18 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
             gain_v2[c] * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
         /* the filter when it was the surest, counted on */
         const vw_real counted = x->drawn[c] * (1 + x->fused_gain[c]), since = x->drawn[c] - x->best_drawn[c];
-        const vw_real since_v2 = (gain_v2[c] + vw_square(t->counter_gain)) * vw_square(since);
-        const vw_real aged_v2 = x->best_v2[c] + since_v2 + vw_square(x->count_offset[c] - x->best_offset[c]);
+        const vw_real since_v2 = (gain_v2[c] + vw_square(t->counter_gain)) * vw_square(since) +
+                                 vw_square(x->count_offset[c] - x->best_offset[c]);
+        const vw_real aged_v2 = x->best_v2[c] + strays_v2 + since_v2; /* what strays now strayed then */
+        const vw_real now_v2 = vw_min(alone_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
         const int is_best = errs_v2 <= aged_v2;
         x->best_soc[c] = vw_pick(is_best, z + counted, x->best_soc[c]);
         x->best_drawn[c] = vw_pick(is_best, x->drawn[c], x->best_drawn[c]);
         x->best_offset[c] = vw_pick(is_best, x->count_offset[c], x->best_offset[c]);
-        x->best_v2[c] = vw_pick(is_best, errs_v2, x->best_v2[c]);
+        x->best_v2[c] = vw_pick(is_best, now_v2, x->best_v2[c]);
         const vw_real kept_v2 = vw_min(errs_v2, aged_v2), off = z - (x->best_soc[c] - counted);
         const vw_real best_v2 = kept_v2 * (1 + vw_square(off * off / (9 * (errs_v2 + kept_v2))));
-        const vw_real kept = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(best_v2));
+        const vw_real surer4 = vw_square(vw_square(errs_v2 / best_v2)), kept = surer4 / (1 + surer4);
         /* beginning with the case that no start is right; moments count from the filter's SOC */
         vw_real sum = t->start_unknown, moved = -sum * kept * off, square = sum * vw_square(kept * off);
         vw_real v2 = sum * (filter_v2 + kept * (vw_min(best_v2, filter_v2) - filter_v2));
@@ -233,7 +235,8 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
             x->start_weight[k][c] /= 1 + motion->wander_share * contradicted;
             const int is_less_sure = (k == ROUGH) & (best_v2 < count_v2);
             const vw_real sure_v2 = vw_pick(is_less_sure, best_v2, count_v2), apart = vw_pick(is_less_sure, off, d);
-            const vw_real share = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(sure_v2));
+            const vw_real of_count = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(count_v2));
+            const vw_real share = vw_pick(is_less_sure, kept, of_count);
             sum += w;
             moved -= w * share * apart;
             square += w * vw_square(share * apart);
@@ -263,7 +266,8 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
  *   e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)      what the filter moved within its own covariance
  *   where no start is right, and for a rough one that is less sure: z_b = z_f when u_f was least, counted on, with
- *   v_b = (u_f then + var(p g) q^2 + gain^2 + offset^2 since) (1 + (d_b^2 / 9 (u_f + v_b))^2), in place of z_k and v_k
+ *   v_b = (u_f then + S now + var(p g) q^2 + gain^2 + offset^2 since) (1 + (d_b^2 / 9 (u_f + v_b))^2), in place of z_k
+ *   and v_k, and h_b = u_f^4 / (u_f^4 + v_b^4)
  *   P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                   v as in w_k: what was contradicted stays so
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *
