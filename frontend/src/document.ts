@@ -31,7 +31,7 @@ const { language, ...subject } = JSON.parse(document.getElementById('data')!.tex
 };
 const dark = matchMedia('(prefers-color-scheme: dark)').matches;
 document.documentElement.dataset['theme'] = dark ? 'dark' : 'light';
-const TEAM = Array<number>(8).fill(12); // documents that do not tell are of the team's car
+const TEAM = Array<number>(8).fill(12); // documents without it are of the built-in car
 shapes.show({ segments: 'segments' in subject.data ? (subject.data.segments as number[]) : TEAM });
 paper.start();
 await chosen.set(language, false);

@@ -1,4 +1,4 @@
-// The page of several cars, which `serve --fleet` answers with: it hears no car itself, it asks the service.
+// The page of several cars, which `serve --fleet` answers with: it receives no car itself, it asks the service.
 
 import { mount } from 'svelte';
 import './theme/tokens.css';

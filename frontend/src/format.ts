@@ -208,7 +208,7 @@ export function monthly(trend: SeasonTrend, decimals: number): string {
   return trend.is_sure ? words : `${words} · ${t('common.not_statistically_significant')}`;
 }
 
-/** A number stays beside its unit, and a minus is one. */
+/** A number stays next to its unit, and a minus is one. */
 export const whole = (text: string): string =>
   text
     .replace(/(?<![\p{L}\d])-(?=\d)/gu, MINUS)

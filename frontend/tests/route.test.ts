@@ -2,10 +2,10 @@ import { beforeAll, describe, expect, it, vi } from 'vitest';
 
 describe('addresses', () => {
   let parse: typeof import('../src/store/route.svelte').parseHash;
-  let beside: typeof import('../src/store/route.svelte').beside;
+  let sibling: typeof import('../src/store/route.svelte').sibling;
   beforeAll(async () => {
     Object.assign(globalThis, { location: { hash: '' } });
-    ({ parseHash: parse, beside } = await import('../src/store/route.svelte'));
+    ({ parseHash: parse, sibling } = await import('../src/store/route.svelte'));
   });
 
   it('leads to a page and its arguments', () => {
@@ -22,9 +22,9 @@ describe('addresses', () => {
 
   it('of the next cell keeps all that is shown but the part in view', () => {
     const here = '#/packs/1/2?sort-history=3&from-cell=10.000&to-cell=20.000&a-cell=12.000&find-x=a+b';
-    expect(beside('packs/1/3', here)).toBe('#/packs/1/3?sort-history=3&a-cell=12.000&find-x=a+b');
-    expect(beside('packs/1/3', '#/packs/1/2?from-cell=1&to-cell=2')).toBe('#/packs/1/3');
-    expect(beside('packs/1/3', '#/packs/1/2')).toBe('#/packs/1/3');
+    expect(sibling('packs/1/3', here)).toBe('#/packs/1/3?sort-history=3&a-cell=12.000&find-x=a+b');
+    expect(sibling('packs/1/3', '#/packs/1/2?from-cell=1&to-cell=2')).toBe('#/packs/1/3');
+    expect(sibling('packs/1/3', '#/packs/1/2')).toBe('#/packs/1/3');
   });
 
   it('leads to the overview from anywhere unknown', () => {

@@ -29,7 +29,7 @@ export async function copy(content: Blob, name: string): Promise<string> {
 export const copyCsv = (text: string, name: string): Promise<string> =>
   copy(new Blob([text], { type: 'text/plain' }), `${name}.csv`);
 
-// Takes a file from the service: a refusal is said on the page instead of being downloaded.
+// Takes a file from the service: a refusal is shown on the page instead of being downloaded.
 /** Download what an address answers; returns what went wrong, or an empty text. */
 export async function download(address: string, fallbackName: string): Promise<string> {
   let answer: Response;

@@ -1,7 +1,7 @@
-// The live stream: a websocket that comes back by itself. Beside a silent line another one is tried: over a radio that is
-// late by seconds a line is silent for long before it speaks, and whichever speaks first is the one. A browser connects
-// one websocket to an address at a time, so that one packet lost holds up all of them: while none speaks, single
-// snapshots are asked for too, several on their way at once.
+// The live stream: a websocket that reconnects automatically. While one is silent another one is tried: over a radio
+// with seconds of delay a connection is silent for long before its first message, and the first one with a message is
+// used. A browser connects one websocket to an address at a time, so that one lost packet blocks all of them: while none
+// receives, single snapshots are requested too, several at once.
 
 import { get } from './rest';
 import type { Snapshot } from './types';
@@ -28,7 +28,7 @@ export interface SocketEnvironment {
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 2000; // of a radio that is there for seconds, none may be slept away
-const SILENCE_MS = 4000; // the service speaks once a second even when the master does not
+const SILENCE_MS = 4000; // the service sends once a second even when the master does not
 const LONGER_MS = 8000; // between further ones: to connect takes four ways, and what a radio loses is sent again later
 const MOST_TRIED = 3; // at a time: each has 20 s to speak
 const ASK_EVERY_MS = 1000;
@@ -52,13 +52,13 @@ const browser: SocketEnvironment = {
 
 /** Opens the stream, hands over snapshots, reconnects until stopped. */
 export class LiveSocket {
-  private sockets: SocketLike[] = []; // the oldest first; more than one while none of them speaks
-  private speaker: SocketLike | null = null; // the last that was heard
+  private sockets: SocketLike[] = []; // the oldest first; more than one while none of them receives
+  private active: SocketLike | null = null; // the one that received last
   private timer: number | null = null;
   private attempt = 0;
-  private told: Connection | null = null;
+  private reported: Connection | null = null;
   private stopped = true;
-  private asking: number | null = null; // the timer, while nothing speaks
+  private asking: number | null = null; // the timer, while nothing is received
   private asked = 0; // on their way
   private newest = -Infinity; // time of the newest snapshot
 
@@ -72,8 +72,8 @@ export class LiveSocket {
   start(): void {
     this.stopped = false;
     this.attempt = 0;
-    this.told = null;
-    this.tell('connecting');
+    this.reported = null;
+    this.report('connecting');
     this.open();
   }
 
@@ -81,7 +81,7 @@ export class LiveSocket {
     this.stopped = true;
     this.clearTimer();
     this.endAsking();
-    this.speaker = null;
+    this.active = null;
     for (const socket of this.sockets.slice()) this.drop(socket);
   }
 
@@ -91,10 +91,10 @@ export class LiveSocket {
     if (this.sockets.length > MOST_TRIED) this.drop(this.sockets[0]!);
     this.watch();
     socket.onopen = () => {
-      if (this.speaker === null) this.tell('open');
+      if (this.active === null) this.report('open');
     };
     socket.onmessage = (event) => {
-      if (this.speaker !== socket) this.takeOver(socket);
+      if (this.active !== socket) this.takeOver(socket);
       for (const other of this.sockets.slice()) if (other !== socket) this.drop(other);
       this.attempt = 0;
       this.endAsking();
@@ -105,10 +105,10 @@ export class LiveSocket {
       this.drop(socket);
       if (event.code === NOT_LOGGED_IN) {
         this.stop();
-        this.tell('refused');
+        this.report('refused');
       } else if (!this.sockets.length && !this.stopped) {
-        this.tell('lost');
-        if (this.hasSpoken) this.asking ??= this.around.later(() => this.ask(), ASK_EVERY_MS);
+        this.report('lost');
+        if (this.hasAnswered) this.asking ??= this.around.later(() => this.ask(), ASK_EVERY_MS);
         this.later(() => this.retry(), backoffMs(this.attempt++, this.around.random()));
       }
     };
@@ -116,18 +116,18 @@ export class LiveSocket {
 
   /** What was missed while nothing spoke is asked for, as after a line that was lost. */
   private takeOver(socket: SocketLike): void {
-    if (this.speaker !== null) this.tell('lost');
-    this.speaker = socket;
-    this.tell('open');
+    if (this.active !== null) this.report('lost');
+    this.active = socket;
+    this.report('open');
   }
 
   private watch(): void {
     const isSilent = this.sockets.length > 1;
-    if (isSilent && this.hasSpoken && this.asking === null) this.ask();
+    if (isSilent && this.hasAnswered && this.asking === null) this.ask();
     this.later(() => this.open(), isSilent ? LONGER_MS : SILENCE_MS);
   }
 
-  /** Ask for single snapshots until a line speaks or the stream is stopped. */
+  /** Ask for single snapshots until a connection receives or the stream is stopped. */
   private ask(): void {
     this.asking = this.around.later(() => this.ask(), ASK_EVERY_MS);
     if (this.asked >= MOST_ASKED) return;
@@ -136,7 +136,7 @@ export class LiveSocket {
       .ask()
       .then((snapshot) => {
         if (this.asking === null || snapshot.time <= this.newest) return;
-        this.tell('open');
+        this.report('open');
         this.hand(snapshot);
       })
       .catch(() => undefined) // it did not arrive: another one is asked for
@@ -144,7 +144,7 @@ export class LiveSocket {
   }
 
   /** Before that the service may have none to give. */
-  private get hasSpoken(): boolean {
+  private get hasAnswered(): boolean {
     return this.newest > -Infinity;
   }
 
@@ -159,7 +159,7 @@ export class LiveSocket {
   }
 
   private retry(): void {
-    this.tell('connecting');
+    this.report('connecting');
     this.open();
   }
 
@@ -169,14 +169,14 @@ export class LiveSocket {
     if (socket.readyState === CONNECTING)
       socket.onopen = () => socket.close(); // before, browsers report an error
     else socket.close();
-    if (this.speaker !== socket) return;
-    this.speaker = null;
-    if (this.sockets.length) this.tell('lost');
+    if (this.active !== socket) return;
+    this.active = null;
+    if (this.sockets.length) this.report('lost');
   }
 
-  private tell(state: Connection): void {
-    if (state !== this.told) this.onConnection(state);
-    this.told = state;
+  private report(state: Connection): void {
+    if (state !== this.reported) this.onConnection(state);
+    this.reported = state;
   }
 
   private later(action: () => void, ms: number): void {

@@ -115,7 +115,7 @@ export const trippedCells = (snapshot: Maybe<Snapshot>): ReadonlySet<number> =>
 export const findingsOf = (snapshot: Maybe<Snapshot>, cell: number): CellFinding[] =>
   (snapshot?.findings ?? []).filter((each) => each.cell === cell);
 
-/** What is said of each cell that has a finding. */
+/** The findings of each cell, as text. */
 export function findingTexts(snapshot: Maybe<Snapshot>): ReadonlyMap<number, string> {
   const texts = new Map<number, string>();
   for (const each of snapshot?.findings ?? []) {

@@ -60,7 +60,7 @@ class AlertSound {
 
   /** Unix seconds at which the sound comes back, null while it is not muted. */
   get mutedUntil(): number | null {
-    void live.now; // ends by itself
+    void live.now; // ends automatically
     return this.until.value > Date.now() / 1000 ? this.until.value : null;
   }
 

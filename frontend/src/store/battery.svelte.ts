@@ -8,10 +8,10 @@ import type { Battery } from '../link/types';
 import { Shape, shapes } from './shape.svelte';
 
 const AGAIN_MS = 1000;
-const KEY = 'voltwall.battery'; // the last one that was told: pages without the service are drawn for it, with no value
+const KEY = 'voltwall.battery'; // the last known one: pages without the service are drawn for it, with no value
 
 class CurrentBattery {
-  now = $state.raw<Battery | null>(null); // null until the service has told
+  now = $state.raw<Battery | null>(null); // null until the service has answered
   private asked = 0;
   private isKept = false;
 
@@ -19,17 +19,17 @@ class CurrentBattery {
     return this.now?.can_write === true;
   }
 
-  /** The master is the team's own: what only it tells is worth a place. */
+  /** The master is the team's own: what only it reports is worth a place. */
   get hasMaster(): boolean {
     return this.now?.source === 'master';
   }
 
-  /** What the one that was told last is called, null where this browser was never told. */
+  /** The name of the last known one, null where this browser knows none. */
   get lastName(): string | null {
     return kept()?.name ?? null;
   }
 
-  /** Take the one that was told last, where the service does not answer. */
+  /** Take the last known one, where the service does not answer. */
   recall(): void {
     if (this.now !== null) return;
     this.now = kept();
@@ -62,7 +62,7 @@ class CurrentBattery {
   }
 }
 
-/** The battery that this browser was told of last, null where it was never told. */
+/** The battery that this browser knew last, null where it knows none. */
 function kept(): Battery | null {
   try {
     const stored = JSON.parse(localStorage.getItem(KEY) ?? 'null') as Battery | null;

@@ -21,7 +21,7 @@ class ConfigStore {
   problem = $state.raw<Problem | null>(null);
   outcome = $state.raw<WriteOutcome | null>(null);
   checked = $state.raw<WriteResult | null>(null);
-  doubt = $state.raw<Doubt | null>(null);
+  unconfirmed = $state.raw<Unconfirmed | null>(null);
   serverErrors = $state.raw<Record<string, string>>({});
   busy = $state<string | null>(null);
 
@@ -68,18 +68,20 @@ class ConfigStore {
     }
   }
 
-  /** After a write or a store whose end nobody heard: say what became of it, once the master is heard again. */
+  /** After a write or a store without an answer: report its outcome once the master is received again. */
   async settle(configAgeS: number | null): Promise<void> {
-    const doubt = this.doubt;
-    if (!doubt || this.busy || configAgeS === null) return;
-    if (configAgeS * 1000 > Date.now() - doubt.sinceMs) return;
-    this.doubt = null;
+    const unconfirmed = this.unconfirmed;
+    if (!unconfirmed || this.busy || configAgeS === null) return;
+    if (configAgeS * 1000 > Date.now() - unconfirmed.sinceMs) return;
+    this.unconfirmed = null;
     await this.load();
-    if (this.problem) this.doubt = doubt;
-    else if (doubt.what === 'storing') this.outcome = storeResult(this.unstored);
+    if (this.problem) this.unconfirmed = unconfirmed;
+    else if (unconfirmed.what === 'storing') this.outcome = storeResult(this.unstored);
     else {
-      const isWanted = doubt.what === 'loading' ? !this.unstored : this.changes.length === 0;
-      this.outcome = writeUnconfirmed(this.config?.hash === doubt.old ? 'old' : isWanted ? 'new' : 'other');
+      const isWanted = unconfirmed.what === 'loading' ? !this.unstored : this.changes.length === 0;
+      this.outcome = writeUnconfirmed(
+        this.config?.hash === unconfirmed.old ? 'old' : isWanted ? 'new' : 'other',
+      );
     }
   }
 
@@ -210,7 +212,7 @@ class ConfigStore {
         what === 'storing' ? storeUnconfirmed(problem.detail) : writeUnconfirmed(inForce ?? 'unknown');
       const isSettled = what !== 'storing' && inForce !== 'unknown';
       if (!isSettled && (what === 'writing' || what === 'storing' || what === 'loading'))
-        this.doubt = { what, old, sinceMs: Date.now() };
+        this.unconfirmed = { what, old, sinceMs: Date.now() };
     } else {
       const findings = problem.errors.filter((e): e is ConfigIssue & typeof e => 'level' in e);
       const nothing =
@@ -251,8 +253,8 @@ export type WriteOutcome = {
 /** What the service found in force after a write that it could not verify. */
 export type InForce = 'old' | 'new' | 'other' | 'unknown';
 
-/** A write, a load or a store whose end nobody heard, until the master is heard again. */
-export interface Doubt {
+/** A write, a load or a store without an answer, until the master is received again. */
+export interface Unconfirmed {
   what: 'writing' | 'loading' | 'storing';
   old: string; // hash of what was in force
   sinceMs: number;

@@ -64,7 +64,7 @@ export function hexLines(hex: string): string[] {
   return lines;
 }
 
-/** Everything to doubt now, besides what the service itself names. */
+/** All warnings about the data now, besides those of the service itself. */
 export function dataWarnings(
   snapshot: Maybe<Snapshot>,
   system: Maybe<System>,
@@ -83,11 +83,11 @@ export function dataWarnings(
     if (accumulator.soc_source === 'master') found.push(t('system.soc_shown_master_not_estimate'));
     const { current_offset_a: offset, current_offset_sigma_a: sigma } = estimator;
     if (offset !== null && Math.abs(offset) > Math.max(OFFSET_A, 3 * (sigma ?? 0))) {
-      const said = { a: fixed(Math.abs(offset), 2), sigma: fixed(sigma, 2) };
+      const values = { a: fixed(Math.abs(offset), 2), sigma: fixed(sigma, 2) };
       found.push(
         offset > 0
-          ? t('system.current_sensor_reads_too_high', said)
-          : t('system.current_sensor_reads_too_low', said),
+          ? t('system.current_sensor_reads_too_high', values)
+          : t('system.current_sensor_reads_too_low', values),
       );
     }
     const noFrame = unframed(snapshot);

@@ -5,14 +5,14 @@ import type { Shape } from './shape.svelte';
 export interface Entry {
   id: string;
   name: string;
-  /** What it is, beside its name. */
+  /** What it is, in addition to its name. */
   detail: string;
   /** Looked through, but not shown. */
   also?: string;
   key?: string;
   /** One of many: not listed before something is typed. */
   hidden?: boolean;
-  /** What the service is asked for: the palette stays until it is done, and tells a failure. */
+  /** What the service is asked for: the palette stays until it is done, and shows a failure. */
   waits?: boolean;
   act: () => void | Promise<void>;
 }
@@ -51,7 +51,7 @@ function rankOf(entry: Entry, words: readonly string[]): number {
     if (name[0]?.startsWith(word)) return 0;
     if (name.some((each) => each.startsWith(word))) return 1;
     if (name.some((each) => each.includes(word))) return 2;
-    return rest.includes(word) ? 8 : Infinity; // one word beside the name weighs more than several in it
+    return rest.includes(word) ? 8 : Infinity; // one word outside the name weighs more than several in it
   };
   return words.reduce((sum, word) => sum + rank(word), 0);
 }

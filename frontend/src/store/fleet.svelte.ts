@@ -7,7 +7,7 @@ const PERIOD_MS = 1000;
 const LIVE_S = 3; // as the service has it: app/service/mqtt/cars.py
 const SILENT_S = 10;
 
-/** A car `elapsedS` after the service told it: no answer makes a value older, too. */
+/** A car `elapsedS` after the service reported it: no answer makes a value older, too. */
 export function grown(car: Car, elapsedS: number): Car {
   const age_s = car.age_s === null ? null : car.age_s + elapsedS;
   let { state } = car;
@@ -29,7 +29,7 @@ class FleetStore {
   refused = $state(false); // log in first
   elapsedS = $state(0); // since the last answer
   cars = $derived((this.answer?.cars ?? []).map((car) => grown(car, this.elapsedS)));
-  /** Seconds that the page has not heard from its service, 0 while it does. */
+  /** Seconds since the page received anything from its service, 0 while it does. */
   gone = $derived(this.elapsedS >= LIVE_S ? this.elapsedS : 0);
   private answered = performance.now();
 

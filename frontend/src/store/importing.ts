@@ -62,7 +62,7 @@ export function toggled(taken: readonly boolean[], index: number): boolean[] {
   return next.includes(true) ? next : [...taken];
 }
 
-/** The first values of a column, as short as tells them. */
+/** The first values of a column, as short as possible. */
 export const samplesText = (column: Pick<Column, 'samples'>): string =>
   column.samples.map((value) => (value === null ? DASH : sample(value))).join(' · ');
 

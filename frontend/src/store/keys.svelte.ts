@@ -9,7 +9,7 @@ import { alertSound } from './alert_sound.svelte';
 import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
 import { mark } from './mark.svelte';
-import { beside, route, type Page } from './route.svelte';
+import { sibling, route, type Page } from './route.svelte';
 import { shapes } from './shape.svelte';
 import { user } from './user.svelte';
 
@@ -17,7 +17,7 @@ export interface Shortcut {
   key: string;
   does: Text;
   act: () => void;
-  /** Whether it does anything now; always, where it is not told. */
+  /** Whether it does anything now; always, if not given. */
   can?: () => boolean;
   isPage?: boolean;
 }
@@ -35,7 +35,7 @@ function step(by: number): void {
   const { nCells } = shapes.live;
   const now = (pack && cell ? cellIndex(pack, cell) : null) ?? (by > 0 ? -1 : 0);
   const next = (now + by + nCells) % nCells;
-  location.hash = beside(`packs/${packNumber(next)}/${cellNumber(next)}`, route.hash);
+  location.hash = sibling(`packs/${packNumber(next)}/${cellNumber(next)}`, route.hash);
 }
 
 const worstUnseen = (): Alarm | undefined => openAlarms(live.snapshot).find((a) => !a.acknowledged_by);

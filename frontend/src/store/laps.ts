@@ -18,7 +18,7 @@ export function compared(laps: Laps): number[] {
   return counted.slice(counted.length > 2 ? 1 : 0).slice(0, 2);
 }
 
-/** Values of equal parts of a lap, told for another number of parts. */
+/** Values of equal parts of a lap, resampled to another number of parts. */
 export const reparted = <T>(values: readonly T[], parts: number): T[] =>
   Array.from(
     { length: values.length ? parts : 0 },

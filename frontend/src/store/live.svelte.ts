@@ -32,7 +32,7 @@ const PARTS: Record<SeriesName, Part> = {
 };
 
 const HISTORY_S = 900;
-const QUIET_S = 2.5; // the service speaks once a second even when the master does not
+const QUIET_S = 2.5; // the service sends once a second even when the master does not
 const CLOSED = new Set<Link['state']>(['off', 'connecting', 'lost']);
 const HISTORY_SAMPLES = 30 * HISTORY_S;
 
@@ -89,7 +89,7 @@ class Live {
     return this.snapshot?.source === 'simulator';
   }
 
-  /** The service is gone, or stands: what is shown is the last that was heard of it. */
+  /** The service is gone, or blocked: what is shown is the last that was received. */
   get gone(): boolean {
     return this.connection === 'lost' || this.behind > QUIET_S;
   }
@@ -155,11 +155,14 @@ class Live {
       const columns = SERIES.map((name) => past.series[name] ?? []);
       const here = this.ring.since(-Infinity);
       const own = Array.from(here.time, (time, i) => ({ time, row: here.values.map((v) => v[i]!) }));
-      const told = past.time.map((time, i) => ({ time, row: columns.map((column) => column[i] ?? null) }));
+      const recorded = past.time.map((time, i) => ({
+        time,
+        row: columns.map((column) => column[i] ?? null),
+      }));
       const last = past.time.at(-1) ?? -Infinity;
       const before = own.filter(({ time }) => time <= from);
       this.ring.clear();
-      for (const { time, row } of [...before, ...told.filter((each) => each.time > from)])
+      for (const { time, row } of [...before, ...recorded.filter((each) => each.time > from)])
         this.ring.push(time, row);
       for (const { time, row } of own) if (time > last) this.ring.push(time, row);
     } catch {

@@ -87,7 +87,7 @@ function fixedEntries(): Entry[] {
   return list;
 }
 
-/** The same list until somebody may mark, or no longer: it stands still under the finger. */
+/** The same list until somebody may mark, or no longer: it does not move under the finger. */
 const fixedFor = (_canMark: boolean): Entry[] => untrack(fixedEntries);
 
 const sessionEntry = (s: Session): Entry => ({

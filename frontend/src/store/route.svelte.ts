@@ -58,7 +58,7 @@ export function parseHash(hash: string): Place {
 }
 
 /** The address of another place that shows what this one does, but for the part of charts in view: that is of here. */
-export function beside(path: string, hash: string): string {
+export function sibling(path: string, hash: string): string {
   const { query } = parseHash(hash);
   for (const name of [...query.keys()]) if (/^(from|to)-/.test(name)) query.delete(name);
   const text = query.toString();

@@ -194,7 +194,7 @@ function columnsOf(segments: readonly number[], across: number, { width, cell }:
   return Math.ceil(largest / Math.ceil(largest / most));
 }
 
-/** Segments side by side where no drawing tells: the lowest map with the fewest empty places. */
+/** Segments side by side where no drawing is given: the lowest map with the fewest empty places. */
 function bestAcross(segments: readonly number[], view: View): number {
   const cells = segments.reduce((a, b) => a + b, 0);
   const cost = (across: number): number => {
@@ -218,7 +218,7 @@ function chunks<T>(list: readonly T[], length: number): T[][] {
 const UNKNOWN = new Shape({ segments: [] });
 
 class Shapes {
-  /** Of what is measured or replayed now, for what stands beside every page too. */
+  /** Of what is measured or replayed now, for what is shown next to every page too. */
   live = $state.raw(UNKNOWN);
   private session = $state.raw<Shape | null>(null);
 

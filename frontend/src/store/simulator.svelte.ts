@@ -35,7 +35,7 @@ class SimulatedCar {
   error = $state('');
   problem = $state(''); // why the last command was not done
   busy = $state(false);
-  answeredMs = $state<number | null>(null); // when it last told what it does
+  answeredMs = $state<number | null>(null); // when it last sent its state
 
   /** Whether what is shown is what it does now. */
   get answers(): boolean {

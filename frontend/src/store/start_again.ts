@@ -24,7 +24,7 @@ export async function startAgain(
   location.reload();
 }
 
-// Where a service that was never told what to read leads its reader first.
+// The first page of a service without a configured connection.
 /** Open the page of the first steps where nothing was chosen yet. */
 export async function firstSteps(): Promise<void> {
   try {

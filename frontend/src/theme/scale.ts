@@ -92,7 +92,7 @@ export const STEPS: readonly number[] = Array.from({ length: 14 }, (_, k) => k -
   [1, 2, 5].map((f) => Number(`${f}e${decade}`)),
 );
 
-/** Decimals with which neighbouring ticks are told apart. */
+/** Decimals with which neighbouring ticks differ. */
 export function places(found: readonly number[]): number {
   const gap = found.length > 1 ? Math.abs(found[1]! - found[0]!) : 1;
   return Math.max(0, Math.min(6, Math.ceil(-Math.log10(gap) - 1e-9)));
