@@ -91,7 +91,7 @@ def test_a_service_that_stands_is_told_and_what_cannot_work_is_off(service, open
         expect(page.get_by_test_id(ready)).to_be_visible()
     with stopped(service):
         expect(page.get_by_test_id("service-lost")).to_be_visible()
-        expect(page.get_by_test_id("doubts")).to_contain_text("nothing is known")
+        expect(page.get_by_test_id("doubts")).to_contain_text("data quality unknown")
         expect(page.locator('[data-testid="plausibility"] [data-verdict="true"]')).to_have_count(0)
         expect(page.get_by_test_id("command-reset")).to_be_disabled()
         for link in ("rs232", "can"):

@@ -48,7 +48,7 @@ def test_a_key_typed_into_a_field_does_nothing_else_and_a_muted_sound_stays_so(s
     expect(page.get_by_test_id("sound-state")).to_contain_text("Muted until")
     page.reload()
     expect(page.get_by_test_id("sound-state")).to_contain_text("Muted until")
-    page.get_by_role("button", name="Unmute").click()
+    page.get_by_test_id("sound").get_by_role("button", name="Unmute").click()
     expect(page.get_by_test_id("sound-state")).to_have_text("Sound on")
 
 

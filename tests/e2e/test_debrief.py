@@ -137,7 +137,7 @@ def pages_of(page):
 def test_a_report_and_a_comparison_are_read(looked_back, open_page):
     service, first, second = looked_back
     page = open_page(f"{service.base_url}/#/sessions/{second}/report")
-    expect(page.get_by_test_id("headline")).to_contain_text("kWh out")
+    expect(page.get_by_test_id("headline")).to_contain_text("kWh discharged")
     expect(page.get_by_text(re.compile("Tripped: cell under-voltage"))).to_be_visible()
     page.get_by_role("link", name="Compare").click()
     page.get_by_test_id("compare-with").select_option(first)

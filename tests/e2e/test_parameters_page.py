@@ -161,7 +161,7 @@ def test_where_the_rules_forbid_balancing_with_open_relays_the_page_says_so(make
     strict = make_service("--scenario", "in-the-pit", "--no-balance-open")
     strict.wait_for(lambda s: s["master"]["flags"] is not None)
     page = open_page(f"{strict.base_url}/#/charging")
-    expect(page.get_by_test_id("blocks-balance-cells")).to_contain_text("the rules forbid balancing")
+    expect(page.get_by_test_id("blocks-balance-cells")).to_contain_text("disabled by the setting balance_open")
     page.get_by_label("pack 2, cell 3").check()
     for name in ("balance-start", "balance-cells"):
         expect(page.get_by_test_id(f"command-{name}")).to_be_disabled()

@@ -3,8 +3,9 @@
 import { untrack } from 'svelte';
 import { get, post } from '../link/rest';
 import type { Schema, Session } from '../link/types';
+import type { ConfigField } from '../generated/memory_map';
 import { cellName, dateTime, ordinal } from '../format';
-import { chosen, LANGUAGES, english, named, t, type Text } from '../words/words.svelte';
+import { chosen, LANGUAGES, english, t, type Text } from '../words/words.svelte';
 import { openAlarms } from './alarms.svelte';
 import { battery, pagesNow } from './battery.svelte';
 import { fitting, placesIn, type Entry } from './find_entry';
@@ -102,8 +103,8 @@ const parameterEntries = (schema: Schema): Entry[] =>
   schema.fields.map(({ name, meaning }) => ({
     id: `parameter-${name}`,
     name,
-    detail: named(`parameter.${name}`, meaning),
-    also: `${t('common.parameter')} ${meaning}`,
+    detail: t(`param.${name as ConfigField}`),
+    also: `${t('common.parameter')} ${meaning} ${english(`param.${name as ConfigField}`)}`,
     hidden: true,
     act: go(`parameters?find=${encodeURIComponent(name)}`),
   }));
