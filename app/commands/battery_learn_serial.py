@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
+from typing import TYPE_CHECKING
 
 from app.commands.arguments import write_out
 from app.errors import ConfigError
+
+if TYPE_CHECKING:
+    from app.battery.serial import SerialMapping
 
 _POLL_S = 0.1
 
@@ -16,7 +21,7 @@ def run(args: argparse.Namespace) -> int:
     """Print what the bytes consist of and write the profile; 1 where none fits."""
     from app.battery.library import load_profile
     from app.sources.serial.check import captured_bytes
-    from app.sources.serial.propose import ProposedLine, bundled_fit, profile_text, propose
+    from app.sources.serial.propose import ProposedLine, fitting, profile_text, propose
 
     try:
         data = captured_bytes(args.capture) if args.capture is not None else _read(args)
@@ -25,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
             "capture", args.capture or args.serial, getattr(error, "strerror", None) or str(error)
         ) from error
     print(f"{len(data)} bytes", file=sys.stderr)
-    known = bundled_fit(data)
+    known = fitting(data, _bundled())
     if known is not None:
         print(f"the bundled profile {known} fits: its checksums hold. Set your cells in it.", file=sys.stderr)
         write_out(load_profile(known).text, args.out)
@@ -72,15 +77,18 @@ def _read(args: argparse.Namespace) -> bytes:
 
 
 def _requests() -> list[bytes]:
+    return [part.poll for mapping in _bundled().values() for part in mapping.parts if part.poll]
+
+
+def _bundled() -> dict[str, SerialMapping]:
+    """The bundled serial profiles by name."""
     from app.battery.library import bundled_profiles
     from app.battery.table_reader import ProfileError
     from app.sources.loaded_battery import load_battery
 
-    found = []
+    found = {}
     for name in bundled_profiles():
-        try:
+        with contextlib.suppress(ProfileError):  # a part
             mapping = load_battery(name).serial
-        except ProfileError:  # a part
-            continue
-        found += [] if mapping is None else [part.poll for part in mapping.parts if part.poll]
+            found |= {} if mapping is None else {name: mapping}
     return found

@@ -13,6 +13,7 @@ from app.api.web.request_body import Body, FileText
 from app.battery.shape import TEAM_PROFILE
 from app.sources.connections import BATTERIES, Connections, Setup
 from app.sources.links.connected import CHECK_S, LinkCheck, can_adapters, check_can, check_serial, serial_ports
+from app.sources.serial.framing import frame_counter
 from app.telemetry.events import LinkName
 from app.words import Message, RenderedMessage, Text, rendered_or_none
 
@@ -146,7 +147,8 @@ def check_link(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str,
     else:
         battery = setup.batteries().get(body.battery or in_force.battery)
         mapping = None if battery is None else battery.serial
-        found = check_can(body.can) if body.can is not None else check_serial(body.serial or "", mapping)
+        count = None if mapping is None else frame_counter(mapping)
+        found = check_can(body.can) if body.can is not None else check_serial(body.serial or "", mapping, count)
     return {
         "seconds": CHECK_S,
         "bytes": found.bytes,

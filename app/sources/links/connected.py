@@ -13,7 +13,6 @@ from app.sources.links.can_bus import can, open_bus, parse_bus
 from app.sources.links.profile_serial import Requests
 from app.sources.links.serial import reason_of
 from app.sources.links.serial_url import MASTER_PORT, check_url, open_port
-from app.sources.serial.framing import StreamReader
 from app.words import Message, Text
 from firmware_protocol.framing import Frame, FrameDecoder
 
@@ -62,15 +61,24 @@ def can_adapters() -> list[Found]:
     return found + [Found(f"slcan:{port.device}", _described(port.description)) for port in usb]
 
 
-def check_serial(url: str, mapping: SerialMapping | None = None) -> LinkCheck:
-    """Open a port that a request names as the service would, and count what arrives; None: from a master of ours.
+def check_serial(
+    url: str, mapping: SerialMapping | None = None, count: Callable[[bytes], int] | None = None
+) -> LinkCheck:
+    """Open a port that a request names as the service would, and count what arrives.
+
+    Args:
+        url: of the port.
+        mapping: what is on the line; None: a master of ours.
+        count: returns how many frames of it some bytes complete.
 
     Raises:
         ConfigError: it is none that a request may name.
     """
     check_url(url)
     received = frames = 0
-    count = _frame_counter(mapping)
+    if count is None:
+        decoder = FrameDecoder()
+        count = lambda data: sum(isinstance(each, Frame) for each in decoder.feed(data))  # noqa: E731
     settings = MASTER_PORT if mapping is None else mapping.port
     requests = None if mapping is None else Requests(mapping)
     try:
@@ -95,15 +103,6 @@ def check_serial(url: str, mapping: SerialMapping | None = None) -> LinkCheck:
     finally:
         port.close()
     return LinkCheck(received, frames, None, _on_serial(received, frames))
-
-
-def _frame_counter(mapping: SerialMapping | None) -> Callable[[bytes], int]:
-    """Return what counts the frames in bytes as they are read."""
-    if mapping is None:
-        decoder = FrameDecoder()
-        return lambda data: sum(isinstance(each, Frame) for each in decoder.feed(data))
-    reader = StreamReader(mapping)
-    return lambda data: len(reader.feed(data, time.monotonic_ns()))
 
 
 def _on_serial(received: int, frames: int) -> Message | None:

@@ -1,6 +1,7 @@
 """Frames in a stream of bytes, by a profile: resynchronises behind any damage, holds no more than one frame."""
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from app.battery.serial import LONGEST_FRAME, SerialFrame, SerialLine, SerialMapping
@@ -167,6 +168,12 @@ class StreamReader:
     def _drop(self, length: int) -> None:
         del self._data[:length]
         self._pieces = [(end - length, t_ns) for end, t_ns in self._pieces if end > length]
+
+
+def frame_counter(mapping: SerialMapping) -> Callable[[bytes], int]:
+    """Return what counts the frames in bytes as they are read now."""
+    reader = StreamReader(mapping)
+    return lambda data: len(reader.feed(data, time.monotonic_ns()))
 
 
 def _begins(data: bytearray, at: int, of: SerialFrame) -> bool:

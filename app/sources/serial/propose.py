@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.library import bundled_profiles
-from app.battery.serial import ByteOrder, Checksum
-from app.battery.table_reader import ProfileError
-from app.sources.loaded_battery import load_battery
+from app.battery.serial import ByteOrder, Checksum, SerialMapping
 from app.sources.serial.checksums import is_sound
 from app.sources.serial.framing import StreamReader
 
@@ -75,15 +72,11 @@ class ProposedLine:
     voltages: tuple[int, int, float] | None = None  # first and last column, scale
 
 
-def bundled_fit(data: bytes) -> str | None:
-    """Return the bundled profile whose checksums hold in most of what was captured, None where none does."""
+def fitting(data: bytes, mappings: Mapping[str, SerialMapping]) -> str | None:
+    """Return the name of the mapping whose checksums hold in most of what was captured, None where none does."""
     best: tuple[float, str | None] = (0.5, None)
-    for name in bundled_profiles():
-        try:
-            mapping = load_battery(name).serial
-        except ProfileError:  # a part
-            continue
-        if mapping is None or any(frame.checksum is None for frame in mapping.frames) or mapping.lines:
+    for name, mapping in mappings.items():
+        if any(frame.checksum is None for frame in mapping.frames) or mapping.lines:
             continue
         reader = StreamReader(mapping)
         found = reader.feed(data[:LOOKED_AT], 0)

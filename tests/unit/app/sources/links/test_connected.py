@@ -18,6 +18,7 @@ from app.sources.links import connected
 from app.sources.links.can_bus import parse_bus
 from app.sources.links.connected import Found, can_adapters, check_can, check_serial, serial_ports
 from app.sources.loaded_battery import load_battery
+from app.sources.serial.framing import frame_counter
 from app.words import Message
 from firmware_protocol.framing import encode_frame
 from tests.unit.app.sources.serial.test_serial_frames import JBD_CELLS
@@ -176,7 +177,7 @@ def test_a_port_that_is_lost_while_it_is_looked_at_says_so_and_is_closed(monkeyp
 def test_a_line_that_a_profile_describes_is_counted_by_its_frames():
     jbd, daly = load_battery("jbd").serial, load_battery("daly").serial
     with speaking(JBD_CELLS) as url:
-        assert check_serial(url, jbd).frames > 0
+        assert check_serial(url, jbd, frame_counter(jbd)).frames > 0
     with speaking(JBD_CELLS) as url:
-        found = check_serial(url, daly)
+        found = check_serial(url, daly, frame_counter(daly))
     assert (found.bytes > 0, found.frames, found.advice) == (True, 0, Message("advice-no-frame"))

@@ -5,11 +5,11 @@ import struct
 import numpy as np
 import pytest
 
-from app.sources.loaded_battery import battery_from_files
+from app.sources.loaded_battery import battery_from_files, load_battery
 from app.sources.serial.checksums import checksum_of
 from app.sources.serial.decoder import SerialDecoder
 from app.sources.serial.framing import StreamReader
-from app.sources.serial.propose import bundled_fit, profile_text, propose
+from app.sources.serial.propose import fitting, profile_text, propose
 from tests.unit.app.sources.serial.test_serial_frames import DALY, JBD_BASIC, JBD_CELLS
 
 N_FRAMES = 12
@@ -62,9 +62,10 @@ def test_lines_are_proposed_with_their_columns():
 
 
 def test_a_known_protocol_is_named():
-    assert bundled_fit((JBD_CELLS + JBD_BASIC) * 3) == "jbd"
-    assert bundled_fit(b"".join(DALY) * 3) == "daly"
-    assert bundled_fit(bytes(np.random.default_rng(1).integers(0, 256, 3000, np.uint8))) is None
+    bundled = {name: load_battery(name).serial for name in ("jbd", "daly", "vesc-bms", "thesis-arrays")}
+    assert fitting((JBD_CELLS + JBD_BASIC) * 3, bundled) == "jbd"
+    assert fitting(b"".join(DALY) * 3, bundled) == "daly"
+    assert fitting(bytes(np.random.default_rng(1).integers(0, 256, 3000, np.uint8)), bundled) is None
 
 
 def test_noise_proposes_no_cells():
