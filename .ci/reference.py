@@ -205,18 +205,18 @@ def battery_profile_reference() -> str:
             continue  # the note names their fields
         rows: list[tuple[str, ...]] = []
         for field in fields:
-            default = "required" if field.default == "" else field.default
+            default = "required" if field.default == "" else " ".join(filter(None, (field.default, field.unit)))
             meaning = field.meaning + (
                 f"; one of {', '.join(f'`{name}`' for name in field.one_of)}" if field.one_of else ""
             )
-            rows.append((f"`{field.name}`", PROFILE_KINDS[field.kind], default, field.unit or "–", meaning))
+            rows.append((f"`{field.name}`", PROFILE_KINDS[field.kind], default, meaning))
         like, known = first.setdefault(tuple(field.name for field in fields), (title, rows))
         new = [row for row in rows if row not in known]
         if len(new) < len(rows) and like != title:
             parts += [f"The fields of {like}{', but for:' if new else '.'}", ""]
             rows = new
         if rows:
-            parts += [*_table(("Field", "Kind", "Default", "Unit", "Meaning"), rows), ""]
+            parts += [*_table(("Field", "Kind", "Default", "Meaning"), rows), ""]
     return "\n".join(parts).rstrip() + "\n"
 
 

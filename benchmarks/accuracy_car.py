@@ -68,6 +68,6 @@ def lines(found: list[list[float]]) -> list[str]:
     """Return a row of Markdown for each of `LATER_S`: median and worst of the starts."""
     goals = [f"{GOAL:g}", *[""] * (len(LATER_S) - 1)]
     return [
-        f"| after {after_s:g} s | {goal} | {np.median(points):.2f} / {points.max():.2f} |"
+        f"| after {after_s:g} s | {goal} | {np.median(points):.2f}/{points.max():.2f} |"
         for after_s, goal, points in zip(LATER_S, goals, np.array(found).T, strict=True)
     ]

@@ -275,7 +275,7 @@ def line(row: Row, found: Found | str) -> str:
         return f"{first_of(row)} refused | | | |"
     rmse, ekf = found.rmse, found.ekf
     return (
-        f"{first_of(row)} {np.median(rmse):.2f} / {rmse.max():.2f} | {np.median(ekf):.2f} / {ekf.max():.2f} | "
+        f"{first_of(row)} {np.median(rmse):.2f}/{rmse.max():.2f} | {np.median(ekf):.2f}/{ekf.max():.2f} | "
         f"{100.0 * found.inside_3_sigma.mean():.1f} % | {100.0 * found.valid.mean():.0f} % |"
     )
 

@@ -90,6 +90,6 @@ def line(cell: str, found: list[FloatArray]) -> str:
     """Return a row of Markdown from the figures with each sign."""
     rmse, equal, named, inside = np.array(found).T
     return (
-        f"| {cell} | {GOAL} | {rmse.min():.2f} / {rmse.max():.2f} | {equal[0]:.2f} | {GOAL_NAMED} % | "
-        f"{named.min():.0f} / {named.max():.0f} % | {inside.min():.1f} % |"
+        f"| {cell} | {GOAL} | {rmse.min():.2f}/{rmse.max():.2f} | {equal[0]:.2f} | {GOAL_NAMED} % | "
+        f"{named.min():.0f}/{named.max():.0f} % | {inside.min():.1f} % |"
     )

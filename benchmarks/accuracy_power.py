@@ -64,7 +64,7 @@ def judge(cell: str, source: str, folder: Path) -> list[str]:
         shares = (100.0 * np.mean(share) for share in ((held_w >= low) & (held_w <= high), held_w < low, held_w > high))
         inside, less, more = (f"{share:.0f} %" for share in shares)
         rows.append(
-            f"{first_of(cell, source, horizon_s)} {held_w.size} | {inside} | {less} / {more} | "
+            f"{first_of(cell, source, horizon_s)} {held_w.size} | {inside} | {less}/{more} | "
             f"x {np.median(over):.2f}, {over.min():.2f} to {over.max():.2f} | {half:.0f} % |"
         )
     return rows
