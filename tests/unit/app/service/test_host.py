@@ -65,7 +65,7 @@ def test_connections_leave_the_descriptors_that_a_link_can_wait_for():
 # Blocks of 1 MB with small ones that stay between them, after one of 24 MB was freed; tells what stays of them [MB].
 LEAVES = """
 from pathlib import Path
-from app.service.host import give_freed_memory_back
+from app.service.host import release_freed_memory
 CALL
 def resident_mb():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
@@ -89,7 +89,7 @@ def test_memory_of_large_blocks_goes_back_to_the_system():
         return float(done.stdout)
 
     assert left_mb("") > 50  # else this test says nothing
-    assert left_mb("give_freed_memory_back()") < 5
+    assert left_mb("release_freed_memory()") < 5
 
 
 # 70 MB in small blocks, of which every fiftieth stays; prints what stays of them in memory [MB], before and after.

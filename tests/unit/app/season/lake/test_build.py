@@ -136,7 +136,7 @@ def replace(self, target, original=Path.replace):
         os._exit(9)
     return original(self, target)
 Path.replace = replace
-build.build_lake(place.Place(sys.argv[2]), build.session_files([Path(sys.argv[1])]))
+build.build_lake(place.LakeFolder(sys.argv[2]), build.session_files([Path(sys.argv[1])]))
 """
 
 

@@ -69,7 +69,7 @@ def test_can_logs_are_read_by_python_can(session: SessionFile, tmp_path: Path, n
 def test_a_can_log_tells_how_far_it_is(
     recorder: Recorder, tmp_path: Path, monkeypatch, name: str, from_s: float | None, to_s: float | None
 ) -> None:
-    monkeypatch.setattr("app.sessions.export.can_log.TOLD_EVERY", 1)
+    monkeypatch.setattr("app.sessions.export.can_log.PROGRESS_EVERY", 1)
     info = recorder.start("friday")
     for i in range(50):
         recorder.can_frame(info.started_mono_ns + i * 10**8, info.started_wall_ns + i * 10**8, 0x100, bytes([i]))
