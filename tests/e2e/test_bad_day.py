@@ -98,7 +98,7 @@ def test_a_service_that_stands_is_told_and_what_cannot_work_is_off(service, open
             expect(page.get_by_test_id(f"link-{link}")).to_have_attribute("data-state", "unknown")
         page.goto(f"{service.base_url}/#/charging")
         expect(page.get_by_test_id("command-charge-start")).to_be_disabled()
-        expect(page.get_by_test_id("why-not")).to_contain_text("does not answer")
+        expect(page.get_by_test_id("why-not")).to_contain_text("does not respond")
         page.goto(f"{service.base_url}/#/parameters")
         expect(page.get_by_test_id("store")).to_be_disabled()
     expect(page.get_by_test_id("service-lost")).to_be_hidden()
