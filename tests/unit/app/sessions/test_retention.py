@@ -72,7 +72,7 @@ def test_without_a_rule_there_is_no_thread(catalogue):
 
 
 @pytest.mark.parametrize(
-    ("days", "is_set", "doubt"),
+    ("days", "is_set", "problem"),
     [
         (0, False, None),
         (-3, False, "clock-behind"),
