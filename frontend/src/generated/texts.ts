@@ -272,6 +272,7 @@ export interface Texts {
   'alarms.cleared': 'time';
   'alarms.acknowledge': 'text';
   'alarms.acknowledge_title': null;
+  'alarms.ack': null;
   'can.sent': null;
   'can.received': null;
   'can.bus_monitor': null;
