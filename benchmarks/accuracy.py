@@ -11,8 +11,8 @@
     predictions  power, times, energy and laps of the simulated car, against its own physics carried on
 
 Sensor errors of a car, all four signs (`tests/numeric/judgement.py`). A part takes less than two minutes on two cores.
-`races` and `power` read recordings that `python -m benchmarks.pybamm_recordings` makes once; where some are missing it
-is said which, and the part is left out. With `--write` a part's table is put into docs/reference/accuracy.md.
+`races` and `power` read recordings that `python -m benchmarks.pybamm_recordings` makes once; where some are missing they
+are named, and the part is left out. With `--write` a part's table is put into docs/reference/accuracy.md.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tests.numeric.prediction_score import race_scores
 
 DATA: Final = Path("../shared/data")
 PAGE: Final = Path(__file__).parents[1] / "docs/reference/accuracy.md"
-RACE, SEEDS, EVERY_S = "clean-endurance", (31, 32), 90.0  # of the predictions
+RACE, SEEDS, EVERY_S = "clean-endurance", (31, 32), 90.0  # for predictions
 ROWS: Final = {"training": drives.training_rows, "drives": drives.held_out_rows, "races": drives.race_rows}
 
 

@@ -15,7 +15,7 @@ from simulator.scenario_player import ScenarioPlayer
 from simulator.simulation import Simulation
 
 SEEDS: Final = (31, 32, 33)
-STARTS_S: Final = (100.0, 300.0)  # of the scenario; the service starts at the next load after it
+STARTS_S: Final = (100.0, 300.0)  # in the scenario; the service starts at the next load after it
 LOAD_A: Final = 50.0
 LATER_S: Final = (60.0, 180.0)
 GOAL: Final = 1.0  # after the first of them
@@ -30,7 +30,7 @@ class Listener:
     def __init__(self, player: ScenarioPlayer) -> None:
         assert isinstance(player.simulation, Simulation)  # the team's car
         self._player, self._car = player, player.simulation
-        self._pipeline = PipelineFactory("fused").pipeline("serial", "car", looks_ahead=False)
+        self._pipeline = PipelineFactory("fused").pipeline("serial", "car", predicts=False)
         self._pipeline.feed(LinkChange(self._now_ns, EPOCH_NS + self._now_ns, "rs232", "open"))
         self._decoder = FrameDecoder()
         self._estimates: Estimates | None = None

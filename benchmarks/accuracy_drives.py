@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 
 Folders = tuple[Path, ...]  # recordings are looked for in the first, then in the next
 
-SHARED: Final = ("panasonic-18650pf", "physics")  # of the shared data
+SHARED: Final = ("panasonic-18650pf", "physics")  # folders of the shared data
 TEMPERATURES: Final = ("25degC", "10degC", "0degC", "n10degC")
 PANASONIC_DRIVES: Final = ("us06_25degC", "cycle1_25degC", "cycle1_10degC", "cycle1_0degC")
 PHYSICS_CELLS: Final = ("Prada2013", "Chen2020", "Mohtat2020")

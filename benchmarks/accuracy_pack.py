@@ -23,7 +23,7 @@ SEGMENTS: Final = (12,) * 8
 CAPACITY, RESISTANCE, CHARGE = 0.03, 0.15, 0.01  # largest difference from the race's cell; of the SOC in points
 SEED: Final = 35
 GOAL, GOAL_NAMED = 0.55, 60
-SIGNS: Final = ((-1.0, -1.0), (1.0, 1.0))  # of gain and offset: two, since all cells share the current
+SIGNS: Final = ((-1.0, -1.0), (1.0, 1.0))  # gain and offset: two, since all cells share the current
 HEADER: Final = """| race | goal | RMSE | all cells equal | goal | weakest named | within 3 sigma |
 | --- | --- | --- | --- | --- | --- | --- |"""
 
@@ -64,7 +64,7 @@ def judge(cell: str, sign: tuple[float, float], folders: Folders) -> FloatArray:
         lambda: make_estimator("fused", model, n_cells),
         filter_name="fused",
         cell_name=model.name,
-        predictor=Predictor(model, SEGMENTS, looks_ahead=False),
+        predictor=Predictor(model, SEGMENTS, predicts=False),
     )
     estimated, sigma = np.empty((2, *soc.shape))
     for k, time_s in enumerate(race.time_s.tolist()):

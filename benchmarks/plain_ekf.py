@@ -25,9 +25,9 @@ from tests.numeric.judgement import CURRENT_NOISE_C, TEMPERATURE_UNKNOWN_DEGC, V
 
 FloatArray = NDArray[np.float64]
 
-GIVEN_SIGMA: Final = 0.1  # of a SOC that is given: it may be wrong
+GIVEN_SIGMA: Final = 0.1  # a given SOC may be wrong
 UNKNOWN_SIGMA: Final = 0.2
-N_SOC: Final = 1001  # of the tables
+N_SOC: Final = 1001  # table length
 MARGIN: Final = 0.05  # by which the surface may lie beyond empty and full
 
 

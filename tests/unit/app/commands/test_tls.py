@@ -26,9 +26,9 @@ def test_a_certificate_of_our_own_is_renewed_while_the_service_runs(tmp_path):
     certificate = own_certificate(tmp_path, ["10.0.0.7"], NOW_S)
     first, context, told = certificate.fingerprint, context_of(certificate), []
     renewal = Renewal(Settings(data=tmp_path, tls=True), certificate, context, told.append)
-    renewal.look(NOW_S + 300 * DAY_S)
+    renewal.check(NOW_S + 300 * DAY_S)
     assert (told, shown(context)) == ([], first.replace(":", ""))
-    renewal.look(NOW_S + 310 * DAY_S)
+    renewal.check(NOW_S + 310 * DAY_S)
     assert shown(context) == certificate.fingerprint.replace(":", "") != first.replace(":", "")
     assert certificate.ends_s > NOW_S + 600 * DAY_S
     assert [message.args["fingerprint"] for message in told] == [certificate.fingerprint]
@@ -40,7 +40,7 @@ def test_a_certificate_without_its_key_is_not_taken(tmp_path):
     given = replace(own, is_own=False)
     (tmp_path / "other").mkdir()
     given.certificate.write_bytes(own_certificate(tmp_path / "other", [], NOW_S).certificate.read_bytes())
-    Renewal(Settings(data=tmp_path), given, context, told.append).look(NOW_S)
+    Renewal(Settings(data=tmp_path), given, context, told.append).check(NOW_S)
     assert (told, shown(context)) == ([], own.fingerprint.replace(":", ""))
 
 

@@ -19,7 +19,7 @@ with locked_folder(Path(sys.argv[1])):
 
 def test_a_second_service_is_refused_until_the_first_has_ended(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "data"
-    with locked_folder(folder), pytest.raises(ConfigError, match="used by another voltwall"), locked_folder(folder):
+    with locked_folder(folder), pytest.raises(ConfigError, match="in use by another voltwall"), locked_folder(folder):
         pass
     with locked_folder(folder):
         assert folder.is_dir()
@@ -29,7 +29,7 @@ def test_a_service_that_was_killed_leaves_no_lock(tmp_path: Path) -> None:
     command = [sys.executable, "-c", HOLD, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout.readline() == b"held\n"
-        with pytest.raises(ConfigError, match="used by another voltwall"), locked_folder(tmp_path):
+        with pytest.raises(ConfigError, match="in use by another voltwall"), locked_folder(tmp_path):
             pass
         holder.kill()
         holder.wait()

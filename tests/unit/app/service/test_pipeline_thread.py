@@ -80,7 +80,7 @@ def test_before_the_first_snapshot_there_is_one_problem(bench):
 def test_a_pipeline_that_stands_still_is_a_problem(bench, clock, master):
     bench.feed(master.frame())
     clock.advance(STALL_S + 1)
-    assert any("stands still" in render(each) for each in bench.live.problems())
+    assert any("pipeline is blocked" in render(each) for each in bench.live.problems())
 
 
 def test_while_a_replay_is_shown_the_cars_snapshots_are_kept_and_not_shown(bench, master):
