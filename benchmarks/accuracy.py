@@ -11,8 +11,8 @@
     predictions  power, times, energy and laps of the simulated car, against its own physics carried on
 
 Sensor errors of a car, all four signs (`tests/numeric/judgement.py`). A part takes less than two minutes on two cores.
-`races` and `power` read recordings that `python -m benchmarks.pybamm_recordings` makes once; where some are missing they
-are named, and the part is left out. With `--write` a part's table is put into docs/reference/accuracy.md.
+`races` and `power` read recordings that `python -m benchmarks.pybamm_recordings` makes once; missing ones are
+named and their part is left out. With `--write` a part's table is put into docs/reference/accuracy.md.
 """
 
 from __future__ import annotations
