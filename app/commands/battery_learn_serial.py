@@ -86,7 +86,7 @@ def _bundled() -> dict[str, SerialMapping]:
     from app.battery.table_reader import ProfileError
     from app.sources.loaded_battery import load_battery
 
-    found = {}
+    found: dict[str, SerialMapping] = {}
     for name in bundled_profiles():
         with contextlib.suppress(ProfileError):  # a part
             mapping = load_battery(name).serial
