@@ -109,9 +109,6 @@ def test_a_voltage_that_disagrees_moves_the_filters_and_not_the_count(name):
         found = estimator.step(1.0, 0.0, CELL.ocv.voltage(np.full(N, 0.55)), np.full(N, 25.0))
     if name == "coulomb":
         assert found.soc == pytest.approx(np.full(N, 0.5))
-    elif name == "fused":  # it was told the SOC, and takes a voltage's word for another one slowly
-        assert (found.soc > 0.501).all()
-        assert (found.soc < 0.55).all()
     else:
         assert (found.soc > 0.52).all()
         assert (found.soc < 0.56).all()
