@@ -74,6 +74,7 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         cov=cov,
         gain=zeros,
         gain_v2=np.full_like(z, tuning.gain_sigma**2),
+        gain_step=zeros,
         gain_slope=np.zeros_like(state.gain_slope),
         hysteresis=zeros,
         temperature_degc=state.temperature_degc,

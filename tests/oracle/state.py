@@ -39,6 +39,7 @@ class State:
         cov: (1 + n_rc, 1 + n_rc, n) its covariance P.
         gain: share by which charge moves the SOC more than the capacity says.
         gain_v2: its variance M.
+        gain_step: what the last sample moved it by, NaN where it taught nothing.
         gain_slope: (1 + n_rc, n) how the mean would move with it, V.
         hysteresis: -1 after discharge .. 1 after charge.
         temperature_degc: last temperature that was measured [degC].
@@ -79,6 +80,7 @@ class State:
     cov: FloatArray
     gain: FloatArray
     gain_v2: FloatArray
+    gain_step: FloatArray
     gain_slope: FloatArray
     hysteresis: FloatArray
     temperature_degc: FloatArray

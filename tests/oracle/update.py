@@ -59,8 +59,8 @@ def update(
     wander_v2 = motion.correlation * (output.H[0] ** 2 * state.wander_v2 + state.slow_square_v2)
     S_g = measured.doubt[COLD] ** 2 * (S + wander_v2)
     innovation = Innovation(nu, sigma, used)
-    learns = used & (measured.doubt[DROP_ERROR] < setup.tuning.drop_error_max) & (not motion.is_beyond)
-    state = learn_gain(state, learns, output.H, nu, gain, S_g)
+    learns = used & (measured.doubt[DROP_ERROR] < setup.tuning.drop_error_max)
+    state = learn_gain(state, learns, output.H, nu, gain, S_g, motion.is_beyond)
     moved = gain * np.where(used, nu, 0.0)
     after = replace(
         state,
@@ -72,7 +72,13 @@ def update(
 
 
 def learn_gain(
-    state: State, learns: BoolArray, H: FloatArray, nu: FloatArray, gain: FloatArray, S: FloatArray
+    state: State,
+    learns: BoolArray,
+    H: FloatArray,
+    nu: FloatArray,
+    gain: FloatArray,
+    S: FloatArray,
+    is_beyond: bool,
 ) -> State:
     """Return the state with what the innovations say of the gain g of the charge.
 
@@ -83,23 +89,32 @@ def learn_gain(
     S_g = cold^2 (S + correlation (H_z^2 wander + slow))
 
     A filter that wanders against the count, or whose innovations do not average out, says the less of charge, and so
-    does a cold cell, whose slow overpotential looks like charge.
+    does a cold cell, whose slow overpotential looks like charge. Beyond the currents that the cell file has seen the
+    model errs as charge would, and alike for all cells: what they differ by counts, their mean does not. Each of n
+    cells moves by what its sample says less the mean of the sample before, M by a share 1 - 1/n.
 
     Args:
         state: before the update.
-        learns: (n,) whether the sample counts: it is used, and the cell file has seen such temperatures and currents.
+        learns: (n,) whether the sample counts: it is used, and the cell file has seen such temperatures.
         H: (1 + n_rc, n) slopes of the output.
         nu: (n,) innovations [V].
         gain: (1 + n_rc, n) K of the filter, 0 where the innovation is not used.
         S: (n,) S_g, variance of the innovation with correlation and the errors that the filter has shown [V^2].
+        is_beyond: whether the cell file has not seen such currents.
     """
+    own_share = 1.0 - 1.0 / nu.size if is_beyond else 1.0
+    learns = learns & (own_share > 0.0)
+    before = state.gain_step[~np.isnan(state.gain_step)]
+    shared = before.mean() if is_beyond and before.size else 0.0
     HV, M = (H * state.gain_slope).sum(axis=0), state.gain_v2
     off_v = np.where(learns, nu - HV * state.gain, 0.0)
     total = S + HV**2 * M
+    said = M * HV * off_v / total
     return replace(
         state,
-        gain=state.gain + M * HV * off_v / total,
-        gain_v2=np.where(learns, M * S / total, M),
+        gain=state.gain + np.where(learns, said - shared, 0.0),
+        gain_v2=np.where(learns, M + own_share * (M * S / total - M), M),
+        gain_step=np.where(learns, said, np.nan),
         gain_slope=state.gain_slope - gain * HV,
     )
 

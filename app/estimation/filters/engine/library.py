@@ -33,6 +33,7 @@ CELL_ROWS: Final = {
     "cov": STATES_MAX * (STATES_MAX + 1) // 2,
     "gain": 1,
     "gain_v2": 1,
+    "gain_step": 1,
     "gain_slope": STATES_MAX,
     "hysteresis": 1,
     "temperature_degc": 1,

@@ -161,11 +161,25 @@ static void watch_current(vw_filter *filter, vw_real dt_s)
     filter->beyond_a += share * (beyond_a - filter->beyond_a);
 }
 
+/* Mean of what the sample before moved the gains by. */
+static vw_real shared_gain(const vw_filter *filter, const vw_cells *cells)
+{
+    vw_real sum = 0;
+    int n = 0;
+    for (int k = 0; k < filter->n_cells; k++) {
+        const vw_real moved = cells[k / VW_LANES].gain_step[k % VW_LANES];
+        n += !vw_is_missing(moved);
+        sum += vw_is_missing(moved) ? 0 : moved;
+    }
+    return n > 0 ? sum / n : 0;
+}
+
 static void step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, int n_rows, vw_real *estimates)
 {
     vw_hold_current(filter, sample->current_a);
     watch_current(filter, sample->dt_s);
-    const vw_motion motion = vw_motion_of(filter, sample->dt_s, filter->current_a);
+    vw_motion motion = vw_motion_of(filter, sample->dt_s, filter->current_a);
+    if (motion.is_beyond) motion.shared_gain = shared_gain(filter, cells);
     const int rests = motion.rest_share > 0 || (filter->rest_s == 0 && sample->dt_s == 0);
     filter->rest_s = rests && !motion.is_whole_rest ? filter->rest_s + sample->dt_s : -1;
     filter->since_s = motion.look_s > 0 ? 0 : filter->since_s + sample->dt_s;

@@ -137,6 +137,7 @@ typedef struct {
     vw_lanes cov[VW_STATES_MAX * (VW_STATES_MAX + 1) / 2]; /* its covariance, lower triangle: see VW_COV */
     vw_lanes gain;                 /* share by which charge moves the SOC more than the capacity says */
     vw_lanes gain_v2;              /* its variance */
+    vw_lanes gain_step;            /* what the last sample moved it by, NaN where it taught nothing */
     vw_lanes gain_slope[VW_STATES_MAX]; /* how the mean would move with it */
     vw_lanes hysteresis;           /* -1 after discharge .. 1 after charge */
     vw_lanes temperature_degc;     /* last temperature that was measured [degC] */

@@ -28,6 +28,8 @@ typedef struct {
     vw_real noise_v2;            /* variance of the model's voltage without current [V^2] */
     vw_real correlation;         /* growth of it for the gain: errors that last average out less */
     int is_beyond;               /* a real share of the charge flowed at currents that the cell file has not seen */
+    vw_real own_share;           /* of what a sample says of the gain: beyond them, all but what all cells share */
+    vw_real shared_gain;         /* mean of what the last sample moved the gains by, where that does not count */
     vw_real look_s;              /* since the starts were last weighed; 0 where it is not time to weigh them [s] */
     vw_real rest_share, rest_lever; /* of this sample in a rest from the start on: in its mean [1], in its moment [s^2] */
     vw_real read_rest_s;         /* length of a rest that is to be read now; 0 = none [s] */

@@ -132,7 +132,7 @@ static void forget(const vw_filter *filter, vw_cells *restrict x)
         x->hysteresis[c] = x->refused_s[c] = x->wander_v2[c] = x->rest_moment[c] = x->unsettled_v2[c] = 0;
         x->gain_v2[c] = vw_square(filter->tuning.gain_sigma);
         for (int u = 0; u < VW_STATES_MAX; u++) x->gain_slope[u][c] = 0;
-        x->gain[c] = x->fused_gain[c] = x->drawn[c] = x->conflict[c] = 0;
+        x->gain[c] = x->gain_step[c] = x->fused_gain[c] = x->drawn[c] = x->conflict[c] = 0;
         x->count_gain[c] = x->count_offset[c] = 0;
         x->check_mean_v[c] = x->check_square_v2[c] = x->slow_mean_v[c] = 0;
         x->slow_square_v2[c] = vw_square(filter->tuning.bias_start_v);

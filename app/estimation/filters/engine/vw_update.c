@@ -12,8 +12,9 @@
  *   S_g = cold^2 (S + correlation (H_z^2 wander + slow))
  *
  * A filter that wanders against the count, or whose innovations do not average out, says the less of charge, and so does
- * a cold cell, whose slow overpotential looks like charge. Beyond the temperatures and currents that the cell file has
- * seen nothing is learned.
+ * a cold cell, whose slow overpotential looks like charge. Beyond the temperatures that the cell file has seen nothing is
+ * learned. Beyond its currents the model errs as charge would, and alike for all cells: what they differ by counts, their
+ * mean does not. Each of n cells moves by what its sample says less the mean of the sample before, M by a share 1 - 1/n.
  */
 #include "vw_parts.h"
 
@@ -50,13 +51,15 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
         work->used[c] = vw_pick(is_used, 1, 0);
         /* g */
-        const int learns = is_used & !motion->is_beyond & (x->climate.drop_error[c] < t->drop_error_max);
+        const int learns = is_used & (motion->own_share > 0) & (x->climate.drop_error[c] < t->drop_error_max);
         const vw_real lasting_v2 = vw_square(work->H[0][c]) * x->wander_v2[c] + x->slow_square_v2[c];
         const vw_real S_g = x->climate.cold2[c] * (S + motion->correlation * lasting_v2);
         const vw_real M = x->gain_v2[c], gain_v2 = S_g + vw_square(HV) * M;
         const vw_real per_both = 1 / (gain_v2 * S), per_v2 = S * per_both; /* a division takes longer than all else */
-        x->gain[c] += vw_pick(learns, M * HV * (nu - HV * x->gain[c]) * per_v2, 0);
-        x->gain_v2[c] = vw_pick(learns, M * S_g * per_v2, M);
+        const vw_real said = M * HV * (nu - HV * x->gain[c]) * per_v2;
+        x->gain[c] += vw_pick(learns, said - motion->shared_gain, 0);
+        x->gain_step[c] = vw_pick(learns, said, NAN);
+        x->gain_v2[c] = vw_pick(learns, M + motion->own_share * (M * S_g * per_v2 - M), M);
         /* x and P; a voltage that is not used moves nothing */
         const vw_real per_S = vw_pick(is_used, gain_v2 * per_both, 0), pull = vw_pick(is_used, nu, 0) * per_S;
         x->soc[c] = vw_clip(x->soc[c] + Pxy[0] * pull, VW_SOC_MIN, VW_SOC_MAX);

@@ -203,19 +203,32 @@ def test_a_capacity_that_is_learned_elsewhere_is_not_counted_twice():
     assert estimator.capacity()[0] == pytest.approx(0.8 * CELL.capacity_ah)
 
 
-@pytest.mark.parametrize(("peak_a", "learns"), [(100.0, True), (200.0, False)])
-def test_a_drive_beyond_the_currents_of_the_cell_file_says_nothing_of_capacity(peak_a, learns):
+def raced(peak_a, shares):
+    """Return an estimator and estimates of 15 minutes at `peak_a`, 150 A seen, cells with shares of the capacity."""
     seen = replace(CELL, fit_current_max_a=150.0)
-    aged = replace(seen, capacity_ah=0.8 * CELL.capacity_ah)
     time_s = np.arange(0.0, 900.0, 0.1)
     current = np.where((time_s > 20.0) & (time_s % 8.0 < 400.0 / peak_a), peak_a, 0.0)
-    _, volts = simulate(aged, time_s, current, np.full(time_s.size, 25.0), 0.95)
-    estimator = make_estimator("fused", seen, 1)
-    estimator.start(volts[:1], DEGC[:1], 0.0, soc=0.95)
-    found = estimator.run(np.full(time_s.size, 0.1), current, volts[:, None], np.full((time_s.size, 1), 25.0))
+    degc = np.full((time_s.size, len(shares)), 25.0)
+    cells = [replace(seen, capacity_ah=share * CELL.capacity_ah) for share in shares]
+    volts = np.stack([simulate(cell, time_s, current, degc[:, 0], 0.95)[1] for cell in cells], axis=1)
+    estimator = make_estimator("fused", seen, len(shares))
+    estimator.start(volts[0], degc[0], 0.0, soc=0.95)
+    return estimator, estimator.run(np.full(time_s.size, 0.1), current, volts, degc)
+
+
+@pytest.mark.parametrize(("peak_a", "learns"), [(100.0, True), (200.0, False)])
+def test_a_drive_beyond_the_currents_of_the_cell_file_says_nothing_of_capacity(peak_a, learns):
+    estimator, found = raced(peak_a, [0.8])
     assert bool(found.model_valid[-1, 0]) == learns
     own_ah = estimator.capacity()[0][0]
     assert own_ah < 0.95 * CELL.capacity_ah if learns else own_ah == pytest.approx(CELL.capacity_ah)
+
+
+def test_beyond_those_currents_cells_still_show_what_their_capacities_differ_by():
+    estimator, _ = raced(200.0, [1.0, 1.2])
+    own_ah = estimator.capacity()[0] / CELL.capacity_ah
+    assert own_ah.mean() == pytest.approx(1.0, abs=0.01), "what all cells share is left to the cell file"
+    assert own_ah[1] - own_ah[0] > 0.05
 
 
 def test_below_the_lowest_soc_that_the_cell_file_has_seen_a_count_goes_before_the_voltage():
