@@ -6,7 +6,7 @@ out. It feeds app.estimation and knows no equation itself.
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import exp, isfinite
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class Predictor:
         self._factors_in_use = np.ones(n_cells)  # resistance factors that the estimator counts with
         self._offset = OffsetTracker(float(self.learned.capacity_ah.mean()))
         self._is_measured = True  # the cells' temperatures are those the model was made at
-        self._drop_error_max = Tuning().drop_error_max
+        self._tuning = Tuning()
         self._needs_voltage_soc = False  # voltages, to compare the current with
         self.sensor = self._offset.estimate()
         self._laps = LapWatch()
@@ -120,7 +120,7 @@ class Predictor:
         self._marks: deque[float] = deque()  # seconds since crossings of the line that the lap counter has not yet seen
         self._target = EnergyTargetStore()
         self._plans: deque[RacePlan | None] = deque()  # new plans that the lap counter has not yet seen
-        self._t_s = 0.0
+        self._t_s = self._flow_a = 0.0  # time of all samples [s], mean size of the current [A]
         self._assessed_s = self._judged_s = -1e9
         self._driven = (0.0, 0.0, 0.0)  # fading sums of time, current and its square while driving [s], [A s], [A^2 s]
         self._forecast = VoltageForecast(cell)
@@ -197,8 +197,10 @@ class Predictor:
         dt_s = dt_s or 0.0
         self._needs_voltage_soc |= self._offset.step(dt_s, current_a, relays_open)
         self._t_s += dt_s
+        self._flow_a += (1.0 - exp(-dt_s / self._tuning.wander_s)) * (abs(current_a) - self._flow_a)
         if estimates is not None:
-            self._scale.step(dt_s, estimates, self._factors_in_use, self._where_measured(voltages_v))
+            if self._flow_a > self._tuning.rest_c * self.cell.capacity_ah:  # at rest a filter settles: no drop moves it
+                self._scale.step(dt_s, estimates, self._factors_in_use, self._where_measured(voltages_v))
             self._unknown_cells = int(np.isnan(estimates.known_soc(voltages_v)).sum())
             self._heat.step(dt_s, (estimates.ocv_v - estimates.voltage_v) * current_a, temperatures_degc)
         self._watch.step(
@@ -239,7 +241,7 @@ class Predictor:
             self.assessment = Assessment()
             return True
         degc = temperatures_degc[np.isfinite(temperatures_degc)]
-        self._is_measured = not degc.size or float(self.cell.drop_error(degc).max()) < self._drop_error_max
+        self._is_measured = not degc.size or float(self.cell.drop_error(degc).max()) < self._tuning.drop_error_max
         is_valid = estimates.model_valid.mean() > 0.5  # a model that is not valid says nothing of the sensor
         if self._needs_voltage_soc and is_valid and (voltage_soc := estimator.voltage_soc()) is not None:
             self._needs_voltage_soc = False

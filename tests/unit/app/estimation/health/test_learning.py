@@ -7,12 +7,14 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
+from app.estimation.filters.tuning import Tuning
 from app.estimation.health.learned import LEARN_S, RESISTANCE_SIGMA_MAX, LearningRun
 from app.estimation.health.resistance_scale import PRIOR_SIGMA, filter_factor
 from tests.open_loop import simulate
 from tests.oracle.both_engines import ENGINES, make_on
 from tests.oracle.resistance import ReferenceResistance
 
+TUNING = Tuning()
 MODEL = load_cell("samsung-25r-10p")
 GROWTH = 1.6
 DT_S = 0.1
@@ -46,17 +48,27 @@ def learned_step_by_step(drive):
     estimator = make_on(ENGINES["reference"], "fused", MODEL, n)
     estimator.start(volts[0], degc[0], current[0])
     regression = ReferenceResistance(np.ones(n), np.full(n, PRIOR_SIGMA**-2))
-    factor, since_s, soc = np.ones(n), 0.0, []
+    factor, since_s, soc, flow_a = np.ones(n), 0.0, [], 0.0
     for k, lasted in enumerate(lasted_s):
         estimates = estimator.step(dt_s[k], current[k], volts[k], degc[k])
         soc.append(estimates.soc)
-        regression.record(lasted_s[k : k + 1], estimates.numbers[None], factor, learned_v[k : k + 1])
+        flow_a += (1.0 - np.exp(-dt_s[k] / TUNING.wander_s)) * (abs(current[k]) - flow_a)
+        if flow_a > TUNING.rest_c * MODEL.capacity_ah:
+            regression.record(lasted_s[k : k + 1], estimates.numbers[None], factor, learned_v[k : k + 1])
         since_s += lasted
         if since_s >= LEARN_S:
             since_s, (found, sigma) = 0.0, regression.judge()
             factor = filter_factor(found, sigma <= RESISTANCE_SIGMA_MAX)
             estimator.use_resistance(factor)
     return factor, np.array(soc)
+
+
+def test_a_filter_that_settles_at_rest_learns_no_resistance():
+    steps, lasted_s, current, volts, _, degc = samples(60.0)
+    resting_v = np.full_like(volts, MODEL.ocv.voltage([0.8])[0])
+    resting_v[0] = MODEL.ocv.voltage([0.75])[0]
+    run, _ = learned((steps, lasted_s, np.zeros_like(current), resting_v, resting_v, degc))
+    assert run.judge()[0] == 1.0
 
 
 def test_resistances_are_learned():
