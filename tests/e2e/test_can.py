@@ -87,7 +87,7 @@ def test_two_messages_with_one_id_are_refused(service, open_page):
     message.get_by_test_id("picker").fill("t_max_id")
     message.get_by_role("button", name="t_max_id").first.click()
     page.get_by_test_id("can-write").click()
-    expect(page.get_by_text("two messages with one id destroy each other")).to_be_visible()
+    expect(page.get_by_text("two senders of one ID corrupt each other")).to_be_visible()
     expect(page.get_by_test_id("write-dialog")).to_have_count(0)
 
 

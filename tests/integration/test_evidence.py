@@ -97,7 +97,7 @@ def test_a_limit_beyond_the_rules_fails(tmp_path, monkeypatch, voltwall):
         (("--steps", "spark"), "--steps"),
         (("--session", "none"), "none"),
         (("--serial", "bogus://x"), "serial"),
-        (("--serial", "/dev/no-such-port"), "no such port"),
+        (("--serial", "/dev/no-such-port"), "port not found"),
         (("--cell", "none.toml"), "cell"),
     ],
 )

@@ -44,7 +44,7 @@ def test_a_socket_is_as_good_as_a_port(make_service, simulator):
 def test_a_port_that_does_not_exist_is_said_in_words(make_service, tmp_path):
     service = make_service("--serial", str(tmp_path / "nothing"))
     snapshot = service.wait_for(lambda s: s["links"]["rs232"]["state"] == "lost")
-    assert "no such port" in snapshot["links"]["rs232"]["error"]["text"]
+    assert "port not found" in snapshot["links"]["rs232"]["error"]["text"]
     assert snapshot["accumulator"]["voltage_v"] is None
     with service.client() as client:
         health = client.get("/health").json()

@@ -73,7 +73,7 @@ def test_commands_reach_it_by_fingerprint_or_file(pit, fingerprint, voltwall, tm
     assert voltwall(*asked, str(pit.data / "tls-certificate.pem"), VOLTWALL_PASSWORD=PASSWORD).returncode == 0
     refused = voltwall(*asked, "0" * 64, VOLTWALL_PASSWORD=PASSWORD)
     assert refused.returncode == 3
-    assert "is not the one to trust" in refused.stderr
+    assert "untrusted certificate" in refused.stderr
     fetch = ("sessions", "fetch", pit.base_url, "--data", str(tmp_path), "--trust")
     assert voltwall(*fetch, fingerprint, VOLTWALL_REMOTE_PASSWORD=PASSWORD).returncode == 0
 
@@ -111,7 +111,7 @@ def test_a_certificate_of_the_users_with_another_key_is_named(voltwall, tmp_path
     files = ("--tls-cert", str(paths[0].certificate), "--tls-key", str(paths[1].key))
     result = voltwall("serve", "--port", "0", "--data", str(tmp_path), *files)
     assert result.returncode == 2
-    assert "has to be the key of the certificate" in result.stderr
+    assert "must be the unencrypted PEM key" in result.stderr
 
 
 def made(folder: Path) -> Path:

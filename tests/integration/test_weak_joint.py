@@ -51,7 +51,7 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
         assert [(cause.code, cause.cell) for cause in causes_of(session)][:1] == [("joint-resistance-high", CELL)]
         report = report_of(session)
         assert f"high-resistance busbar joint at p{PLACE}" in report.findings.why[0].text
-        assert any(f"P{PLACE}: joint resistance +" in each.text for each in report.findings.why)
+        assert any(f"P{PLACE}: busbar joint resistance +" in each.text for each in report.findings.why)
         assert not any("like the others" in each.text for each in report.findings.why)
         box = next(each for each in black_boxes(session) if each.severity == "trip")
         assert any(PLACE in each.text and "joint resistance +" in each.text for each in box.findings)

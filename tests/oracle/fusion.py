@@ -338,5 +338,5 @@ def self_check(
     )
     is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.conflict_max)
     is_near = (measured.doubt[DROP_ERROR] < tuning.drop_error_max) & (soc >= measured.doubt[LOWEST])
-    is_known = is_near & (not motion.is_beyond)
+    is_known = is_near & (abs(motion.current_a) <= setup.cell.seen_a)
     return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v) & is_known

@@ -312,7 +312,7 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
         const int is_small = x->check_square_v2[c] < vw_square(t->check_rms_v);
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
         const int is_near = (x->climate.drop_error[c] < t->drop_error_max) & (work->soc[c] >= x->climate.lowest_soc[c]);
-        const int is_known = is_near & !motion->is_beyond;
+        const int is_known = is_near & (vw_abs(motion->current_a) <= filter->model.seen_a);
         work->valid[c] = vw_pick(is_small & is_centred & is_known & (x->conflict[c] < t->conflict_max), 1, 0);
     }
 }

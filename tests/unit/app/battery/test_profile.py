@@ -89,7 +89,7 @@ def test_what_a_profile_includes_counts_where_it_says_nothing_itself(tmp_path):
 def test_a_profile_that_includes_itself_is_refused(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text('include = ["own.toml"]\n' + HEAD + DBC)
-    with pytest.raises(ProfileError, match="without an end"):
+    with pytest.raises(ProfileError, match="in a loop"):
         load_profile(str(own))
 
 

@@ -116,5 +116,5 @@ def test_a_session_keeps_every_row_at_its_time_and_replays_the_estimates_again(
 def test_its_profile_is_of_no_battery_that_is_served(tmp_path: Path) -> None:
     battery = battery_of_table(log_of(np.full((1, 3), 3.7)), "their.csv")
     (tmp_path / "table.toml").write_bytes(battery.files["table.toml"])
-    with pytest.raises(Exception, match="only the session of an imported table"):
+    with pytest.raises(Exception, match="only sessions of imported tables"):
         load_battery(str(tmp_path / "table.toml"))

@@ -67,9 +67,9 @@ def test_a_box_over_can_alone_says_that_no_cell_was_heard():
     unknown = np.full((len(TIME_S), 96), np.nan)
     around = replace(window(), voltage_v=unknown, temperature_degc=unknown, soc=unknown)
     box = boxed(around=around)
-    assert "over CAN alone" in " ".join(each.text for each in box.findings)
+    assert "CAN alone carries only" in " ".join(each.text for each in box.findings)
     assert box.cells.current_at_trip_a == 120.0
-    assert "over CAN alone" not in " ".join(each.text for each in boxed().findings)
+    assert "CAN alone carries only" not in " ".join(each.text for each in boxed().findings)
 
 
 def test_a_limit_that_was_not_seen_to_be_passed_is_said_so():

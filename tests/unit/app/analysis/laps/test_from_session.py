@@ -179,7 +179,7 @@ def test_laps_that_cannot_be_are_refused_by_name(path, laps, named):
 )
 def test_settled_laps_that_another_program_damaged_are_an_error_that_says_so(path, value):
     write_note(path, "laps", value, t_wall_ns=1, who="a script")
-    with SessionFile(path) as session, pytest.raises(NotASession, match="settled laps are damaged"):
+    with SessionFile(path) as session, pytest.raises(NotASession, match="saved laps damaged"):
         lap_table(session)
 
 

@@ -51,7 +51,7 @@ def test_where_no_speed_is_known_laps_lie_on_each_other_by_time(path):
         found = overlay_laps(session, LAPS, [0, 1], "current_a", 40, AUTO)
         assert (found.along, found.places) == (None, [])
         for name in ("can:0x321:0", "can:0x320:7"):
-            with pytest.raises(ConfigError, match="moves in each of the laps"):
+            with pytest.raises(ConfigError, match="changes in every lap"):
                 overlay_laps(session, LAPS, [0, 1], "current_a", 40, name)
         with pytest.raises(ConfigError, match="along"):
             overlay_laps(session, LAPS, [0, 1], "current_a", 40, "wheels")

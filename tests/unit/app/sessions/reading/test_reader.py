@@ -263,7 +263,7 @@ def test_a_newer_schema_is_refused_with_what_to_do(recorder: Recorder) -> None:
     connection = sqlite3.connect(info.path)
     connection.execute("PRAGMA user_version = 99")
     connection.close()
-    with pytest.raises(SchemaTooNew, match="newer voltwall"):
+    with pytest.raises(SchemaTooNew, match="update voltwall"):
         SessionFile(info.path)
 
 
