@@ -133,4 +133,4 @@ def test_sessions_of_unlike_batteries_are_compared_without_their_cells(foxbms, t
     log = write_log(peer, tmp_path / "orion.log", 10.0)
     other = imported(data, str(log), "--battery", str(write_profile(peer, tmp_path)))
     assert main(["sessions", "compare", session_id, "--with", other, "--data", str(data)]) == 0
-    assert "Of different batteries: foxBMS 2, 216 cells and 3: cell number." in capsys.readouterr().out
+    assert "Different batteries: foxBMS 2, 216 cells and 3: cell number." in capsys.readouterr().out

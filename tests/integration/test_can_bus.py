@@ -49,7 +49,7 @@ def test_a_message_is_a_list_of_values_picked_by_name(client):
     [
         ([{"name": "v[96]", "start_byte": 0}], "v[36]"),
         ([{"name": "i_fs", "start_byte": 5}], "the message has 8"),
-        ([{"name": "soc", "start_byte": 0}, {"name": "t[3]", "start_byte": 1}], "taken"),
+        ([{"name": "soc", "start_byte": 0}, {"name": "t[3]", "start_byte": 1}], "is used"),
     ],
 )
 def test_a_pick_that_cannot_be_is_named(client, pick, words):

@@ -27,7 +27,7 @@ def test_version_and_a_wrong_command():
     assert as_a_process("--version").stdout.startswith("voltwall ")
     wrong = as_a_process("fly")
     assert wrong.returncode == 2
-    assert "invalid choice" in wrong.stderr
+    assert "unknown 'fly'" in wrong.stderr
 
 
 def test_config_without_a_service_is_one_line():

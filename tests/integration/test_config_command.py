@@ -31,7 +31,7 @@ def test_read_compare_write_store_and_roll_back(config, tmp_path):
 
     for edit, words in (
         ("t_cell_max=500", "t_cell_max"),
-        ("t_cell_max=61", "the rules"),
+        ("t_cell_max=61", "rule limit"),
         ("telemetry_period=fast", "number"),
     ):
         refused = config("write", edit)

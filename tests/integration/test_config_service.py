@@ -78,7 +78,7 @@ def test_two_engineers_and_a_viewer_at_once(ada, bob, eve):
 def test_errors_block_and_warnings_need_a_reason(ada):
     hot = put(ada, {"t_cell_max": 65}, reason="it is a hot day")
     assert (hot.status_code, hot.json()["errors"][0]["code"]) == (422, "rules")
-    assert hot.json()["errors"][0]["why"]["text"].startswith("the rules")
+    assert hot.json()["errors"][0]["why"]["text"].startswith("rule limit")
     doubtful = put(ada, {"i_disc_max": 210})
     assert (doubtful.status_code, doubtful.json()["type"]) == (422, "urn:voltwall:reason-required")
     dry = ada.put("/config?dry_run=true", json={"values": {"i_disc_max": 210}}, headers={"If-Match": etag(ada)}).json()

@@ -74,7 +74,7 @@ def test_a_write_finishes_while_the_pipeline_stands_still(service):
 CHECKS = {  # what a write reads, compares, reviews and logs on the way, and what time it is
     *("ConfigurationWriter.read", "Draft.applied_to", "image_hash", "Rules.context", "review_change", "difference"),
     *("ConfigurationWriter._require_same_map", "ConfigurationWriter._require_rest", "WriteLog.begun"),
-    *("Finding.blocks", "Finding.needs_reason", "Clock.monotonic_s"),
+    *("ConfigIssue.blocks", "ConfigIssue.needs_reason", "Clock.monotonic_s"),
 }
 
 
@@ -105,4 +105,4 @@ def test_a_draft_passes_at_most_twelve_functions_from_the_route_to_the_port(serv
         sys.setprofile(None)
     assert is_sent
     assert (passed[0], passed[-1]) == ("write", "SerialLink.write")
-    assert len(passed) <= 12, passed
+    assert len(passed) <= 12, " ".join(passed)

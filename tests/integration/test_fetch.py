@@ -146,7 +146,7 @@ def test_bytes_that_are_not_the_file_are_refused(car, tmp_path):
     part = tmp_path / f"car-{session_id}.sqlite.part"
     part.write_bytes(b"damaged on the way")
     part.with_name(part.name + ".etag").write_text(etag)
-    with pytest.raises(FetchFailed, match="not what was sent"):
+    with pytest.raises(FetchFailed, match="the download is corrupt"):
         remote.fetch(session, tmp_path)
     remote.fetch(session, tmp_path)
 

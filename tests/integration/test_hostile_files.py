@@ -74,8 +74,10 @@ def test_damaged_databases_are_set_aside_and_the_page_says_so(make_service) -> N
         (service.data / name).write_bytes(b"\x00garbage" * 1000)
     service.start()
     with service.client() as client:
-        reasons = [each["text"] for each in client.get("/health").json()["reasons"] if "was damaged" in each["text"]]
-        assert sorted(reason.split()[0] for reason in reasons) == sorted(DERIVED)
+        reasons = [
+            each["text"] for each in client.get("/health").json()["reasons"] if each["text"].startswith("damaged ")
+        ]
+        assert sorted(reason.split()[1] for reason in reasons) == sorted(DERIVED)
         events = client.get("/events").json()["events"]
         assert sorted(each["message"]["text"] for each in events if each["code"] == "file-set-aside") == sorted(reasons)
         assert client.get("/blackboxes").status_code == 200
@@ -85,7 +87,7 @@ def test_damaged_databases_are_set_aside_and_the_page_says_so(make_service) -> N
     service.stop()
     service.start()
     with service.client() as client:
-        assert not [each for each in client.get("/health").json()["reasons"] if "was damaged" in each["text"]]
+        assert not [each for each in client.get("/health").json()["reasons"] if each["text"].startswith("damaged ")]
         assert len([each for each in client.get("/events").json()["events"] if each["code"] == "file-set-aside"]) == 2
 
 
@@ -106,7 +108,7 @@ def test_damage_met_while_it_runs_stops_nothing(make_service) -> None:
         assert client.get("/events?limit=5000").status_code == 200
         until(
             lambda: [
-                each for each in client.get("/health").json()["reasons"] if "events.sqlite was damaged" in each["text"]
+                each for each in client.get("/health").json()["reasons"] if "damaged events.sqlite" in each["text"]
             ]
         )
         assert "file-set-aside" in [each["code"] for each in client.get("/events").json()["events"]]
@@ -158,7 +160,7 @@ def test_retention_goes_on_among_bad_sessions_and_names_them_once(make_service, 
     with service.client() as client:
         until(lambda: not Catalogue(folder).list())
         events = client.get("/events").json()["events"]
-    warnings = [text for each in events if "cannot be read" in (text := each["message"]["text"])]
+    warnings = [text for each in events if "unreadable file" in (text := each["message"]["text"])]
     assert len(warnings) == 1
     assert "hostile-00.sqlite" in warnings[0]
     assert (folder / "garbage.sqlite").exists()

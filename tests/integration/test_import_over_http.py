@@ -67,11 +67,10 @@ def test_what_was_done_to_read_a_file_is_said_in_either_language(service):
         ]
         norwegian = [
             "desimalkomma er lest som punktum",
-            "2 linjer over tabellen er utelatt",
-            "1 rader er ikke 5 kolonner med tall: lest som manglende eller utelatt; linje 11: 'OVERLOAD'"
-            " er ikke et tall",
-            "I regner lading som positiv: fortegnet er snudd",
-            "1 temperaturer for 2 celler: hver gjelder for cellene ved siden av",
+            "2 linjer over tabellen hoppet over",
+            "1 rader består ikke av 5 tall: lest som manglende eller hoppet over; linje 11: 'OVERLOAD' er ikke et tall",
+            "I er positiv ved lading: fortegnet er snudd",
+            "1 temperaturer for 2 celler: hver brukes for de nærmeste cellene",
         ]
         assert [render(message_from_json(each), language="nb") for each in found["notes"]] == norwegian
         client.post(f"/imports/{upload['id']}", json=asked)

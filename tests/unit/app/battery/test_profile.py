@@ -102,8 +102,8 @@ def test_a_missing_profile_names_those_that_there_are():
 @pytest.mark.parametrize("load", [load_profile, profile_files])
 def test_a_withdrawn_table_is_refused_by_its_line_and_with_what_to_do(tmp_path, table, load):
     (tmp_path / "base.toml").write_text(f'include = ["foxbms-2"]\n{table}')
-    with pytest.raises(ProfileError, match=r"base\.toml:2: witness = .*withdrawn: .*second service"):
+    with pytest.raises(ProfileError, match=r"base\.toml:2: witness = .*no longer supported: .*second service"):
         load(str(tmp_path / "base.toml"))
     (tmp_path / "mine.toml").write_text('include = ["base.toml"]\n')
-    with pytest.raises(ProfileError, match=r"witness = .*withdrawn"):
+    with pytest.raises(ProfileError, match=r"witness = .*no longer supported"):
         load(str(tmp_path / "mine.toml"))

@@ -134,7 +134,7 @@ def test_what_cannot_be_seen_any_more_has_not_ended(pipeline, master):
     master.set("t", [25] * 96)
     snapshot, events = run(pipeline, master, 5)
     assert "cell-overtemperature" not in codes(snapshot)
-    assert any(render(e.message, [12] * 8).startswith("ended") and e.code == "cell-overtemperature" for e in events)
+    assert any(render(e.message, [12] * 8).startswith("cleared") and e.code == "cell-overtemperature" for e in events)
 
 
 def test_all_cells_gone_at_once_is_an_alarm(pipeline, master):

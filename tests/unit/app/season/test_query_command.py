@@ -64,7 +64,11 @@ def test_what_is_wrong_is_one_line(query, arguments, said):
 
 @pytest.mark.parametrize(
     ("name", "limit"),
-    [("file", "a folder or an fsspec URL"), ("file/below", "a folder or an fsspec URL"), ("none", "an existing folder")],
+    [
+        ("file", "a folder or an fsspec URL"),
+        ("file/below", "a folder or an fsspec URL"),
+        ("none", "an existing folder"),
+    ],
 )
 def test_a_lake_that_is_not_there_is_refused(tmp_path, capsys, name, limit):
     (tmp_path / "file").touch()

@@ -90,7 +90,7 @@ def test_a_finding_of_the_tripped_cell_has_the_size_of_the_verdict_and_its_confi
     ]
     assert "13.60 mΩ (12.00 to 15.20 mΩ)" in render(found[0].message)
     evidence = render(found[0].evidence)  # the watch had compared values that are another size
-    assert "84 % sure" in evidence
+    assert "confidence 84 %" in evidence
     assert "mΩ" not in evidence
 
 

@@ -60,7 +60,7 @@ def test_it_says_how_far_and_how_long_a_cell_was_beyond_its_limit():
 def test_one_that_never_recovers_is_said_to_be_still_beyond():
     box = boxed(around=window(np.where(TIME_S > 99.95, 2.3, 3.4)))
     assert box.beyond.ended is False
-    assert "and still" in " ".join(each.text for each in box.findings)
+    assert "until the end of the recording" in " ".join(each.text for each in box.findings)
 
 
 def test_a_box_over_can_alone_says_that_no_cell_was_heard():
@@ -75,7 +75,7 @@ def test_a_box_over_can_alone_says_that_no_cell_was_heard():
 def test_a_limit_that_was_not_seen_to_be_passed_is_said_so():
     box = boxed(around=window(2.6))
     assert box.beyond.since_s is None
-    assert "never seen beyond" in " ".join(each.text for each in box.findings)
+    assert "No recorded sample exceeded the limit" in " ".join(each.text for each in box.findings)
 
 
 def test_a_hot_cell_and_a_current_are_judged_by_their_own_values():

@@ -41,7 +41,7 @@ def test_the_strongest_suspicion_of_the_tripped_cell_is_its_cause():
         6,
         "trip-cell-undervoltage",
     )
-    assert cause.message.text == "High-resistance joint at pack 7, cell 4"
+    assert cause.message.text == "High-resistance busbar joint at pack 7, cell 4"
     assert cause_from_json(asdict(cause)) == cause
 
 

@@ -134,7 +134,7 @@ def test_a_file_of_a_newer_program_is_refused_and_stays(tmp_path: Path, name: st
     path = tmp_path / f"{name}.sqlite"
     TABLES[name](path, print).close()
     sql(path, "PRAGMA user_version = 99;")
-    with pytest.raises(SchemaTooNew, match=f"{name}.sqlite has schema 99.*newer voltwall"):
+    with pytest.raises(SchemaTooNew, match=f"{name}.sqlite has schema 99.*update voltwall"):
         TABLES[name](path, print)
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
 

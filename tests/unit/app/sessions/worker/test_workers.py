@@ -178,7 +178,7 @@ def test_a_gzip_bomb_is_refused_with_its_limit(workers, tmp_path):
     with gzip.open(path, "wb", compresslevel=9) as file:
         for _ in range(64):
             file.write(b"0.0,1.0\n" * (1 << 17))
-    with pytest.raises(LimitExceeded, match=r"more than 1\d MB"):
+    with pytest.raises(LimitExceeded, match=r"larger than 1\d MB"):
         workers.run(FEW, columns_of, path)
 
 

@@ -142,8 +142,8 @@ def test_a_file_that_cannot_be_read_says_why_in_its_own_format_only(name, text, 
 @pytest.mark.parametrize(
     ("data", "why"),
     [
-        (bytes(range(256)), "a binary file, no text"),
-        (b"time,current\n0,1\n", "not a readable|of none of"),
+        (bytes(range(256)), "unsupported binary file"),
+        (b"time,current\n0,1\n", "not a readable|unsupported content"),
         (b"", ""),
         (b"BO_", ""),
         (b"PK\x03\x04", ""),

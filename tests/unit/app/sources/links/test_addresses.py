@@ -130,7 +130,7 @@ def test_a_port_that_may_come_later_is_accepted(url):
 def test_what_is_no_serial_port_is_refused_and_nothing_is_opened(url, victim):
     for by_operator in (False, True):
         with pytest.raises(
-            ConfigError, match=r"(?s)serial = .*/dev/ttyUSB0 or COM6|serial = .*does not have the option"
+            ConfigError, match=r"(?s)serial = .*/dev/ttyUSB0 or COM6|serial = .*does not support option"
         ):
             check_url(url.format(victim=victim), by_operator=by_operator)
     with pytest.raises(ConfigError):

@@ -124,7 +124,7 @@ def test_the_identity_is_the_one_of_the_last_answer():
     identity = line.client.identify()
     assert (identity.firmware, identity.boots, identity.is_compatible) == ("1.2.3", 7, True)
     line.answer = lambda frame: [Reply(frame.type, frame.sequence, Result.DONE, data=b"\1")]
-    with pytest.raises(MasterSilent, match="no identity"):
+    with pytest.raises(MasterSilent, match="invalid identification"):
         line.client.identify()
     assert line.client.identity == identity
 

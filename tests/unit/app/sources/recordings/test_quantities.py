@@ -200,4 +200,4 @@ def test_the_estimator_turns_a_file_that_counts_charging_as_positive_and_says_so
     for charge_positive in (False, True):
         recording = load_recording(path, charge_positive=charge_positive)
         assert set(recording.current_a) == {1.5}
-        assert any("charge assumed positive" in note for note in recording.notes)
+        assert any("positive on charge: sign turned" in note for note in recording.notes)
