@@ -92,8 +92,8 @@ def test_the_thesis_master_shows_all_cells_whatever_its_stream(make_service, tmp
         battery = str(tmp_path / "printed.toml")
         (tmp_path / "printed.toml").write_text(profile, encoding="utf-8")
     line = SerialLine(stream=stream, start=b"x", period_s=0.6)
+    service = make_service("--serial", line.url, "--battery", battery)
     try:
-        service = make_service("--serial", line.url, "--battery", battery)
         snapshot = service.wait_for(
             lambda s: None not in s["cells"]["voltage_v"] and s["accumulator"]["current_a"] is not None
         )
@@ -108,13 +108,14 @@ def test_the_thesis_master_shows_all_cells_whatever_its_stream(make_service, tmp
         assert line.received.startswith(b"x")
         assert line.received.endswith(b"y")
     finally:
+        service.stop()
         line.close()
 
 
 def test_a_battery_that_answers_requests_is_live_recorded_and_exported(make_service):
     line = SerialLine(JBD_REQUESTS)
+    service = make_service("--serial", line.url, "--battery", "jbd")
     try:
-        service = make_service("--serial", line.url, "--battery", "jbd")
         expected = READ["jbd"]
         snapshot = service.wait_for(
             lambda s: None not in s["cells"]["voltage_v"] and s["accumulator"]["current_a"] is not None
@@ -134,6 +135,7 @@ def test_a_battery_that_answers_requests_is_live_recorded_and_exported(make_serv
             replayed = service.wait_for(lambda s: s["source"] == "replay" and None not in s["cells"]["voltage_v"])
             assert replayed["cells"]["voltage_v"] == pytest.approx(expected["voltage"])
     finally:
+        service.stop()  # else it opens the terminal's number again, which may be another test's by then
         line.close()
 
 

@@ -171,7 +171,7 @@ static vw_real shared_gain(const vw_filter *filter, const vw_cells *cells)
         n += !vw_is_missing(moved);
         sum += vw_is_missing(moved) ? 0 : moved;
     }
-    return n > 0 ? sum / n : 0;
+    return n > 0 ? sum / (vw_real)n : 0;
 }
 
 static void step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, int n_rows, vw_real *estimates)

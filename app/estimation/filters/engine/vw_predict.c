@@ -27,7 +27,7 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.noise_v2 = vw_square(t->model_error_v);
     to.correlation = 1 + 2 * t->correlation_s / vw_max(dt_s, (vw_real)1e-3);
     to.is_beyond = filter->beyond_a > BEYOND_SHARE * filter->flow_a;
-    to.own_share = to.is_beyond ? 1 - (vw_real)1 / filter->n_cells : 1;
+    to.own_share = to.is_beyond ? 1 - 1 / (vw_real)filter->n_cells : 1;
     to.shared_gain = 0;
     to.check_share = share_of(dt_s, t->check_s);
     to.bias_share = share_of(dt_s, t->bias_s);

@@ -126,7 +126,7 @@ def test_a_file_that_ends_the_process_is_named_and_not_tried_again_before_it_cha
         for _ in range(3):
             infos, problems = catalogue.survey()
             assert [info.id for info in infos] == [sound.stem]
-            assert "killed or crashed" in str(problems[0])
+            assert "crashed or was killed" in str(problems[0])
         assert reader.asked.count(BAD) == 1
         os.utime(bad, ns=(WALL_NS, WALL_NS + 1))
         catalogue.survey()
