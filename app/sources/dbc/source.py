@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from app.battery.battery import LIMITS, Battery, SignalName
+from app.battery.serial import SerialMapping
 from app.battery.source import DbcMapping
 from app.sources.dbc.assembly import PERIODS_BRIDGED, Assembler, BatteryMeasurement
 from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
@@ -60,7 +61,59 @@ class UpdateInterval:
         return _of_parts({part: max(STALE_S, PERIODS_BRIDGED * gap_s) for part, gap_s in self.gap_s.items()})
 
 
-class DbcSource:
+class AssembledSource:
+    """What frames on CAN or a serial line have in common: their values make measurements, one a period."""
+
+    def __init__(
+        self,
+        battery: Battery,
+        mapping: DbcMapping | SerialMapping,
+        name: Source,
+        rs232: LinkMonitor,
+        can: LinkMonitor,
+    ) -> None:
+        self.name: Source = name
+        self.battery = battery
+        self._assembler = Assembler(battery, mapping)
+        self._period_ns = round(mapping.period_s * 1e9)
+        self._newest: BatteryMeasurement | None = None
+        self._sampled_ns: int | None = None
+        self._rhythm = UpdateInterval()
+        self._rs232, self._can = rs232, can
+
+    def _take_values(self, values: Mapping[str, ChannelValues], until_ns: int) -> BatteryMeasurement | None:
+        """Return, of the periods that ended, the newest with a sample, else the newest; None: none ended."""
+        found = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
+        if not found:
+            return None
+        for each in found:
+            self._rhythm.see(each)
+        self._newest = next((each for each in reversed(found) if each.is_sample), found[-1])
+        return self._newest
+
+    def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
+        is_sample = is_fresh and found.is_sample
+        dt_s, is_new = None, None
+        if is_sample:
+            before_ns, self._sampled_ns = self._sampled_ns, found.t_ns
+            dt_s = None if before_ns is None else (found.t_ns - before_ns) / 1e9
+            is_new = np.ones(self.battery.n_cells, np.bool_) if before_ns is None else found.voltage_t_ns > before_ns
+        return measurement_of(
+            self.battery,
+            found,
+            t_mono_ns,
+            t_wall_ns,
+            dt_s=dt_s,
+            is_sample=is_sample,
+            is_fresh=is_fresh,
+            links=Links(self._rs232.status(t_mono_ns), self._can.status(t_mono_ns)),
+            is_new=is_new,
+            awaited=self._assembler.awaited(t_mono_ns),
+            live_s=self._rhythm.live_s(),
+        )
+
+
+class DbcSource(AssembledSource):
     """Decodes in batches of one period. Called from one thread; time comes with the items."""
 
     def __init__(
@@ -72,18 +125,11 @@ class DbcSource:
         *,
         name: Source = "can",
     ) -> None:
-        self.name: Source = name
-        self.battery = battery
+        super().__init__(battery, source, name, LinkMonitor(None), LinkMonitor(url))
         self._decoder = BatteryDecoder(battery, source, definitions)
-        self._assembler = Assembler(battery, source)
-        self._period_ns = round(source.period_s * 1e9)
         self._waiting: list[CanItem] = []
         self._waiting_of = 0  # number of the period of what waits
-        self._newest: BatteryMeasurement | None = None
-        self._sampled_ns: int | None = None
-        self._rhythm = UpdateInterval()
         self._two_senders = TwoSenders(battery.n_cells)
-        self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
         self._can.bit_rate = source.bit_rate or bit_rate_of(url)
 
     def feed(self, item: Item) -> Received:
@@ -125,47 +171,20 @@ class DbcSource:
         return self._measurement(newest, t_mono_ns, t_wall_ns, is_fresh=is_fresh and found is not None)
 
     def _take(self, until_ns: int) -> BatteryMeasurement | None:
-        """Decode what waited; of the periods that ended the newest with a sample, else the newest."""
-        values = self._decode(self._waiting) if self._waiting else {}
+        values = self._decoder.decode(frames_of_items(self._waiting)) if self._waiting else {}
         self._waiting = []
         if "voltage" in values:
             self._two_senders.take(values["voltage"])
-        found = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
-        if not found:
-            return None
-        for each in found:
-            self._rhythm.see(each)
-        self._newest = next((each for each in reversed(found) if each.is_sample), found[-1])
-        return self._newest
+        return self._take_values(values, until_ns)
 
-    def _decode(self, items: list[CanItem]) -> dict[str, ChannelValues]:
-        return self._decoder.decode(frames_of_items(items))
+    def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
+        of_one = replace(found, voltage_v=np.where(self._two_senders.cells, np.nan, found.voltage_v))
+        return super()._measurement(of_one, t_mono_ns, t_wall_ns, is_fresh=is_fresh)
 
     def _on_change(self, change: LinkChange) -> Received:
         if change.link != "can" or not self._can.on_change(change):
             return NOTHING_RECEIVED
         return link_event(change)
-
-    def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
-        is_sample = is_fresh and found.is_sample
-        dt_s, is_new = None, None
-        if is_sample:
-            before_ns, self._sampled_ns = self._sampled_ns, found.t_ns
-            dt_s = None if before_ns is None else (found.t_ns - before_ns) / 1e9
-            is_new = np.ones(self.battery.n_cells, np.bool_) if before_ns is None else found.voltage_t_ns > before_ns
-        return measurement_of(
-            self.battery,
-            replace(found, voltage_v=np.where(self._two_senders.cells, np.nan, found.voltage_v)),
-            t_mono_ns,
-            t_wall_ns,
-            dt_s=dt_s,
-            is_sample=is_sample,
-            is_fresh=is_fresh,
-            links=Links(self._rs232.status(t_mono_ns), self._can.status(t_mono_ns)),
-            is_new=is_new,
-            awaited=self._assembler.awaited(t_mono_ns),
-            live_s=self._rhythm.live_s(),
-        )
 
 
 def link_event(change: LinkChange) -> Received:
