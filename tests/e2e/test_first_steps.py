@@ -31,6 +31,10 @@ def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_pag
     page.get_by_test_id("setup-test").click()
     expect(page.get_by_test_id("setup-look")).to_contain_text("port not found")
     expect(page.get_by_test_id("setup-look")).to_contain_text("Windows: COM6")
+    page.get_by_label("JBD, 15 cells").check()
+    expect(page.get_by_test_id("how-can")).to_have_count(0)  # a battery on a serial line
+    expect(page.get_by_test_id("how-serial")).to_be_checked()
+    expect(page.get_by_test_id("how-simulate")).to_be_visible()
     page.get_by_label("example, one signal a cell, 90 cells").check()
     page.get_by_test_id("how-simulate").check()
     page.get_by_test_id("setup-start").click()
