@@ -134,7 +134,7 @@ def test_a_gross_start_under_load_costs_the_fusion_nothing(physics):
 def test_fusion_is_as_good_on_the_measured_cell(panasonic, off):
     judged = judge(panasonic.model, load(PANASONIC, "us06_25degC"), off)
     assert np.median(judged.excess) < 0.2
-    assert judged.excess.max() < 0.33, "a capacity that may be wrong costs a little where it is right"
+    assert judged.excess.max() < 0.3, "a capacity that may be wrong costs a little where it is right"
     assert judged.fused.max() < 0.75
 
 
@@ -142,5 +142,5 @@ def test_fusion_is_as_good_on_the_measured_cell(panasonic, off):
 def test_fusion_is_as_good_as_the_better_of_its_parts(physics, off):
     cell, found, whole = physics
     judged = judge(found.model, part(whole, 880, 1280), off)
-    assert judged.excess.max() < {"Mohtat2020": 0.1, "Chen2020": 2.3}[cell], "a cell that has not come to rest"
+    assert judged.excess.max() < {"Mohtat2020": 0.1, "Chen2020": 2.2}[cell], "a cell that has not come to rest"
     assert min(score.inside_3_sigma for score in judged.scores) >= 0.95

@@ -94,7 +94,7 @@ def test_voltages_under_load_are_foretold_better_with_the_learned_resistance(age
 
 def test_the_charge_of_aged_cells_is_found_with_the_learned_resistance(aged, without_learning):
     worst, worst_by_file = (np.sqrt((errors**2).mean(axis=0)).max() for errors in (aged[3], without_learning[3]))
-    assert worst < 0.02
+    assert worst < 0.018
     assert worst < 0.9 * worst_by_file, "the cell file alone reads low under load"
 
 

@@ -65,8 +65,9 @@ def fuse(
         z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
         u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
         e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved within its own covariance
-        z_b = z_f when u_f was least, counted on, in place of z_k where no start is right, and for a rough one that
-        is less sure, h_b = u_f^4 / (u_f^4 + v_b^4); v_b: see `remember_best`
+        z_b = z_f when u_f was least, counted on, below the lowest SOC that the cell file has seen: in place of z_k
+        where no start is right, and for a rough one that is less sure, h_b = u_f^4 / (u_f^4 + v_b^4); v_b: see
+        `remember_best`
         P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                  v as in w_k: what was contradicted stays so
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
@@ -87,13 +88,21 @@ def fuse(
     if motion.look_s > 0.0:
         lasting_soc_v2 = lasting_v2(setup, state, motion, measured) / slope_v2(setup, state, output)
         left_v2 = state.unsettled_v2 * (1.0 - motion.look_share(setup.tuning.rest_lasts_s / 2.0))
-        state = weigh(setup, replace(state, unsettled_v2=left_v2), motion, filter_v2, lasting_soc_v2)
+        is_below = state.soc < measured.doubt[LOWEST]
+        state = weigh(setup, replace(state, unsettled_v2=left_v2), motion, filter_v2, lasting_soc_v2, is_below)
         # what has not settled is off in both, so neither is the surer one for it
         state = replace(state, fused_v2=state.fused_v2 + left_v2 / slope_v2(setup, state, output))
     return state, state.fused_soc, np.minimum(state.fused_v2 * np.maximum(1.0, state.conflict), SOC_VARIANCE_MAX)
 
 
-def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArray, lasting_soc_v2: FloatArray) -> State:
+def weigh(
+    setup: FilterSetup,
+    state: State,
+    motion: Motion,
+    filter_v2: FloatArray,
+    lasting_soc_v2: FloatArray,
+    is_below: BoolArray,
+) -> State:
     """Return the state with its starts weighed, and the filter fused with the count from each of them; see `fuse`."""
     tuning = setup.tuning
     state = wander(setup, state, motion)
@@ -112,10 +121,10 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
     contradicted = np.maximum(d**2 / total_v2 / 2.0 - CONTRADICTION, 0.0)
     variances = np.minimum(now_v2, SOC_VARIANCE_MAX), strays_v2, errs_v2
     state, off, best_v2 = remember_best(setup, state, z, variances, fused_gain, gain_v2)
-    is_less_sure = best_v2 < count_v2
+    is_less_sure = is_below & (best_v2 < count_v2)
     is_less_sure[np.arange(N_STARTS) != ROUGH] = False
     sure_v2, apart = np.where(is_less_sure, best_v2, count_v2), np.where(is_less_sure, off, d)
-    kept = errs_v2**4 / (errs_v2**4 + best_v2**4)
+    kept = np.where(is_below, errs_v2**4 / (errs_v2**4 + best_v2**4), 0.0)
     share = np.where(is_less_sure, kept, errs_v2**2 / (errs_v2**2 + count_v2**2))
     unknown, total = tuning.start_unknown, tuning.start_unknown + w.sum(axis=0)
     moved = -(unknown * kept * off + (w * share * apart).sum(axis=0)) / total

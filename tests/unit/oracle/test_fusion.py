@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.estimation.filters.tables import LOWEST
 from app.estimation.filters.tuning import Tuning
 from tests.oracle.cells import sample, setup_of, state_at
 from tests.oracle.engine import ReferenceEngine
@@ -16,13 +17,16 @@ TUNING = Tuning()
 SETUP = setup_of(tuning=TUNING)
 
 
-def fused(state, dt_s, look_s, filter_v2, slope_v=1.0):
+def fused(state, dt_s, look_s, filter_v2, slope_v=1.0, lowest=0.0):
     """Return what `fuse` says of a filter with a variance, where the OCV has a slope."""
     one = np.ones(state.soc.size)
     output = Output(
         h=one, H=np.ones((1 + SETUP.cell.n_rc, state.soc.size)), bend_v2=0.0 * one, ocv_slope_v=slope_v * one
     )
     _, _, measured = sample(SETUP, state)
+    doubt = measured.doubt.copy()
+    doubt[LOWEST] = lowest
+    measured = replace(measured, doubt=doubt)
     motion = motion_of(SETUP, dt_s, 0.0, since_s=look_s)
     return fuse(SETUP, state, motion, measured, output, filter_v2 * one)
 
@@ -41,10 +45,10 @@ class Pair:
             apart=np.array([filter_soc - count_soc]),
         )
 
-    def fuse(self, dt_s, filter_v2, filter_soc=None):
+    def fuse(self, dt_s, filter_v2, filter_soc=None, lowest=0.0):
         if filter_soc is not None:
             self.state = replace(self.state, soc=np.array([filter_soc]))
-        self.state, soc, variance = fused(self.state, dt_s, max(dt_s, 1.0), filter_v2)
+        self.state, soc, variance = fused(self.state, dt_s, max(dt_s, 1.0), filter_v2, lowest=lowest)
         return soc[0], variance[0]
 
 
@@ -133,15 +137,18 @@ def test_a_start_that_was_contradicted_for_minutes_does_not_return_where_the_fil
 
 
 @pytest.mark.parametrize("start_weight", [(0.0, 0.0), (0.0, 1.0)])
-def test_where_the_filter_knows_little_it_is_counted_on_from_where_it_was_the_surest(start_weight):
+@pytest.mark.parametrize(("lowest", "expected"), [(0.55, 0.55), (0.45, 0.49)])
+def test_below_what_the_file_has_seen_it_is_counted_on_from_where_the_filter_was_the_surest(
+    start_weight, lowest, expected
+):
     pair = Pair(0.60, 0.50, count_sigma=0.1)
     weight = np.array([[start_weight[0]], [start_weight[1]], [0.0], [0.0]])
     pair.state = replace(pair.state, start_weight=weight)
     pair.fuse(1.0, 0.01**2)
     pair.state = replace(pair.state, drawn=np.array([0.05]), count_soc=np.array([0.45]))
-    soc, variance = pair.fuse(1.0, 0.10**2, filter_soc=0.50)
-    assert soc == pytest.approx(0.55, abs=0.015)
-    assert np.sqrt(variance) < 0.06
+    soc, variance = pair.fuse(1.0, 0.10**2, filter_soc=0.50, lowest=lowest)
+    assert soc == pytest.approx(expected, abs=0.02)
+    assert (np.sqrt(variance) < 0.06) == (lowest > 0.50)
     pair.fuse(1.0, 0.005**2)
     assert pair.state.best_soc[0] == pytest.approx(0.55), "surer now than ever"
 

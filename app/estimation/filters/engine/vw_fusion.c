@@ -208,7 +208,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         const vw_real errs_v2 = vw_min(alone_v2 + strays_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
         const vw_real drift_v2 =
             gain_v2[c] * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
-        /* the filter when it was the surest, counted on */
+        /* the filter when it was the surest, counted on: used below the lowest SOC that the cell file has seen */
         const vw_real counted = x->drawn[c] * (1 + x->fused_gain[c]), since = x->drawn[c] - x->best_drawn[c];
         const vw_real since_v2 = (gain_v2[c] + vw_square(t->counter_gain)) * vw_square(since) +
                                  vw_square(x->count_offset[c] - x->best_offset[c]);
@@ -221,7 +221,8 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         x->best_v2[c] = vw_pick(is_best, now_v2, x->best_v2[c]);
         const vw_real kept_v2 = vw_min(errs_v2, aged_v2), off = z - (x->best_soc[c] - counted);
         const vw_real best_v2 = kept_v2 * (1 + vw_square(off * off / (9 * (errs_v2 + kept_v2))));
-        const vw_real surer4 = vw_square(vw_square(errs_v2 / best_v2)), kept = surer4 / (1 + surer4);
+        const int is_below = x->soc[c] < x->climate.lowest_soc[c];
+        const vw_real surer4 = vw_square(vw_square(errs_v2 / best_v2)), kept = vw_pick(is_below, surer4 / (1 + surer4), 0);
         /* beginning with the case that no start is right; moments count from the filter's SOC */
         vw_real sum = t->start_unknown, moved = -sum * kept * off, square = sum * vw_square(kept * off);
         vw_real v2 = sum * (filter_v2 + kept * (vw_min(best_v2, filter_v2) - filter_v2));
@@ -233,7 +234,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
             const vw_real contradicted = vw_max(d * d / total_v2 / 2 - CONTRADICTION, 0);
             const vw_real w = x->start_weight[k][c] * student(d, total_v2);
             x->start_weight[k][c] /= 1 + motion->wander_share * contradicted;
-            const int is_less_sure = (k == ROUGH) & (best_v2 < count_v2);
+            const int is_less_sure = is_below & (k == ROUGH) & (best_v2 < count_v2);
             const vw_real sure_v2 = vw_pick(is_less_sure, best_v2, count_v2), apart = vw_pick(is_less_sure, off, d);
             const vw_real of_count = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(count_v2));
             const vw_real share = vw_pick(is_less_sure, kept, of_count);
@@ -267,7 +268,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)      what the filter moved within its own covariance
  *   where no start is right, and for a rough one that is less sure: z_b = z_f when u_f was least, counted on, with
  *   v_b = (u_f then + S now + var(p g) q^2 + gain^2 + offset^2 since) (1 + (d_b^2 / 9 (u_f + v_b))^2), in place of z_k
- *   and v_k, and h_b = u_f^4 / (u_f^4 + v_b^4)
+ *   and v_k, and h_b = u_f^4 / (u_f^4 + v_b^4); 0 but below the lowest SOC that the cell file has seen
  *   P'  = P / (1 + a max(d_k^2 / 2 v - 3, 0))                   v as in w_k: what was contradicted stays so
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *
