@@ -80,7 +80,7 @@ def load_learned_state(path: Path, n_cells: int, cell: CellModel | None = None) 
     # versions before kept no digest, and had no model of the surface
     is_same = cell is None or (state.cell_file == digest_of(cell) if state.cell_file else not cell.has_surface)
     if not is_same and state.cells.resistance is not None:
-        log.warning("%s: resistances were learned against another cell file and are learned anew", path)
+        log.warning("%s: resistances were learned against another cell file and are learned again", path)
         state = replace(state, cells=replace(state.cells, resistance=None))
     return state
 

@@ -36,7 +36,7 @@ def soc_variance(setup: FilterSetup, state: State, measured: Measurement, output
     trusted less, and below the lowest SOC that the cell file has seen it only shows that it is below. The slope is that
     of the sigma points or, if less, of a voltage that is read: in a plateau's step neither may be local.
     """
-    below = np.maximum(measured.doubt[LOWEST] - state.soc, 0.0)
+    below = np.maximum(measured.uncertainty[LOWEST] - state.soc, 0.0)
     error_v2 = (setup.tuning.bias_v**2 + state.slow_square_v2) / slope_v2(setup, state, output)
     variance = state.cov[0, 0] + error_v2 + below**2
     return np.asarray(np.minimum(variance, SOC_VARIANCE_MAX))
@@ -61,7 +61,8 @@ def fuse(
         v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
         z_f = z_filter + p g V_z,  v_filter likewise with var(p g) V_z^2
         z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2     q charge drawn since the start
-        d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, doubt_soc^2)),  w_0 = start_unknown
+        d_k = z_f - z_k
+        w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, apart_soc_max^2)),  w_0 = start_unknown
         z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
         u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
         e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)     what the filter moved within its own covariance
@@ -88,7 +89,7 @@ def fuse(
     if motion.look_s > 0.0:
         lasting_soc_v2 = lasting_v2(setup, state, motion, measured) / slope_v2(setup, state, output)
         left_v2 = state.unsettled_v2 * (1.0 - motion.look_share(setup.tuning.rest_lasts_s / 2.0))
-        is_below = state.soc < measured.doubt[LOWEST]
+        is_below = state.soc < measured.uncertainty[LOWEST]
         state = weigh(setup, replace(state, unsettled_v2=left_v2), motion, filter_v2, lasting_soc_v2, is_below)
         # what has not settled is off in both, so neither is the surer one for it
         state = replace(state, fused_v2=state.fused_v2 + left_v2 / slope_v2(setup, state, output))
@@ -106,7 +107,7 @@ def weigh(
     """Return the state with its starts weighed, and the filter fused with the count from each of them; see `fuse`."""
     tuning = setup.tuning
     state = wander(setup, state, motion)
-    fused_gain, gain_v2 = believe_gain(setup, state)
+    fused_gain, gain_v2 = weigh_gain(setup, state)
     z = state.soc + state.gain_slope[0] * fused_gain
     alone_v2 = filter_v2 + state.gain_slope[0] ** 2 * gain_v2
     filter_v2 = np.minimum(alone_v2 + state.wander_v2, SOC_VARIANCE_MAX)
@@ -116,7 +117,7 @@ def weigh(
     strays_v2 = np.maximum(state.wander_v2 - known_v2, 0.0)
     now_v2 = alone_v2 + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
     errs_v2 = np.minimum(now_v2 + strays_v2, SOC_VARIANCE_MAX)
-    total_v2 = np.minimum(errs_v2 + count_v2, tuning.doubt_soc**2)
+    total_v2 = np.minimum(errs_v2 + count_v2, tuning.apart_soc_max**2)
     w = state.start_weight * student(d, total_v2)
     contradicted = np.maximum(d**2 / total_v2 / 2.0 - CONTRADICTION, 0.0)
     variances = np.minimum(now_v2, SOC_VARIANCE_MAX), strays_v2, errs_v2
@@ -183,13 +184,14 @@ def wander(setup: FilterSetup, state: State, motion: Motion) -> State:
     return replace(state, wander_v2=wander_v2, apart=state.apart + a * beyond, apart_v2=apart_v2)
 
 
-def believe_gain(setup: FilterSetup, state: State) -> tuple[FloatArray, FloatArray]:
-    """Return the (n,) gain that filter and counts go with, and its variance: the doubt about the cell file's capacity.
+def weigh_gain(setup: FilterSetup, state: State) -> tuple[FloatArray, FloatArray]:
+    """Return the (n,) gain that filter and counts use, and its variance: the uncertainty of the cell file's capacity.
 
-    p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = doubt M
+    p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = u M,
+    u = gain_uncertainty
     """
     tuning, gain_v2 = setup.tuning, state.gain_v2
-    s = np.maximum(np.sqrt(tuning.gain_doubt * gain_v2), 1e-6)
+    s = np.maximum(np.sqrt(tuning.gain_uncertainty * gain_v2), 1e-6)
     odds = (1.0 - tuning.gain_prior) / tuning.gain_prior
     p = 1.0 / (1.0 + odds * tuning.gain_sigma / s * np.exp(-((state.gain / s) ** 2) / 2.0))
     return p * state.gain, p * gain_v2 + p * (1.0 - p) * state.gain**2
@@ -231,7 +233,7 @@ def read_rest_voltage(
     left_v = tuning.rest_tail_s * slope
     settled_v2 = (unsure * tuning.rest_left_v) ** 2
     driven_a = tuning.rest_driven_c * cell.model.capacity_ah
-    driven_v2 = np.maximum((state.resistance * measured.doubt[LASTING_DROP] * driven_a) ** 2, settled_v2)
+    driven_v2 = np.maximum((state.resistance * measured.uncertainty[LASTING_DROP] * driven_a) ** 2, settled_v2)
     left_v2 = np.array((settled_v2, driven_v2))
     slow_v2 = np.array((np.zeros_like(driven_v2), tuning.rest_slow**2 * driven_v2))
     settled_total, driven_total = left_v2 + noise_v2
@@ -240,7 +242,7 @@ def read_rest_voltage(
     f = left_v2 / (left_v2 + noise_v2)
     half_v = f * left_v / 2.0
     rest_v = state.rest_mean_v + slope * rested_s / 2.0 + half_v
-    ocv_v2 = measured.doubt[OCV_ERROR] ** 2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
+    ocv_v2 = measured.uncertainty[OCV_ERROR] ** 2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
     error_v = np.sqrt((unsure * tuning.rest_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2 + slow_v2)
     read = np.array([cell.soc_of_ocv(each, measured.place) for each in rest_v])
     v2 = np.array([cell.reading_sigma(*each, measured.place) ** 2 for each in zip(read, error_v, strict=True)])
@@ -257,7 +259,7 @@ def unsettled_v2(setup: FilterSetup, state: State, motion: Motion, measured: Mea
     noise_v2 = (tuning.rest_tail_s * tuning.rest_noise_v) ** 2 * per_moment * motion.dt_s
     seen_v2 = np.maximum((tuning.rest_tail_s * per_moment * state.rest_moment) ** 2 - 9.0 * noise_v2, 0.0)
     driven_a = tuning.rest_driven_c * setup.cell.model.capacity_ah
-    driven_v2 = (state.resistance * measured.doubt[LASTING_DROP] * driven_a) ** 2
+    driven_v2 = (state.resistance * measured.uncertainty[LASTING_DROP] * driven_a) ** 2
     return np.asarray(np.minimum(tuning.rest_unsettled**2 * seen_v2, 4.0 * driven_v2))
 
 
@@ -266,7 +268,7 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
 
     What is given is held against both readings of `read_rest_voltage`, which are two hypotheses more. To believe a
     wrong SOC costs what it is off, to refuse a right one what the reading errs: the exact one loses a share
-    `rest_doubt_soc`^2 / (s_z^2 + `rest_doubt_soc`^2), s_z what s means in SOC.
+    `rest_uncertainty_soc`^2 / (s_z^2 + `rest_uncertainty_soc`^2), s_z what s means in SOC.
 
     A rest that ends before it is `rest_s` long is heard about a SOC that was given only: who gives none wakes up in a
     drive. One that goes on is heard for the moment, and again as a whole.
@@ -278,7 +280,7 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
     start_v2, d = state.start_v2[:N_GIVEN, None], read - state.start_soc[:N_GIVEN, None]
     total = start_v2 + v2  # (given, readings, n)
     believed = state.start_weight[:N_GIVEN, None] * likely * normal(d, total)
-    believed[0] *= v2 / (v2 + tuning.rest_doubt_soc**2)
+    believed[0] *= v2 / (v2 + tuning.rest_uncertainty_soc**2)
     says_nothing = np.where(given, 1.0 - tuning.start_exact - tuning.start_rough, 1.0)
     weight = np.vstack((believed.sum(axis=1), likely * says_nothing))
     each_soc = state.start_soc[:N_GIVEN, None] + start_v2 / total * d
@@ -346,6 +348,6 @@ def self_check(
         slow_square_v2=state.slow_square_v2 + share * (state.slow_mean_v**2 - state.slow_square_v2),
     )
     is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.conflict_max)
-    is_near = (measured.doubt[DROP_ERROR] < tuning.drop_error_max) & (soc >= measured.doubt[LOWEST])
+    is_near = (measured.uncertainty[DROP_ERROR] < tuning.drop_error_max) & (soc >= measured.uncertainty[LOWEST])
     is_known = is_near & (abs(motion.current_a) <= setup.cell.seen_a)
     return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v) & is_known

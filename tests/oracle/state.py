@@ -146,12 +146,12 @@ class Measurement:
     Attributes:
         voltage_v: (n,) [V]; NaN where not measured.
         place: of the temperatures in the tables.
-        doubt: (5, n) of `CellTables.doubt_at`: what is not known at these temperatures.
+        uncertainty: (5, n) of `CellTables.uncertainty_at`: what is not known at these temperatures.
     """
 
     voltage_v: FloatArray
     place: Place
-    doubt: FloatArray
+    uncertainty: FloatArray
 
     @property
     def is_measured(self) -> BoolArray:
@@ -177,7 +177,7 @@ def read(
     voltage = np.where((voltage_v > VOLTAGE_MIN_V) & (voltage_v < VOLTAGE_MAX_V), voltage_v, np.nan)
     known = np.abs(temperature_degc) < TEMPERATURE_MAX_DEGC
     degc = np.where(known, temperature_degc, state.temperature_degc)
-    measured = Measurement(voltage, cell.place_temperature(degc), cell.doubt_at(degc))
+    measured = Measurement(voltage, cell.place_temperature(degc), cell.uncertainty_at(degc))
     return replace(state, temperature_degc=degc), measured
 
 
@@ -263,14 +263,14 @@ def motion_of(
 
 
 def noise_v2(setup: FilterSetup, motion: Motion, measured: Measurement) -> FloatArray:
-    """Return (n,) r = r_0 + (share of the drop that a lasting current causes here)^2, doubt included [V^2]."""
-    drop_v = measured.doubt[LASTING_DROP] * motion.current_a
-    return np.asarray(setup.tuning.voltage_variance(drop_v) + (measured.doubt[DROP_ERROR] * drop_v) ** 2)
+    """Return (n,) r = r_0 + (share of the drop that a lasting current causes here)^2, uncertainty included [V^2]."""
+    drop_v = measured.uncertainty[LASTING_DROP] * motion.current_a
+    return np.asarray(setup.tuning.voltage_variance(drop_v) + (measured.uncertainty[DROP_ERROR] * drop_v) ** 2)
 
 
 def empty_growth(setup: FilterSetup, state: State, measured: Measurement) -> FloatArray:
     """Return (n,) growth of the model's error where the cell is nearly empty, which in the cold it looks early."""
-    tuning, cold = setup.tuning, measured.doubt[COLD]
+    tuning, cold = setup.tuning, measured.uncertainty[COLD]
     empty = np.minimum(tuning.empty_soc * cold, tuning.empty_soc_max)
     low = np.maximum(empty - state.soc, 0.0) / empty
     return np.asarray(1.0 + low * (tuning.empty_factor * cold - 1.0))
@@ -283,8 +283,8 @@ def lasting_v2(setup: FilterSetup, state: State, motion: Motion, measured: Measu
     """
     tuning, cell = setup.tuning, setup.cell
     slow_a = motion.current_a if cell.slow_pair < 0 else state.branch_a[cell.slow_pair]
-    drop_v = measured.doubt[LASTING_DROP] * slow_a * empty_growth(setup, state, measured)
-    share2 = tuning.lasting_rel**2 + measured.doubt[DROP_ERROR] ** 2
-    rest_v2 = tuning.lasting_v**2 + measured.doubt[OCV_ERROR] ** 2
+    drop_v = measured.uncertainty[LASTING_DROP] * slow_a * empty_growth(setup, state, measured)
+    share2 = tuning.lasting_rel**2 + measured.uncertainty[DROP_ERROR] ** 2
+    rest_v2 = tuning.lasting_v**2 + measured.uncertainty[OCV_ERROR] ** 2
     rest_v2 = rest_v2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
     return np.asarray(np.minimum(rest_v2 + share2 * drop_v**2, LASTING_VARIANCE_MAX))

@@ -57,9 +57,9 @@ def update(
     S = Pyy + error_v2 * motion.correlation
     gain = np.where(used, Pxy / S, 0.0)
     wander_v2 = motion.correlation * (output.H[0] ** 2 * state.wander_v2 + state.slow_square_v2)
-    S_g = measured.doubt[COLD] ** 2 * (S + wander_v2)
+    S_g = measured.uncertainty[COLD] ** 2 * (S + wander_v2)
     innovation = Innovation(nu, sigma, used)
-    learns = used & (measured.doubt[DROP_ERROR] < setup.tuning.drop_error_max)
+    learns = used & (measured.uncertainty[DROP_ERROR] < setup.tuning.drop_error_max)
     state = learn_gain(state, learns, output.H, nu, gain, S_g, motion.is_beyond)
     moved = gain * np.where(used, nu, 0.0)
     after = replace(

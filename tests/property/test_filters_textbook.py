@@ -95,12 +95,12 @@ def test_three_points_equal_the_full_set(
     decay = np.concatenate(([1.0], np.exp(-dt / cell.tau_s)))
     gain = np.concatenate(([-motion.moved_ah / cell.model.capacity_ah], (1.0 - decay[1:]) * current))
     gain[-1] = 0.0  # nothing drives the lasting error
-    doubt = cell.doubt_at(np.array([degc]))[:, 0]
-    drop_v = doubt[LASTING_DROP] * current
-    error_v2 = OPEN_GATE.voltage_variance(drop_v) + (doubt[DROP_ERROR] * drop_v) ** 2
+    uncertainty = cell.uncertainty_at(np.array([degc]))[:, 0]
+    drop_v = uncertainty[LASTING_DROP] * current
+    error_v2 = OPEN_GATE.voltage_variance(drop_v) + (uncertainty[DROP_ERROR] * drop_v) ** 2
     predicted_soc = mean[0] + gain[0]
-    empty = min(OPEN_GATE.empty_soc * doubt[COLD], OPEN_GATE.empty_soc_max)
-    growth = 1.0 + max(empty - predicted_soc, 0.0) / empty * (OPEN_GATE.empty_factor * doubt[COLD] - 1.0)
+    empty = min(OPEN_GATE.empty_soc * uncertainty[COLD], OPEN_GATE.empty_soc_max)
+    growth = 1.0 + max(empty - predicted_soc, 0.0) / empty * (OPEN_GATE.empty_factor * uncertainty[COLD] - 1.0)
     noise_v2 = error_v2 * growth**2 * motion.correlation
     # the textbook's points lie along the SOC at the surface, where that is not the SOC
     to_surface = np.eye(mean.size)

@@ -10,7 +10,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.sigma_points import central_difference
-from app.estimation.filters.tables import DOUBT_DEGC, CellTables
+from app.estimation.filters.tables import UNCERTAINTY_DEGC, CellTables
 from app.estimation.filters.tuning import Tuning
 
 SOC_STEP = 0.005  # of the tables: coarser than on a PC, for the flash
@@ -36,7 +36,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "has_tau_table": int(cell.has_tau_table),
         "has_surface": int(cell.has_surface),
         "slow_pair": cell.slow_pair,
-        "n_doubt": cell.doubt.shape[0],
+        "n_uncertainty": cell.uncertainty.shape[0],
         "width": table.shape[-1],
         "soc_low": _number(cell.soc_low),
         "soc_step": _number(cell.soc_step),
@@ -47,14 +47,14 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "hysteresis_rate": _number(model.hysteresis_rate),
         "drop_per_a_v": _number(model.drop_per_c_v / model.c_rate_a),
         "seen_a": _number(cell.seen_a),
-        "doubt_low_degc": _number(DOUBT_DEGC[0]),
-        "doubt_step_k": _number(DOUBT_DEGC[2]),
+        "uncertainty_low_degc": _number(UNCERTAINTY_DEGC[0]),
+        "uncertainty_step_k": _number(UNCERTAINTY_DEGC[2]),
         "temperature_degc": "vw_cell_temperature_degc",
         "table": "vw_cell_table",
         "ocv_slope_v": "vw_cell_ocv_slope_v",
         "reading_slope_v": "vw_cell_reading_slope_v",
         "tau_s": "vw_cell_tau_s",
-        "doubt": "vw_cell_doubt",
+        "uncertainty": "vw_cell_uncertainty",
         "surface": "vw_cell_surface" if cell.has_surface else "0",
     }
     rule_fields = {name: _number(getattr(rule, name)) for name in ("spread", "weight", "curvature")}
@@ -76,7 +76,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         _array("vw_cell_ocv_slope_v", cell.ocv_slope_v),
         _array("vw_cell_reading_slope_v", cell.reading_slope_v),
         _array("vw_cell_tau_s", cell.tau_s),
-        _array("vw_cell_doubt", cell.doubt),
+        _array("vw_cell_uncertainty", cell.uncertainty),
         *([_array("vw_cell_surface", cell.surface)] if cell.has_surface else []),
         _struct("vw_cell_model", "vw_cell_model_of_team", fields),
         _struct("vw_sigma_rule", "vw_rule_of_team", rule_fields),

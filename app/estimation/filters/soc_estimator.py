@@ -111,9 +111,9 @@ class SocEstimator:
         """Return (n_cells,) capacities as far as the run contradicts the ones counted with, and their sigmas [Ah]."""
         counted_ah, gain = self.engine.get("capacity_ah"), self.engine.get("gain")
         per_gain_ah = counted_ah / (1.0 + gain) ** 2
-        doubt = self.tuning.gain_doubt
+        uncertainty = self.tuning.gain_uncertainty
         return counted_ah / (1.0 + self.engine.get("fused_gain")), per_gain_ah * np.sqrt(
-            doubt * self.engine.get("gain_v2")
+            uncertainty * self.engine.get("gain_v2")
         )
 
     def use_resistance(self, factor: ArrayLike) -> None:

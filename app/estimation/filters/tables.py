@@ -25,8 +25,8 @@ LASTING_OHM: Final = 1.0  # the state of the lasting error is a current through 
 LASTING_S: Final = 600.0  # its correlation time
 SEEN_FACTOR: Final = 1.1  # times the largest current of the fit: a current that is larger was not seen
 CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
-DROP_ERROR, OCV_ERROR, LASTING_DROP, COLD, LOWEST = range(5)  # columns of the doubt
-DOUBT_DEGC: Final = (-60.0, 120.0, 2.5)  # temperatures of the doubt: first, last, step
+DROP_ERROR, OCV_ERROR, LASTING_DROP, COLD, LOWEST = range(5)  # columns of the uncertainty
+UNCERTAINTY_DEGC: Final = (-60.0, 120.0, 2.5)  # temperatures of the uncertainty: first, last, step
 
 Place = tuple[IntArray, FloatArray]  # grid index and weight of the next point, for each cell
 
@@ -42,9 +42,9 @@ class CellTables:
         slow_pair: which RC pair is the slowest, -1 without any.
         table: (n_t, n_soc, 4 + n_rc) OCV [V], R0 [ohm], e [V], 1 / i_ref [1/A] and R_k [ohm].
         surface: (n_t, n_rc - 1) d_k at the temperatures [1/A], zeros where the model has no surface.
-        doubt: (n, 5) what is not known at temperatures even apart: share by which resistances may be off, how far the
-            OCV may be off [V], voltage a lasting current takes for each ampere [ohm], how much earlier than at 25 degC
-            the cell looks empty, and the lowest SOC that was seen under load.
+        uncertainty: (n, 5) what is not known at temperatures even apart: share by which resistances may be off, how
+            far the OCV may be off [V], voltage a lasting current takes for each ampere [ohm], how much earlier than
+            at 25 degC the cell looks empty, and the lowest SOC that was seen under load.
         seen_a: largest current that the model was made of; where the file does not say, the largest of any cell [A].
         ocv_slope_v: (n_soc,) dOCV/dSOC; with a smoothed OCV this is the smoothed slope [V].
         reading_slope_v: (n_soc,) volts per SOC at which a voltage READING_V off reads the SOC, the less of both sides.
@@ -79,7 +79,7 @@ class CellTables:
         self.has_tau_table = any(np.ptp(tau) > 0.0 for tau in model.tau_s)
         taus = np.stack([*rc[model.n_rc :], lasting_s], axis=-1)
         self.tau_s = np.ascontiguousarray(taus if self.has_tau_table else taus[0, 0])
-        self.doubt = _doubt(model)
+        self.uncertainty = _uncertainty(model)
         self.seen_a = SEEN_FACTOR * model.fit_current_max_a or CURRENT_MAX_C * model.capacity_ah
 
     def packed(self, width: int | None = None) -> FloatArray:
@@ -102,13 +102,13 @@ class CellTables:
         """Return the table row (n,) and the weight (n,) of the next one, for each temperature [degC]."""
         return _place(np.interp(temperature_degc, self.temperature_degc, np.arange(self.temperature_degc.size)))
 
-    def doubt_at(self, temperature_degc: FloatArray) -> FloatArray:
-        """Return (5, n) the doubt at each temperature [degC]."""
-        low, _, step = DOUBT_DEGC
-        x = np.clip((temperature_degc - low) / step, 0.0, self.doubt.shape[0] - 1.0)
-        j = np.minimum(x.astype(np.intp), self.doubt.shape[0] - 2)
+    def uncertainty_at(self, temperature_degc: FloatArray) -> FloatArray:
+        """Return (5, n) the uncertainty at each temperature [degC]."""
+        low, _, step = UNCERTAINTY_DEGC
+        x = np.clip((temperature_degc - low) / step, 0.0, self.uncertainty.shape[0] - 1.0)
+        j = np.minimum(x.astype(np.intp), self.uncertainty.shape[0] - 2)
         w = (x - j)[:, None]
-        return np.asarray((self.doubt[j] + w * (self.doubt[j + 1] - self.doubt[j])).T)
+        return np.asarray((self.uncertainty[j] + w * (self.uncertainty[j + 1] - self.uncertainty[j])).T)
 
     def place_soc(self, soc: FloatArray) -> Place:
         """Return the grid index and the weight of the next point, for each SOC."""
@@ -178,8 +178,8 @@ class CellTables:
         return np.asarray(np.clip(soc, *SOC_INVERSE))
 
 
-def _doubt(model: CellModel) -> FloatArray:
-    low, high, step = DOUBT_DEGC
+def _uncertainty(model: CellModel) -> FloatArray:
+    low, high, step = UNCERTAINTY_DEGC
     degc = np.arange(low, high + 0.5 * step, step)
     colder = np.maximum(1.0 / (degc + KELVIN) - 1.0 / (REFERENCE_DEGC + KELVIN), 0.0)
     columns = [model.drop_error(degc), model.ocv_error_v(degc), model.lasting_ohm(degc)]

@@ -57,17 +57,17 @@ class Tuning:
         rest_unsettled: where no SOC was given, all that reads a voltage which is seen to relax errs by this share of
             its slope times `rest_tail_s`, at most by twice what `rest_driven_c` drops ...
         rest_lasts_s: ... for so long [s].
-        rest_doubt_soc: a rest that tells the SOC much better than this leaves little of a claim to be exact.
-        start_rough_sigma: sigma of a SOC that was given and is not as exact as was said.
-        start_exact: probability that a SOC is as exact as was said ...
-        start_rough: ... and that it is roughly right; otherwise it says nothing.
+        rest_uncertainty_soc: a rest that gives the SOC much better than this leaves little of a claim to be exact.
+        start_rough_sigma: sigma of a SOC that was given and is not as exact as its sigma.
+        start_exact: probability that a SOC is as exact as its sigma ...
+        start_rough: ... and that it is roughly right; otherwise it is no evidence.
         counter_gain: relative error of charge over capacity.
         counter_offset_c: offset of the current sensor, in C.
         start_unknown: weight of having no right start at all, once the voltages are in: density over all SOC.
         gain_sigma: sigma of the charge that moves the SOC against what the capacity says: old cells, wrong cell files.
-        gain_doubt: variance of that over the filter's own when it is asked whether the capacity is right.
+        gain_uncertainty: variance of that over the filter's own when it is asked whether the capacity is right.
         gain_prior: probability beforehand that it is not.
-        doubt_soc: largest sigma of a disagreement: what lies many of them apart is no accident, however little the
+        apart_soc_max: largest sigma of a disagreement: what lies many of them apart is no accident, however little the
             filter knows.
         wander_s: a count does not move within this time, so what the filter moves against it is the filter's error [s].
         wander_factor: variance of that error over the part of it that shows within the time: errors last longer.
@@ -117,7 +117,7 @@ class Tuning:
     rest_slow: float = 0.4
     rest_unsettled: float = 0.25
     rest_lasts_s: float = 300.0
-    rest_doubt_soc: float = 0.03
+    rest_uncertainty_soc: float = 0.03
     start_rough_sigma: float = 0.1
     start_exact: float = 0.5
     start_rough: float = 0.4
@@ -125,9 +125,9 @@ class Tuning:
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05
     gain_sigma: float = 0.07
-    gain_doubt: float = 2.0
+    gain_uncertainty: float = 2.0
     gain_prior: float = 0.5
-    doubt_soc: float = 0.06
+    apart_soc_max: float = 0.06
     wander_s: float = 200.0
     wander_factor: float = 2.0
     plateau_soc: float = 0.1

@@ -112,5 +112,5 @@ def shared_factor(factor: ArrayLike) -> FloatArray:
     found = np.asarray(factor, dtype=np.float64)
     growth = found - 1.0
     growth6 = (growth * growth) * (growth * growth) * (growth * growth)
-    doubt6 = np.where(found < 1.0, LESS_SHAPE_ERROR**6, SHAPE_ERROR**6)
-    return np.asarray(1.0 + growth * growth6 / (growth6 + doubt6))
+    uncertainty6 = np.where(found < 1.0, LESS_SHAPE_ERROR**6, SHAPE_ERROR**6)
+    return np.asarray(1.0 + growth * growth6 / (growth6 + uncertainty6))

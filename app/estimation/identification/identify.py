@@ -379,7 +379,7 @@ def _warnings(fits: Sequence[PartFit], capacity_ah: float) -> list[str]:
 
 
 def _flat(slow: SlowCurves) -> list[str]:
-    """Warn of a cell whose voltage hardly tells its SOC."""
+    """Warn of a cell whose voltage hardly determines its SOC."""
     if not slow.is_flat:
         return []
     gap_v = float(np.median(slow.charge_v - slow.discharge_v))

@@ -39,7 +39,7 @@ COUNT_TOLERANCE: Final = (
 )
 REST_SHARE: Final = 0.3  # share of the way from discharge to charge branch: half for diffusion, less with hysteresis
 GRID_POINTS: Final = 401
-FLAT_V: Final = 0.15  # per unit of SOC: an OCV that rises less tells little
+FLAT_V: Final = 0.15  # per unit of SOC: an OCV that rises less determines little
 FLAT_SHARE: Final = 0.25  # share of the range: less is a dip that a drive passes
 END_SOC: Final = 0.02  # the last part of the discharge ...
 END_STEEPNESS: Final = 3.0  # ... falls at least this many times as fast as the middle where a cell is empty
@@ -57,7 +57,7 @@ class SlowCurves:
         current_a: magnitude of the discharge current [A].
         has_charge: a charging branch was recorded as well as a discharge.
         notes: what was assumed, in plain words.
-        warnings: what makes the curves doubtful.
+        warnings: what makes the curves uncertaintyful.
         is_loaded: the curves hold the drop of a current that was not slow: rests do not lie on them.
     """
 
@@ -83,7 +83,7 @@ class SlowCurves:
 
     @property
     def is_flat(self) -> bool:
-        """Whether a voltage hardly tells the SOC, so that charge that was counted says more."""
+        """Whether a voltage hardly determines the SOC, so that counted charge counts more."""
         return self.flat_share >= FLAT_SHARE
 
 
@@ -130,7 +130,7 @@ def read_slow(recordings: Sequence[Recording], pulses: Sequence[Recording] = ())
         charges = []
     if base.moved_ah < 0.0:
         notes.append(f"{base.recording.source}: no slow discharge: the OCV follows the charge")
-    _doubt_the_end(grid, discharge_v, base, warnings)
+    _uncertainty_the_end(grid, discharge_v, base, warnings)
     charge_v = discharge_v
     if discharges and charges:
         charge = charges[0]
@@ -262,7 +262,7 @@ def _from_two(low: Branch, high: Branch, counted_ah: float, grid: FloatArray) ->
     return from_two_currents(grid, low_v, low_v - drop_v, low.current_a, high.current_a).voltage(grid)
 
 
-def _doubt_the_end(grid: FloatArray, curve_v: FloatArray, base: Branch, warnings: list[str]) -> None:
+def _uncertainty_the_end(grid: FloatArray, curve_v: FloatArray, base: Branch, warnings: list[str]) -> None:
     """Warn where the curve ends without the steep fall of an empty cell: then SOC 0 is not empty."""
     end = float(np.interp(END_SOC, grid, curve_v) - curve_v[0]) / END_SOC
     usual = float(np.median(np.diff(curve_v) / np.diff(grid)))

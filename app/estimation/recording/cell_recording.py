@@ -26,7 +26,7 @@ HOT_DEGC = 65.0  # a cell that is usually warmer is rather written in Fahrenheit
 SPIKE_RATIO = 20.0  # times the third largest current: one row or two beyond are no current
 SPIKE_EVIDENCE = 0.01  # share of the rows under a like current that it takes to call those two a spike
 SHORT_STEP_S = 0.005  # rows that lie closer are rather minutes or hours taken for seconds
-SWING_DOUBT = (
+SWING_UNCERTAINTY = (
     1.3  # share of the capacity: more charge between the highest and lowest point of a run is a wrong count ...
 )
 SWING_MAX = 5.0  # ... and so much more another unit, clock or cell
@@ -160,7 +160,7 @@ def believable(recording: Recording, capacity_ah: float) -> Recording:
     question = "is time_s in seconds, current_a in amperes, and is it this cell?"
     if moved_ah > SWING_MAX * capacity_ah:
         raise DatasetError(recording.source, f"{problem}: {question}")
-    if moved_ah > SWING_DOUBT * capacity_ah:
+    if moved_ah > SWING_UNCERTAINTY * capacity_ah:
         recording = replace(recording, notes=(*recording.notes, f"warning: {problem}: {question}"))
     return recording
 

@@ -9,7 +9,7 @@ from app.estimation.filters.tables import LOWEST
 from app.estimation.filters.tuning import Tuning
 from tests.oracle.cells import sample, setup_of, state_at
 from tests.oracle.engine import ReferenceEngine
-from tests.oracle.fusion import believe_gain, fuse, read_rest, self_check, watch_rest
+from tests.oracle.fusion import fuse, read_rest, self_check, watch_rest, weigh_gain
 from tests.oracle.output import Output
 from tests.oracle.state import N_STARTS, motion_of, noise_v2
 
@@ -24,9 +24,9 @@ def fused(state, dt_s, look_s, filter_v2, slope_v=1.0, lowest=0.0):
         h=one, H=np.ones((1 + SETUP.cell.n_rc, state.soc.size)), bend_v2=0.0 * one, ocv_slope_v=slope_v * one
     )
     _, _, measured = sample(SETUP, state)
-    doubt = measured.doubt.copy()
-    doubt[LOWEST] = lowest
-    measured = replace(measured, doubt=doubt)
+    uncertainty = measured.uncertainty.copy()
+    uncertainty[LOWEST] = lowest
+    measured = replace(measured, uncertainty=uncertainty)
     motion = motion_of(SETUP, dt_s, 0.0, since_s=look_s)
     return fuse(SETUP, state, motion, measured, output, filter_v2 * one)
 
@@ -175,7 +175,7 @@ def test_a_disagreement_beyond_both_errors_widens_sigma_and_clears_the_verdict()
 
 def gain_believed(gain, sigma):
     state = replace(state_at(SETUP, 0.5), gain=np.array([gain]), gain_v2=np.array([sigma**2]))
-    believed, variance = believe_gain(SETUP, state)
+    believed, variance = weigh_gain(SETUP, state)
     return believed[0], variance[0]
 
 
@@ -228,7 +228,7 @@ def test_a_rest_that_ends_early_is_heard_about_a_start_that_was_given_and_says_n
     assert rested(0.6, lasted_s=1.0, then_a=50.0).start_weight[2] == 0.0
 
 
-def test_a_voltage_that_still_rises_is_read_higher_and_with_more_doubt():
+def test_a_voltage_that_still_rises_is_read_higher_and_with_more_uncertainty():
     still, rising = rested(), rested(rises_v=0.004)
     assert rising.start_soc[2] > still.start_soc[2] + 0.005
     assert rising.start_v2[2] > still.start_v2[2]
@@ -240,7 +240,7 @@ def test_the_noise_of_a_sensor_is_no_relaxation():
     assert short.start_soc[2] == pytest.approx(0.6, abs=0.003)
 
 
-def test_a_rest_of_a_cell_that_nobody_knew_is_read_with_more_doubt():
+def test_a_rest_of_a_cell_that_nobody_knew_is_read_with_more_uncertainty():
     unknown = rested()
     assert unknown.start_weight[:2, 0].tolist() == [0.0, 0.0]
     assert unknown.start_weight[2:].sum() == pytest.approx(1.0)

@@ -43,12 +43,12 @@ MEASURED = setup_of(replace(MODEL, fit_temperature_degc=np.array([20.0, 30.0])))
 def test_where_nothing_was_measured_the_model_is_trusted_less_inside_its_tables_too():
     _, drive, inside = sample(MEASURED, TWO, degc=[20.0, 30.0], current_a=50.0)
     _, _, outside = sample(MEASURED, TWO, degc=[0.0, 15.0], current_a=50.0)
-    doubted = noise_v2(MEASURED, drive, outside)
-    known = MEASURED.tuning.voltage_variance(outside.doubt[LASTING_DROP] * 50.0)
-    known_v2 = MEASURED.tuning.voltage_variance(inside.doubt[LASTING_DROP] * 50.0)
+    uncertaintyed = noise_v2(MEASURED, drive, outside)
+    known = MEASURED.tuning.voltage_variance(outside.uncertainty[LASTING_DROP] * 50.0)
+    known_v2 = MEASURED.tuning.voltage_variance(inside.uncertainty[LASTING_DROP] * 50.0)
     np.testing.assert_allclose(noise_v2(MEASURED, drive, inside), known_v2)
-    assert (doubted > known).all()
-    assert doubted[0] > doubted[1]
+    assert (uncertaintyed > known).all()
+    assert uncertaintyed[0] > uncertaintyed[1]
     _, rest, cold = sample(MEASURED, TWO, degc=[0.0, 15.0])
     rest_v2 = SETUP.tuning.voltage_variance(np.zeros(2))
     np.testing.assert_allclose(

@@ -100,15 +100,30 @@ class CellModelStruct(ctypes.Structure):
 
     _fields_ = [
         *[(name, _int32) for name in ("n_rc", "n_soc", "n_temperatures", "has_overpotential", "has_tau_table")],
-        *[(name, _int32) for name in ("has_surface", "slow_pair", "n_doubt", "width")],
+        *[(name, _int32) for name in ("has_surface", "slow_pair", "n_uncertainty", "width")],
         *[(name, _real) for name in ("soc_low", "soc_step", "capacity_ah", "efficiency", "overpotential_a")],
         *[
             (name, _real)
-            for name in ("hysteresis_v", "hysteresis_rate", "drop_per_a_v", "seen_a", "doubt_low_degc", "doubt_step_k")
+            for name in (
+                "hysteresis_v",
+                "hysteresis_rate",
+                "drop_per_a_v",
+                "seen_a",
+                "uncertainty_low_degc",
+                "uncertainty_step_k",
+            )
         ],
         *[
             (name, _pointer)
-            for name in ("temperature_degc", "table", "ocv_slope_v", "reading_slope_v", "tau_s", "doubt", "surface")
+            for name in (
+                "temperature_degc",
+                "table",
+                "ocv_slope_v",
+                "reading_slope_v",
+                "tau_s",
+                "uncertainty",
+                "surface",
+            )
         ],
     ]
 

@@ -26,7 +26,7 @@ from app.estimation.filters.engine.library import (
 )
 from app.estimation.filters.estimates import N_OUT
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DOUBT_DEGC, CellTables
+from app.estimation.filters.tables import UNCERTAINTY_DEGC, CellTables
 
 VECTOR_BYTES: Final = 64  # of the widest that a processor has
 ANSWERS: Final = 32  # of steps, in memory that is asked for at once: an array of its own for each takes longer
@@ -203,7 +203,7 @@ def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
         cell.has_tau_table,
         cell.has_surface,
         cell.slow_pair,
-        cell.doubt.shape[0],
+        cell.uncertainty.shape[0],
         table.shape[-1],
         cell.soc_low,
         cell.soc_step,
@@ -214,8 +214,8 @@ def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
         model.hysteresis_rate,
         model.drop_per_c_v / model.c_rate_a,
         cell.seen_a,
-        DOUBT_DEGC[0],
-        DOUBT_DEGC[2],
+        UNCERTAINTY_DEGC[0],
+        UNCERTAINTY_DEGC[2],
         *(
             each.ctypes.data
             for each in (
@@ -224,7 +224,7 @@ def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
                 cell.ocv_slope_v,
                 cell.reading_slope_v,
                 cell.tau_s,
-                cell.doubt,
+                cell.uncertainty,
                 cell.surface,
             )
         ),

@@ -18,16 +18,16 @@ void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature
     }
 }
 
-void vw_doubt(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *doubt)
+void vw_cell_model_uncertainty(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *uncertainty)
 {
-    const vw_real last = (vw_real)(model->n_doubt - 1), per_step = 1 / model->doubt_step_k;
+    const vw_real last = (vw_real)(model->n_uncertainty - 1), per_step = 1 / model->uncertainty_step_k;
     VW_EACH_CELL(c)
     {
-        const vw_real x = vw_clip((temperature_degc[c] - model->doubt_low_degc) * per_step, 0, last);
+        const vw_real x = vw_clip((temperature_degc[c] - model->uncertainty_low_degc) * per_step, 0, last);
         const int j = (int)vw_min(x, last - 1);
-        const vw_real *here = model->doubt + j * VW_DOUBTS;
-        for (int q = 0; q < VW_DOUBTS; q++)
-            doubt[q][c] = here[q] + (x - (vw_real)j) * (here[VW_DOUBTS + q] - here[q]);
+        const vw_real *here = model->uncertainty + j * VW_UNCERTAINTIES;
+        for (int q = 0; q < VW_UNCERTAINTIES; q++)
+            uncertainty[q][c] = here[q] + (x - (vw_real)j) * (here[VW_UNCERTAINTIES + q] - here[q]);
     }
 }
 

@@ -31,7 +31,7 @@ enum {
     VW_LASTING_DROP, /* voltage that a lasting current costs [V/A] */
     VW_COLD,         /* how much earlier than at 25 degC it looks empty */
     VW_LOWEST,       /* lowest SOC that its model has seen under load */
-    VW_DOUBTS
+    VW_UNCERTAINTIES
 };
 
 typedef struct {
@@ -42,7 +42,7 @@ typedef struct {
     int32_t has_tau_table; /* whether time constants change with SOC or temperature */
     int32_t has_surface;   /* whether there are d_k and a table of i_ref */
     int32_t slow_pair;     /* the slowest RC pair, -1 without any */
-    int32_t n_doubt;       /* temperatures of the doubt, >= 2 */
+    int32_t n_uncertainty;       /* temperatures of the uncertainty, >= 2 */
     int32_t width;         /* numbers from one point of the table to the next; 4 and 8 are fast on a PC */
     vw_real soc_low;             /* SOC of the first point */
     vw_real soc_step;            /* from one point to the next */
@@ -53,14 +53,14 @@ typedef struct {
     vw_real hysteresis_rate;     /* how fast h follows, per unit of SOC moved */
     vw_real drop_per_a_v;        /* voltage that a lasting current costs [V/A] */
     vw_real seen_a;              /* largest current that the model was made of [A] */
-    vw_real doubt_low_degc;      /* first temperature of the doubt [degC] */
-    vw_real doubt_step_k;        /* from one to the next [K] */
+    vw_real uncertainty_low_degc;      /* first temperature of the uncertainty [degC] */
+    vw_real uncertainty_step_k;        /* from one to the next [K] */
     const vw_real *temperature_degc; /* (n_temperatures) rising [degC] */
     const vw_real *table;        /* (n_temperatures, n_soc, width) [V, ohm, ohm .. V] */
     const vw_real *ocv_slope_v;  /* (n_soc) dOCV/dSOC [V] */
     const vw_real *reading_slope_v; /* (n_soc) volts per SOC at which a voltage reads the SOC, see tables.py [V] */
     const vw_real *tau_s;        /* (n_rc) time constants, or (n_temperatures, n_soc, n_rc) where has_tau_table [s] */
-    const vw_real *doubt;        /* (n_doubt, VW_DOUBTS) */
+    const vw_real *uncertainty;        /* (n_uncertainty, VW_UNCERTAINTIES) */
     const vw_real *surface;      /* (n_temperatures, n_rc - 1) d_k [1/A], where has_surface */
 } vw_cell_model;
 
@@ -102,8 +102,8 @@ static inline int vw_columns(const vw_cell_model *model)
 void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place);
 void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place);
 
-/* The doubt at each temperature: `doubt` has VW_DOUBTS rows. */
-void vw_doubt(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *doubt);
+/* The uncertainty at each temperature: `uncertainty` has VW_UNCERTAINTIES rows. */
+void vw_cell_model_uncertainty(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *uncertainty);
 
 /* Bring the segments of a block up to the places of its cells: OCV, R0, R_k and e, or the OCV alone. */
 void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,

@@ -25,28 +25,28 @@ static void copy(vw_real *to, const vw_real *from, int n)
         for (int c = 0; c < n; c++) to[c] = from[c];
 }
 
-/* What the temperatures of a block say, beginning with the doubt about the model there. */
-static void feel(const vw_filter *filter, const vw_lanes degc, vw_climate *climate)
+/* What the temperatures of a block set, beginning with the uncertainty about the model there. */
+static void set_climate(const vw_filter *filter, const vw_lanes degc, vw_climate *climate)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real hysteresis_v2 = vw_square(t->lasting_hysteresis * filter->model.hysteresis_v);
-    vw_lanes doubt[VW_DOUBTS];
+    vw_lanes uncertainty[VW_UNCERTAINTIES];
     vw_place_temperature(&filter->model, degc, &climate->place);
-    vw_doubt(&filter->model, degc, doubt);
+    vw_cell_model_uncertainty(&filter->model, degc, uncertainty);
     vw_surface(&filter->model, &climate->place, climate->surface);
     VW_EACH_CELL(c)
     {
-        const vw_real error2 = vw_square(doubt[VW_DROP_ERROR][c]), ohm2 = vw_square(doubt[VW_LASTING_DROP][c]);
+        const vw_real error2 = vw_square(uncertainty[VW_DROP_ERROR][c]), ohm2 = vw_square(uncertainty[VW_LASTING_DROP][c]);
         climate->degc[c] = degc[c];
-        climate->drop_error[c] = doubt[VW_DROP_ERROR][c];
-        climate->lowest_soc[c] = doubt[VW_LOWEST][c];
-        climate->cold2[c] = vw_square(doubt[VW_COLD][c]);
+        climate->drop_error[c] = uncertainty[VW_DROP_ERROR][c];
+        climate->lowest_soc[c] = uncertainty[VW_LOWEST][c];
+        climate->cold2[c] = vw_square(uncertainty[VW_COLD][c]);
         climate->noise_ohm2[c] = (vw_square(t->model_error_rel) + error2) * ohm2;
-        climate->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(doubt[VW_OCV_ERROR][c]) + hysteresis_v2;
+        climate->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(uncertainty[VW_OCV_ERROR][c]) + hysteresis_v2;
         climate->lasting_ohm2[c] = (vw_square(t->lasting_rel) + error2) * ohm2;
         climate->relaxing_v2[c] = vw_square(t->rest_driven_c * filter->model.capacity_ah) * ohm2;
-        climate->empty_soc[c] = vw_min(t->empty_soc * doubt[VW_COLD][c], t->empty_soc_max);
-        climate->empty_rise[c] = (t->empty_factor * doubt[VW_COLD][c] - 1) / climate->empty_soc[c];
+        climate->empty_soc[c] = vw_min(t->empty_soc * uncertainty[VW_COLD][c], t->empty_soc_max);
+        climate->empty_rise[c] = (t->empty_factor * uncertainty[VW_COLD][c] - 1) / climate->empty_soc[c];
     }
 }
 
@@ -68,7 +68,7 @@ void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sam
         x->temperature_degc[c] = degc[c];
     }
     if (n_changed == 0) return;
-    feel(filter, degc, &x->climate);
+    set_climate(filter, degc, &x->climate);
 #if VW_KEEPS_SEGMENTS
     for (int k = 0; k < VW_SEGMENTS; k++)
         VW_EACH_CELL(c) x->segments[k].column[c] = VW_NOWHERE;

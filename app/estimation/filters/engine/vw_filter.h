@@ -51,7 +51,7 @@ typedef struct {
     vw_real rest_slow;
     vw_real rest_unsettled;
     vw_real rest_lasts_s;
-    vw_real rest_doubt_soc;
+    vw_real rest_uncertainty_soc;
     vw_real start_rough_sigma;
     vw_real start_exact;
     vw_real start_rough;
@@ -59,9 +59,9 @@ typedef struct {
     vw_real counter_offset_c;
     vw_real start_unknown;
     vw_real gain_sigma;
-    vw_real gain_doubt;
+    vw_real gain_uncertainty;
     vw_real gain_prior;
-    vw_real doubt_soc;
+    vw_real apart_soc_max;
     vw_real wander_s;
     vw_real wander_factor;
     vw_real plateau_soc;

@@ -111,13 +111,13 @@ static void add(vw_real *sum, vw_real weight, vw_real soc, vw_real v2)
     sum[2] += weight * (v2 + vw_square(soc));
 }
 
-/* The voltage of a rest from the start on is a witness: of the SOC that was given, and a hypothesis of its own, settled
+/* The voltage of a rest from the start on is evidence: about the SOC that was given, and a hypothesis of its own, settled
  * or relaxing. What is given is held against both readings.
  *
- * To believe a SOC that is wrong costs what it is off, to refuse one that is right what the reading errs: the exact one
- * loses a share rest_doubt_soc^2 / (s_z^2 + rest_doubt_soc^2), s_z what s means in SOC.
+ * To use a SOC that is wrong costs what it is off, to refuse one that is right what the reading errs: the exact one
+ * loses a share rest_uncertainty_soc^2 / (s_z^2 + rest_uncertainty_soc^2), s_z what s means in SOC.
  *
- * A rest that ends early is heard about a SOC that was given only. One that goes on is heard for the moment, and again
+ * A rest that ends early counts against a SOC that was given only. One that goes on counts for the moment, and again
  * as a whole. */
 void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
@@ -133,7 +133,7 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         vw_real sums[VW_STARTS][3] = {{0}}, total = 0;
         for (int j = 0; j < READINGS; j++) {
             const vw_reading *read = &readings[j];
-            vw_real kept = read->v2 / (read->v2 + vw_square(t->rest_doubt_soc));
+            vw_real kept = read->v2 / (read->v2 + vw_square(t->rest_uncertainty_soc));
             for (int k = 0; is_given && k < GIVEN; k++) {
                 const vw_real soc = x->start_soc[k][c], v2 = x->start_v2[k][c], d = read->soc - soc, both_v2 = v2 + read->v2;
                 const vw_real weight = x->start_weight[k][c] * read->weight * normal(d, both_v2) * kept;
@@ -154,17 +154,17 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
     }
 }
 
-/* How far the capacity of the cell file is doubted, and so the gain that filter and counts go with.
+/* How far the capacity of the cell file is uncertaintyed, and so the gain that filter and counts go with.
  *
- *   p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = doubt M
+ *   p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = uncertainty M
  *
  * `gain_v2` becomes the variance of p g.
  */
-static void believe_gain(const vw_tuning *t, vw_cells *restrict x, vw_lanes gain_v2)
+static void weigh_gain(const vw_tuning *t, vw_cells *restrict x, vw_lanes gain_v2)
 {
     const vw_real odds = (1 - t->gain_prior) / t->gain_prior * t->gain_sigma;
     vw_lanes s2, likely;
-    VW_EACH_CELL(c) s2[c] = vw_max(t->gain_doubt * x->gain_v2[c], (vw_real)1e-12);
+    VW_EACH_CELL(c) s2[c] = vw_max(t->gain_uncertainty * x->gain_v2[c], (vw_real)1e-12);
     VW_EACH_CELL(c) likely[c] = vw_exp(-vw_square(x->gain[c]) / s2[c] / 2);
     VW_EACH_CELL(c)
     {
@@ -192,7 +192,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
 {
     const vw_tuning *t = &filter->tuning;
     vw_lanes gain_v2, lasting_v2;
-    believe_gain(t, x, gain_v2);
+    weigh_gain(t, x, gain_v2);
     wander(t, motion, x);
     VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(motion, x, filter->model.slow_pair, c);
     VW_EACH_CELL(c) x->unsettled_v2[c] -= motion->settled_share * x->unsettled_v2[c];
@@ -230,7 +230,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         {
             const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
             const vw_real d = z - (x->start_soc[k][c] - counted);
-            const vw_real total_v2 = vw_min(errs_v2 + count_v2, vw_square(t->doubt_soc));
+            const vw_real total_v2 = vw_min(errs_v2 + count_v2, vw_square(t->apart_soc_max));
             const vw_real contradicted = vw_max(d * d / total_v2 / 2 - CONTRADICTION, 0);
             const vw_real w = x->start_weight[k][c] * student(d, total_v2);
             x->start_weight[k][c] /= 1 + motion->wander_share * contradicted;
@@ -262,7 +262,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
  *   z_f = z_filter + p g V_z,  v_filter likewise with var(p g) V_z^2
  *   z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2      q charge drawn since the start
- *   d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, doubt_soc^2)),   w_0 = start_unknown
+ *   d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, apart_soc_max^2)),   w_0 = start_unknown
  *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
  *   u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
  *   e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)      what the filter moved within its own covariance

@@ -33,9 +33,9 @@ typedef struct {
     vw_real look_s;              /* since the starts were last weighed; 0 where it is not time to weigh them [s] */
     vw_real rest_share, rest_lever; /* of this sample in a rest from the start on: in its mean [1], in its moment [s^2] */
     vw_real read_rest_s;         /* length of a rest that is to be read now; 0 = none [s] */
-    int is_rest_on;              /* it is not over: what it says now is used once and not kept */
+    int is_rest_on;              /* it is not over: its reading now is used once and not kept */
     int is_rest_cut;             /* it ended before it was whole: whoever gave no SOC wakes up in a drive */
-    int is_whole_rest;           /* it lasts on: a shorter one is heard about a SOC that was given only */
+    int is_whole_rest;           /* it lasts on: a shorter one counts against a given SOC only */
     vw_real check_share, bias_share, wander_share, conflict_share;
     vw_real settled_share;       /* of what a rest at the start had left to relax, since the last look */
 } vw_motion;
@@ -128,7 +128,7 @@ static inline vw_real vw_asinh_with(vw_real x, vw_real root)
 
 static inline vw_real vw_asinh_of(vw_real x) { return vw_asinh_with(x, vw_sqrt(1 + vw_square(x))); }
 
-/* r = r_0 + (share of the drop that a lasting current causes at this temperature)^2, with doubt [V^2] */
+/* r = r_0 + (share of the drop that a lasting current causes at this temperature)^2, with uncertainty [V^2] */
 static inline vw_real vw_noise_v2(const vw_motion *motion, const vw_cells *x, int c)
 {
     return motion->noise_v2 + x->climate.noise_ohm2[c] * vw_square(motion->current_a);

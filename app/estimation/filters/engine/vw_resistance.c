@@ -138,11 +138,11 @@ void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_l
 {
     const int n = filter->n_cells;
     for (int64_t k = 0; k < n_steps; k++) {
-        vw_real *said = estimates + k * VW_ESTIMATES * n;
-        vw_filter_record(filter, cells, 1, dt_s + k, current_a + k, voltage_v + k * n, temperature_degc + k * n, VW_ESTIMATES, said);
+        vw_real *row = estimates + k * VW_ESTIMATES * n;
+        vw_filter_record(filter, cells, 1, dt_s + k, current_a + k, voltage_v + k * n, temperature_degc + k * n, VW_ESTIMATES, row);
         /* at rest the filter settles, and a voltage that it moves by is no drop */
         const int flows = filter->flow_a > filter->tuning.rest_c * filter->model.capacity_ah;
-        if (flows) vw_resistance_record(n, rows, 1, lasted_s + k, said, factor, learnt_v + k * n);
+        if (flows) vw_resistance_record(n, rows, 1, lasted_s + k, row, factor, learnt_v + k * n);
         learning->since_s += lasted_s[k];
         if (learning->since_s < learning->every_s) continue;
         learning->since_s = 0;

@@ -26,7 +26,7 @@ enum {
     VW_RESISTANCE_ROWS
 };
 
-/* Take n_steps samples: what vw_filter_record said of them, the resistances (n_cells) it was said with over those of the
+/* Take n_steps samples: estimates by vw_filter_record, the resistances (n_cells) used for them over those of the
  * model, and the voltages that were measured (n_steps x n_cells), NaN = missing. */
 void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const vw_real *dt_s, const vw_real *estimates,
                           const vw_real *factor, const vw_real *voltage_v);
@@ -39,7 +39,7 @@ typedef struct {
     vw_real every_s;          /* between two uses [s] */
     vw_real since_s;          /* since the last one [s] */
     vw_real sigma_max;        /* of a factor that is used */
-    vw_real shape_error;      /* doubt of a factor above 1 ... */
+    vw_real shape_error;      /* uncertainty of a factor above 1 ... */
     vw_real less_shape_error; /* ... and below */
 } vw_learning;
 

@@ -139,7 +139,7 @@ static void forget(const vw_filter *filter, vw_cells *restrict x)
     }
 }
 
-/* A SOC that was given is right as exactly as was said, or roughly, or says nothing. */
+/* A given SOC is right within its sigma, or roughly, or not at all. */
 static void suppose(const vw_tuning *t, vw_cells *restrict x, int c, vw_real soc, vw_real sigma)
 {
     const int is_given = !vw_is_missing(soc);

@@ -5,7 +5,7 @@
  *
  * P' cannot lose definiteness: S - P_xy' P^-1 P_xy = R + k q^2 > 0, and R is never below the model's own variance.
  *
- * The gain g of the charge is learned beside the filter, which goes on as if there were none (Friedland 1969): with one
+ * The gain g of the charge is learned next to the filter, which goes on as if there were none (Friedland 1969): with one
  * the mean would be x + V g and its innovation nu - H V g.
  *
  *   g' = g + M H V (nu - H V g) / (S_g + (H V)^2 M),   M' = M S_g / (S_g + (H V)^2 M),   V' = V - K H V
@@ -56,9 +56,9 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
         const vw_real S_g = x->climate.cold2[c] * (S + motion->correlation * lasting_v2);
         const vw_real M = x->gain_v2[c], gain_v2 = S_g + vw_square(HV) * M;
         const vw_real per_both = 1 / (gain_v2 * S), per_v2 = S * per_both; /* a division takes longer than all else */
-        const vw_real said = M * HV * (nu - HV * x->gain[c]) * per_v2;
-        x->gain[c] += vw_pick(learns, said - motion->shared_gain, 0);
-        x->gain_step[c] = vw_pick(learns, said, NAN);
+        const vw_real moved = M * HV * (nu - HV * x->gain[c]) * per_v2;
+        x->gain[c] += vw_pick(learns, moved - motion->shared_gain, 0);
+        x->gain_step[c] = vw_pick(learns, moved, NAN);
         x->gain_v2[c] = vw_pick(learns, M + motion->own_share * (M * S_g * per_v2 - M), M);
         /* x and P; a voltage that is not used moves nothing */
         const vw_real per_S = vw_pick(is_used, gain_v2 * per_both, 0), pull = vw_pick(is_used, nu, 0) * per_S;

@@ -775,7 +775,7 @@ static const vw_real vw_cell_tau_s[3] = {
     9.0f, 150.0f, 600.0f,
 };
 
-static const vw_real vw_cell_doubt[365] = {
+static const vw_real vw_cell_uncertainty[365] = {
     1.286555f, 0.012149914f, 0.00752f, 124.70908f, -1.0f, 1.2080581f, 0.011677798f, 0.00752f, 102.48757f, -1.0f,
     1.1313604f, 0.011191431f, 0.00752f, 84.605326f, -1.0f, 1.0564007f, 0.010690813f, 0.00752f, 70.147343f,
     -1.0f, 0.98312058f, 0.010175945f, 0.00752f, 58.404772f, -1.0f, 0.9114642f, 0.0096468269f, 0.00752f,
@@ -822,7 +822,7 @@ static const vw_cell_model vw_cell_model_of_team = {
     .has_tau_table = 0,
     .has_surface = 0,
     .slow_pair = 1,
-    .n_doubt = 73,
+    .n_uncertainty = 73,
     .width = 4,
     .soc_low = -0.1f,
     .soc_step = 0.005f,
@@ -833,14 +833,14 @@ static const vw_cell_model vw_cell_model_of_team = {
     .hysteresis_rate = 50.0f,
     .drop_per_a_v = 0.00371f,
     .seen_a = 220.0f,
-    .doubt_low_degc = -60.0f,
-    .doubt_step_k = 2.5f,
+    .uncertainty_low_degc = -60.0f,
+    .uncertainty_step_k = 2.5f,
     .temperature_degc = vw_cell_temperature_degc,
     .table = vw_cell_table,
     .ocv_slope_v = vw_cell_ocv_slope_v,
     .reading_slope_v = vw_cell_reading_slope_v,
     .tau_s = vw_cell_tau_s,
-    .doubt = vw_cell_doubt,
+    .uncertainty = vw_cell_uncertainty,
     .surface = 0,
 };
 
@@ -887,7 +887,7 @@ static const vw_tuning vw_tuning_of_team = {
     .rest_slow = 0.4f,
     .rest_unsettled = 0.25f,
     .rest_lasts_s = 300.0f,
-    .rest_doubt_soc = 0.03f,
+    .rest_uncertainty_soc = 0.03f,
     .start_rough_sigma = 0.1f,
     .start_exact = 0.5f,
     .start_rough = 0.4f,
@@ -895,9 +895,9 @@ static const vw_tuning vw_tuning_of_team = {
     .counter_offset_c = 0.01f,
     .start_unknown = 0.05f,
     .gain_sigma = 0.07f,
-    .gain_doubt = 2.0f,
+    .gain_uncertainty = 2.0f,
     .gain_prior = 0.5f,
-    .doubt_soc = 0.06f,
+    .apart_soc_max = 0.06f,
     .wander_s = 200.0f,
     .wander_factor = 2.0f,
     .plateau_soc = 0.1f,

@@ -129,7 +129,7 @@ def test_the_open_circuit_voltage_of_a_temperature_is_a_shift_of_the_curve():
         cell(ocv_shift_v=[[0.0, 0.0], [0.0, 1.0]])
 
 
-def test_doubt_begins_where_measured_temperatures_end_not_where_tables_do():
+def test_uncertainty_begins_where_measured_temperatures_end_not_where_tables_do():
     """Tables from 0 to 40 degC, measured from 20 to 30."""
     model = cell(fit_temperature_degc=[20.0, 25.0, 30.0], activation_sigma_j_mol=12e3)
     np.testing.assert_allclose(model.drop_error([20.0, 25.0, 30.0]), 0.0, atol=1e-12)
@@ -213,18 +213,18 @@ def test_the_lasting_resistance_is_what_an_hour_of_current_shows():
 
 @settings(max_examples=examples(100))
 @given(st.lists(st.integers(-20, 60), min_size=1, max_size=4, unique=True), st.floats(-40.0, 90.0))
-def test_doubt_is_none_at_a_measured_temperature_and_grows_away_from_the_measured(measured, degc):
+def test_uncertainty_is_none_at_a_measured_temperature_and_grows_away_from_the_measured(measured, degc):
     model = cell(fit_temperature_degc=sorted(measured))
-    for doubt in (model.drop_error, model.ocv_error_v):
-        assert np.asarray(doubt([float(each) for each in measured])) == pytest.approx(0.0, abs=1e-12)
-        assert doubt(degc) >= 0.0
-        assert doubt(max(measured) + 20.0) > doubt(max(measured) + 10.0) > 0.0
-        assert doubt(min(measured) - 20.0) > doubt(min(measured) - 10.0) > 0.0
+    for uncertainty in (model.drop_error, model.ocv_error_v):
+        assert np.asarray(uncertainty([float(each) for each in measured])) == pytest.approx(0.0, abs=1e-12)
+        assert uncertainty(degc) >= 0.0
+        assert uncertainty(max(measured) + 20.0) > uncertainty(max(measured) + 10.0) > 0.0
+        assert uncertainty(min(measured) - 20.0) > uncertainty(min(measured) - 10.0) > 0.0
 
 
 @settings(max_examples=examples(60))
 @given(st.floats(-30.0, 60.0), st.floats(1.0, 30.0))
-def test_between_two_measured_temperatures_is_less_doubt_than_beyond_one(low, apart):
+def test_between_two_measured_temperatures_is_less_uncertainty_than_beyond_one(low, apart):
     both = cell(fit_temperature_degc=[low, low + apart])
     alone = cell(fit_temperature_degc=[low])
     middle = low + apart / 2

@@ -71,7 +71,7 @@ def test_a_soc_that_was_given_is_no_less_sure_for_what_a_rest_may_have_left():
     np.testing.assert_array_equal(relaxing(0.6, 120.0).soc_sigma, relaxing(0.6, 120.0, never).soc_sigma)
 
 
-def test_a_pause_that_ends_at_once_leaves_no_doubt_about_its_voltage():
+def test_a_pause_that_ends_at_once_leaves_no_uncertainty_about_its_voltage():
     ocv, left_v = MODEL.ocv.voltage(np.array([0.6])), 0.05 * np.exp(-0.3 * np.arange(20))
     sigma = []
     for tuning in (TUNING, replace(TUNING, rest_unsettled=0.0)):
@@ -81,8 +81,8 @@ def test_a_pause_that_ends_at_once_leaves_no_doubt_about_its_voltage():
             paused = estimator.step(0.1, 0.0, np.full(1, volts), DEGC).soc_sigma[0]
         driven = [estimator.step(0.1, 10.0, ocv - 0.1, DEGC).soc_sigma[0] for _ in range(20)][-1]
         sigma.append((paused, driven))
-    (doubting, after), (trusting, never) = sigma
-    assert doubting > 1.2 * trusting
+    (uncertaintying, after), (trusting, never) = sigma
+    assert uncertaintying > 1.2 * trusting
     assert after == never
 
 
@@ -96,9 +96,9 @@ def test_a_car_that_is_switched_on_at_rest_is_no_less_sure_for_the_noise_of_its_
         estimator = make_estimator("fused", MODEL, n_cells, tuning)
         estimator.start(volts[0], degc[0], 0.0)
         sigma.append(estimator.run(np.full(n, dt_s), np.zeros(n), volts[1:], degc[1:]).soc_sigma)
-    doubting, trusting = sigma
-    np.testing.assert_allclose(doubting.mean(axis=1), trusting.mean(axis=1), rtol=0.02)
-    assert 3.0 * doubting[round(16.0 / dt_s) :].max() < 0.1, "a number, not a range"
+    uncertaintying, trusting = sigma
+    np.testing.assert_allclose(uncertaintying.mean(axis=1), trusting.mean(axis=1), rtol=0.02)
+    assert 3.0 * uncertaintying[round(16.0 / dt_s) :].max() < 0.1, "a number, not a range"
 
 
 def test_the_longer_a_settled_rest_lasts_the_surer_is_a_start_that_it_confirms():
@@ -108,7 +108,7 @@ def test_the_longer_a_settled_rest_lasts_the_surer_is_a_start_that_it_confirms()
 
 
 @pytest.mark.parametrize("degc", [-40.0, -20.0, 60.0, 100.0])
-def test_at_temperatures_that_nobody_measured_a_rest_is_read_with_more_doubt_than_at_25_degc(degc):
+def test_at_temperatures_that_nobody_measured_a_rest_is_read_with_more_uncertainty_than_at_25_degc(degc):
     sigma = []
     for cell_degc in (25.0, degc):
         estimator, ocv = make_estimator("fused", MODEL, 1), MODEL.ocv.voltage(np.array([0.6]))

@@ -109,13 +109,13 @@ def test_an_open_circuit_voltage_that_depends_on_temperature_has_its_inverse_the
         np.testing.assert_allclose(cell.soc_of_ocv(cell.ocv(inside, at), at), inside, atol=1e-9)
 
 
-def test_the_doubt_is_the_models_at_any_temperature():
+def test_the_uncertainty_is_the_models_at_any_temperature():
     model = replace(MODEL, fit_temperature_degc=np.array([20.0, 30.0]))
     cell = CellTables(model)
     degc = np.array([-20.0, 0.0, 25.0, 45.0])
-    doubt = cell.doubt_at(degc)
-    np.testing.assert_allclose(doubt[DROP_ERROR], model.drop_error(degc), atol=1e-9)
-    np.testing.assert_allclose(doubt[LASTING_DROP], model.lasting_ohm(degc), rtol=1e-9)
-    assert doubt[COLD].tolist() == sorted(doubt[COLD], reverse=True)
-    assert doubt[COLD][2] == doubt[COLD][3] == 1.0
-    assert np.isfinite(cell.doubt_at(np.array([-300.0, 300.0]))).all()
+    uncertainty = cell.uncertainty_at(degc)
+    np.testing.assert_allclose(uncertainty[DROP_ERROR], model.drop_error(degc), atol=1e-9)
+    np.testing.assert_allclose(uncertainty[LASTING_DROP], model.lasting_ohm(degc), rtol=1e-9)
+    assert uncertainty[COLD].tolist() == sorted(uncertainty[COLD], reverse=True)
+    assert uncertainty[COLD][2] == uncertainty[COLD][3] == 1.0
+    assert np.isfinite(cell.uncertainty_at(np.array([-300.0, 300.0]))).all()

@@ -29,7 +29,7 @@ def test_charge_positive_source_is_turned():
     np.testing.assert_array_equal(recording.current_a, columns()["current_a"])
 
 
-def test_wrong_sign_is_doubted_aloud():
+def test_wrong_sign_is_uncertaintyed_aloud():
     notes = clean("a", columns(current_a=[0, -2, -2, -2, 0, 0])).notes
     assert any("--charge-positive" in note for note in notes)
 
@@ -175,18 +175,18 @@ def test_what_can_hardly_be_meant_is_warned_of(changes, warning):
     assert re.search(warning, notes[0])
 
 
-def test_a_spike_of_the_current_is_left_out_and_raises_no_doubt_of_the_sign():
+def test_a_spike_of_the_current_is_left_out_and_raises_no_uncertainty_of_the_sign():
     n = 40
     current = np.where(np.arange(n) % 10 < 5, 2.0, 0.0)
     recording = clean("a", columns(time_s=np.arange(n), current_a=current, voltage_v=4.0 - 0.03 * current))
     spiked = current.copy()
     spiked[7] = 1e9
-    doubted = clean(
+    uncertaintyed = clean(
         "a", columns(time_s=np.arange(n), current_a=spiked, voltage_v=4.0 - 0.03 * current + spiked * 1e-12)
     )
     assert recording.notes == ()
-    assert doubted.notes == ("1 rows with a current of up to 1e+09 A, a spike, left out",)
-    np.testing.assert_array_equal(doubted.current_a, np.delete(current, 7))
+    assert uncertaintyed.notes == ("1 rows with a current of up to 1e+09 A, a spike, left out",)
+    np.testing.assert_array_equal(uncertaintyed.current_a, np.delete(current, 7))
 
 
 def test_a_short_pulse_after_a_long_rest_is_no_spike():
@@ -205,7 +205,7 @@ def test_rows_beyond_what_the_cell_can_give_are_left_out_aloud():
     assert any("4 rows with a current beyond 180 A" in note for note in kept.notes)
 
 
-def test_more_charge_than_the_cell_holds_is_doubted_and_much_more_refused():
+def test_more_charge_than_the_cell_holds_is_uncertaintyed_and_much_more_refused():
     n = 100
     run = clean("x", columns(time_s=60.0 * np.arange(n), current_a=np.full(n, 3.0), voltage_v=np.full(n, 3.7)))
     assert believable(run, 4.0).notes == run.notes
