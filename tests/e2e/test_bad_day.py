@@ -91,7 +91,7 @@ def test_a_service_that_stands_is_told_and_what_cannot_work_is_off(service, open
         expect(page.get_by_test_id(ready)).to_be_visible()
     with stopped(service):
         expect(page.get_by_test_id("service-lost")).to_be_visible()
-        expect(page.get_by_test_id("profile-issues")).to_contain_text("data quality unknown")
+        expect(page.get_by_test_id("warnings")).to_contain_text("data quality unknown")
         expect(page.locator('[data-testid="plausibility"] [data-verdict="true"]')).to_have_count(0)
         expect(page.get_by_test_id("command-reset")).to_be_disabled()
         for link in ("rs232", "can"):
@@ -154,5 +154,5 @@ def test_without_both_links_nothing_can_be_commanded_and_nothing_is_claimed(serv
     expect(page.get_by_test_id("car-silent")).to_be_visible()
     expect(page.get_by_test_id("command-reset")).to_be_disabled()
     expect(page.get_by_test_id("trip-banner")).to_contain_text("last known")  # it has not ended, nobody can see it
-    expect(page.get_by_test_id("profile-issues")).not_to_contain_text("No warnings:")
+    expect(page.get_by_test_id("warnings")).not_to_contain_text("No warnings:")
     assert violations(page) == {}
