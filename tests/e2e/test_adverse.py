@@ -77,7 +77,9 @@ def test_a_browser_an_hour_ahead_shows_the_services_time(service, open_page):
     page.reload()
     expect(page.get_by_test_id("cell-voltage")).to_have_attribute("data-freshness", "live")
     page.goto(f"{service.base_url}/#/system")
-    expect(page.get_by_test_id("warnings")).to_contain_text(re.compile(r"clock and this device differ by −3(599|600) s"))
+    expect(page.get_by_test_id("warnings")).to_contain_text(
+        re.compile(r"clock and this device differ by −3(599|600) s")
+    )
     page.goto(f"{service.base_url}/#/overview")
     expect(page.get_by_role("img", name=re.compile("^Current over time")).locator("canvas")).to_be_visible()
     expect(page.get_by_text("no data in this range")).to_have_count(0)  # the charts' window is the service's
