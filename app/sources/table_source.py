@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from app.battery.battery import Battery, SignalName
-from app.battery.source import STATES
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.dbc.assembly import BatteryMeasurement
+from app.sources.dbc.assembly import NewestValues
+from app.sources.dbc.battery_decoder import ChannelValues
 from app.sources.dbc.source import UpdateInterval, measurement_of
 from app.sources.items import Item, TableItem
 from app.sources.links.monitor import LinkMonitor
@@ -80,16 +80,27 @@ class TableSource:
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(None)
         self._rhythm = UpdateInterval()
         self._sampled_ns: int | None = None
-        self._newest = self._found(_NEVER_NS, np.full(2 + battery.n_cells + battery.n_sensors, np.nan))
+        self._values = NewestValues(battery, {})
+        self._newest = self._values.measure(_NEVER_NS)
+        counts = {"current": 1, "soc": 1, "voltage": battery.n_cells, "temperature": battery.n_sensors}
+        ends = np.cumsum(list(counts.values())).tolist()
+        self._places = {kind: slice(end - n, end) for (kind, n), end in zip(counts.items(), ends, strict=True)}
 
     def accept_replies_for(self, is_asked: Callable[[Any], bool]) -> None:
         """A table answers nothing."""
 
     def feed(self, item: Item) -> Received:
-        """Take a row; a measurement follows each."""
+        """Take a row; a measurement follows each. What a row does not hold stays, with its age."""
         if not isinstance(item, TableItem) or len(item.numbers) != 2 + self.battery.n_cells + self.battery.n_sensors:
             return NOTHING_RECEIVED
-        found = self._newest = self._found(item.t_mono_ns, item.numbers)
+        new: dict[str, int] = {}
+        for kind, place in self._places.items():
+            numbers = item.numbers[place]
+            index = np.flatnonzero(np.isfinite(numbers))
+            if len(index):
+                times_ns = np.full(len(index), item.t_mono_ns, np.int64)
+                new[kind] = self._values.take(kind, ChannelValues(times_ns, index, numbers[index]))
+        found = self._newest = self._values.measure(item.t_mono_ns, new)
         self._rhythm.see(found)
         before_ns = self._sampled_ns
         if found.is_sample:
@@ -112,29 +123,4 @@ class TableSource:
             is_fresh=is_fresh,
             links=Links(self._rs232.status(t_mono_ns), self._can.status(t_mono_ns)),
             live_s=self._rhythm.live_s(),
-        )
-
-    def _found(self, t_ns: int, numbers: FloatArray) -> BatteryMeasurement:
-        (current_a, soc), n_cells = numbers[:2].tolist(), self.battery.n_cells
-        voltage_v, sensors_degc, unknown = numbers[2 : 2 + n_cells], numbers[2 + n_cells :], np.full(n_cells, np.nan)
-        parts = {"voltage": voltage_v, "temperature": sensors_degc, "current": numbers[:1], "soc": numbers[1:2]}
-        known = {part: t_ns for part, values in parts.items() if np.isfinite(values).any()}
-        return BatteryMeasurement(
-            t_ns=t_ns,
-            voltage_v=voltage_v,
-            voltage_t_ns=np.full(n_cells, t_ns),
-            temperature_degc=sensors_degc,
-            temperature_t_ns=np.full(len(sensors_degc), t_ns),
-            resistance_ohm=unknown,
-            balancing=unknown,
-            current_a=current_a,
-            current_t_ns=t_ns,
-            pack_voltage_v=np.nan,
-            soc=soc,
-            charger_voltage_v=np.nan,
-            charger_current_a=np.nan,
-            states=dict.fromkeys(STATES),
-            limits={},
-            is_sample={"voltage", "current"} <= known.keys(),
-            newest_ns=known,
         )

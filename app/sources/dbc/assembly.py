@@ -130,80 +130,30 @@ class _Scalar:
         return self.value if t_ns - self.t_ns <= 1e9 * most_s else float("nan")
 
 
-class Assembler:
-    """Makes measurements of decoded values. Called from one thread; time comes with the values."""
+class NewestValues:
+    """The newest value of each channel and signal of a battery, with its time."""
 
-    def __init__(self, battery: Battery, source: DbcMapping | SerialMapping) -> None:
+    def __init__(self, battery: Battery, ages: Mapping[str, float | None]) -> None:
+        """`ages`: seconds by kind after which a value is old; else after some of its own periods."""
         self._battery = battery
-        self._period_ns = round(source.period_s * 1e9)
-        ages = source.ages
         sizes = dict.fromkeys(_ARRAYS, battery.n_cells) | {"temperature": battery.n_sensors}
         self._arrays = {kind: _Channels.empty(sizes[kind], ages.get(kind)) for kind in _ARRAYS}
         self._scalars = {f"limit.{name}": _Scalar(None) for name in battery.limits}
         self._scalars |= {f"state.{name}": _Scalar(None) for name in STATES}
         self._scalars |= {name: _Scalar(ages.get(name)) for name in _SCALARS}
         self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
-        self._next_ns: int | None = None
-        self._first_ns: int | None = None  # time of the first voltage
-        self._rest: dict[str, ChannelValues] = {}  # values of the unfinished period: taken at its end, as in one batch
 
-    def awaited(self, t_ns: int) -> BoolArray | None:
-        """(n_cells,) which cells were not received yet while the first round of all may still go on; None: none."""
-        voltage = self._arrays["voltage"]
-        is_unheard = voltage.t_ns == _NEVER
-        if self._first_ns is None or not is_unheard.any():
-            return None
-        waited_s = (t_ns - self._first_ns) / 1e9
-        is_second_round = bool(np.isfinite(voltage.period_s).any())
-        longest_s = UNKNOWN_AGE_S if voltage.max_age_s is None else voltage.max_age_s
-        is_over = waited_s > FIRST_ROUND_S and (is_second_round or waited_s > longest_s)
-        return None if is_over else is_unheard
+    def __contains__(self, kind: str) -> bool:
+        return kind in self._kinds
 
-    def feed(self, values: Mapping[str, ChannelValues], until_ns: int | None = None) -> list[BatteryMeasurement]:
-        """Take values and return the measurements of the periods that ended.
+    @property
+    def voltage(self) -> _Channels:
+        """The cells' voltages."""
+        return self._arrays["voltage"]
 
-        Args:
-            values: by kind, as a decoder gives them, not older than those of the call before.
-            until_ns: the time now; None: that of the newest value.
-        """
-        known = {kind: each for kind, each in values.items() if kind in self._kinds and len(each.t_ns)}
-        newest = [int(each.t_ns[-1]) for each in known.values()]
-        end_ns = max([*newest, *([] if until_ns is None else [until_ns])], default=None)
-        if end_ns is None:
-            return []
-        if self._next_ns is None:
-            first = min((int(each.t_ns[0]) for each in known.values()), default=end_ns)
-            self._next_ns = (first // self._period_ns + 1) * self._period_ns
-        if self._first_ns is None and "voltage" in known:
-            self._first_ns = int(known["voltage"].t_ns[0])
-        waiting = self._rest | {kind: _joined(self._rest.get(kind), each) for kind, each in known.items()}
-        at = dict.fromkeys(waiting, 0)
-        found = []
-        while self._next_ns <= end_ns:
-            if end_ns - self._next_ns > _SILENCE_NS:
-                self._next_ns = max(self._next_ns, self._after_silence(waiting, at, end_ns))
-            new = self._take(waiting, at, self._next_ns)
-            found.append(self.measure(self._next_ns, new))
-            self._next_ns += self._period_ns
-        rest = ((kind, each, at[kind]) for kind, each in waiting.items())
-        self._rest = {kind: _from(each, first) for kind, each, first in rest if first < len(each.t_ns)}
-        return found
-
-    def _after_silence(self, values: Mapping[str, ChannelValues], at: Mapping[str, int], end_ns: int) -> int:
-        """The period with which to go on: none is made of a silence in which all values have become old."""
-        next_ns = min((int(v.t_ns[at[k]]) for k, v in values.items() if at[k] < len(v.t_ns)), default=end_ns)
-        is_silent = self._next_ns is not None and next_ns - self._next_ns > _SILENCE_NS
-        return next_ns // self._period_ns * self._period_ns if is_silent else 0
-
-    def _take(self, values: Mapping[str, ChannelValues], at: dict[str, int], until_ns: int) -> dict[str, int]:
-        """Take what came up to an instant, from `at` on, which moves; return how many channels of each kind are new."""
-        new = {}
-        for kind, each in values.items():
-            last = int(np.searchsorted(each.t_ns, until_ns, side="right"))
-            if last > at[kind]:
-                new[kind] = self._kinds[kind].take(each, at[kind], last)
-                at[kind] = last
-        return new
+    def take(self, kind: str, values: ChannelValues, first: int = 0, last: int | None = None) -> int:
+        """Take values of a kind, `first` up to `last`, in their order; return how many channels are new."""
+        return self._kinds[kind].take(values, first, len(values.t_ns) if last is None else last)
 
     def measure(self, t_ns: int, new: Mapping[str, int] | None = None) -> BatteryMeasurement:
         """Return what is known at an instant; `new` = channels of each kind that are new since the one before."""
@@ -235,6 +185,79 @@ class Assembler:
             is_sample=bool(new.get("current")) and bool(np.isfinite(of["voltage"]).any()),
             newest_ns={part: t_ns for part, t_ns in newest_of_part.items() if t_ns != _NEVER},
         )
+
+
+class Assembler:
+    """Makes measurements of decoded values. Called from one thread; time comes with the values."""
+
+    def __init__(self, battery: Battery, source: DbcMapping | SerialMapping) -> None:
+        self._period_ns = round(source.period_s * 1e9)
+        self._values = NewestValues(battery, source.ages)
+        self._next_ns: int | None = None
+        self._first_ns: int | None = None  # time of the first voltage
+        self._rest: dict[str, ChannelValues] = {}  # values of the unfinished period: taken at its end, as in one batch
+
+    def measure(self, t_ns: int) -> BatteryMeasurement:
+        """Return what is known at an instant; nothing is new."""
+        return self._values.measure(t_ns)
+
+    def awaited(self, t_ns: int) -> BoolArray | None:
+        """(n_cells,) which cells were not received yet while the first round of all may still go on; None: none."""
+        voltage = self._values.voltage
+        is_unheard = voltage.t_ns == _NEVER
+        if self._first_ns is None or not is_unheard.any():
+            return None
+        waited_s = (t_ns - self._first_ns) / 1e9
+        is_second_round = bool(np.isfinite(voltage.period_s).any())
+        longest_s = UNKNOWN_AGE_S if voltage.max_age_s is None else voltage.max_age_s
+        is_over = waited_s > FIRST_ROUND_S and (is_second_round or waited_s > longest_s)
+        return None if is_over else is_unheard
+
+    def feed(self, values: Mapping[str, ChannelValues], until_ns: int | None = None) -> list[BatteryMeasurement]:
+        """Take values and return the measurements of the periods that ended.
+
+        Args:
+            values: by kind, as a decoder gives them, not older than those of the call before.
+            until_ns: the time now; None: that of the newest value.
+        """
+        known = {kind: each for kind, each in values.items() if kind in self._values and len(each.t_ns)}
+        newest = [int(each.t_ns[-1]) for each in known.values()]
+        end_ns = max([*newest, *([] if until_ns is None else [until_ns])], default=None)
+        if end_ns is None:
+            return []
+        if self._next_ns is None:
+            first = min((int(each.t_ns[0]) for each in known.values()), default=end_ns)
+            self._next_ns = (first // self._period_ns + 1) * self._period_ns
+        if self._first_ns is None and "voltage" in known:
+            self._first_ns = int(known["voltage"].t_ns[0])
+        waiting = self._rest | {kind: _joined(self._rest.get(kind), each) for kind, each in known.items()}
+        at = dict.fromkeys(waiting, 0)
+        found = []
+        while self._next_ns <= end_ns:
+            if end_ns - self._next_ns > _SILENCE_NS:
+                self._next_ns = max(self._next_ns, self._after_silence(waiting, at, end_ns))
+            new = self._take(waiting, at, self._next_ns)
+            found.append(self._values.measure(self._next_ns, new))
+            self._next_ns += self._period_ns
+        rest = ((kind, each, at[kind]) for kind, each in waiting.items())
+        self._rest = {kind: _from(each, first) for kind, each, first in rest if first < len(each.t_ns)}
+        return found
+
+    def _after_silence(self, values: Mapping[str, ChannelValues], at: Mapping[str, int], end_ns: int) -> int:
+        """The period with which to go on: none is made of a silence in which all values have become old."""
+        next_ns = min((int(v.t_ns[at[k]]) for k, v in values.items() if at[k] < len(v.t_ns)), default=end_ns)
+        is_silent = self._next_ns is not None and next_ns - self._next_ns > _SILENCE_NS
+        return next_ns // self._period_ns * self._period_ns if is_silent else 0
+
+    def _take(self, values: Mapping[str, ChannelValues], at: dict[str, int], until_ns: int) -> dict[str, int]:
+        """Take what came up to an instant, from `at` on, which moves; return how many channels of each kind are new."""
+        new = {}
+        for kind, each in values.items():
+            last = int(np.searchsorted(each.t_ns, until_ns, side="right"))
+            if last > at[kind]:
+                new[kind] = self._values.take(kind, each, at[kind], last)
+                at[kind] = last
+        return new
 
 
 def _from(values: ChannelValues, first: int) -> ChannelValues:

@@ -33,7 +33,7 @@ def log_of(volts, *, soc=None, degc=np.nan):
     rows, cells = volts.shape
     known = None if soc is None else np.full(rows, soc)
     return BatteryLog(
-        np.arange(rows) * 0.1, None, np.linspace(-5, 5, rows), volts, np.full(volts.shape, degc), known, cells, ()
+        np.arange(rows) * 0.1, None, np.linspace(-5, 5, rows), volts, np.full(volts.shape, degc), known, cells, (), 0.0
     )
 
 
@@ -69,6 +69,19 @@ def test_a_number_that_is_missing_stays_missing():
     assert np.isnan([each.voltage_v for each in found]).tolist() == [[False, True], [False, False]]
     assert np.isnan(found[1].temperature_degc).all()
     assert found[1].master.soc is None
+
+
+def test_what_a_row_does_not_hold_stays_with_its_age():
+    volts = np.array([[3.7, 3.8], [np.nan, np.nan], [3.6, np.nan]])
+    found = measured(log_of(volts))
+    np.testing.assert_array_equal([each.voltage_v for each in found], [[3.7, 3.8], [3.7, 3.8], [3.6, 3.8]])
+    np.testing.assert_allclose([each.voltage_age_s for each in found], [[0, 0], [0.1, 0.1], [0, 0.2]], atol=1e-9)
+
+
+def test_what_no_row_holds_for_long_is_missing():
+    volts = np.array([[3.7, 3.8], [3.7, 3.8], [3.7, np.nan], [3.7, np.nan]])
+    found = measured(log_of(volts), [0.0, 1.0, 2.0, 5.0])
+    assert np.isnan([each.voltage_v for each in found]).tolist() == [[False, False]] * 3 + [[False, True]]
 
 
 def test_what_is_no_row_of_this_battery_is_nothing():
