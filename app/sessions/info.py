@@ -7,6 +7,8 @@ from pathlib import Path
 
 from app.words import Message
 
+UNDATED = "undated"  # key of the metadata: the start is a guess by the time of an imported file
+
 
 @dataclass(frozen=True, slots=True)
 class SessionInfo:

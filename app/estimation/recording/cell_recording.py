@@ -13,7 +13,7 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
-from app.estimation.recording.time_axis import in_time_order, usual_step, without_repeats
+from app.estimation.recording.time_axis import usual_step, without_repeats
 
 REQUIRED = ("current_a", "voltage_v")
 FIELDS = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
@@ -90,7 +90,7 @@ def clean(
 
     Args:
         source: name of the file, for notes and errors.
-        columns: (n,) arrays by name out of `FIELDS`; NaN where a value is missing.
+        columns: (n,) arrays by name out of `FIELDS`, in order of time; NaN where a value is missing.
         charge_positive: the source counts charging current as positive.
         period_s: time between rows [s] for a source without a time column, > 0.
 
@@ -121,7 +121,6 @@ def clean(
     if not np.isfinite(table[:, 2]).any():
         raise DatasetError(source, "voltage_v holds no number")
 
-    table = in_time_order(source, table, notes)
     table = without_repeats(source, table, notes)
     if charge_positive:
         table[:, 1] = -table[:, 1]

@@ -20,6 +20,7 @@ from app.season.lake.tables import (
     write_facts,
     write_samples,
 )
+from app.sessions.info import UNDATED
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import SUFFIX
 from app.words import Message, Text
@@ -34,7 +35,7 @@ class Built:
     made: list[str] = field(default_factory=list)
     current: list[str] = field(default_factory=list)  # nothing to do
     not_closed: list[str] = field(default_factory=list)
-    failed: list[tuple[str, Text]] = field(default_factory=list)  # damaged: left out, and why
+    failed: list[tuple[str, Text]] = field(default_factory=list)  # damaged or without a date: left out, and why
 
 
 def session_files(places: Iterable[Path]) -> list[Path]:
@@ -101,6 +102,8 @@ def _build(
                 where = where_of(session)
                 if not session.info.is_closed:
                     built.not_closed.append(path.stem)
+                elif session.info.metadata.get(UNDATED):
+                    built.failed.append((path.stem, Message("season-undated")))
                 elif known.get(where) == state:
                     built.current.append(path.stem)
                 else:

@@ -11,7 +11,7 @@ from app import __version__
 from app.errors import ImportFailed
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.live.pipeline import Output, Pipeline
-from app.sessions.info import SessionInfo
+from app.sessions.info import UNDATED, SessionInfo
 from app.sessions.recording.session_writer import SessionWriter, TableRow, event_row
 from app.sessions.storage.files import new_file, remove
 from app.sessions.transfer.frame_spool import FrameSpool
@@ -20,6 +20,7 @@ from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.recordings import can_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.battery_log import BatteryLog, battery_log
+from app.sources.recordings.clock import LogClock
 from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.table import Table, read_table
@@ -34,7 +35,6 @@ READING = 0.1  # share of an import's time for reading a log
 READING_TABLE = 0.02  # and that of a table
 DECODING = 0.2  # is over when a log's frames are decoded by a DBC, too
 LATEST_UNIX_S = 4_102_444_800  # 2100
-SINCE_1970_S = 9e8  # a log's time beyond it is no time since its begin
 Progress = Callable[[int, int], None]  # parts done, parts in all
 NewPipeline = Callable[[LoadedBattery], Pipeline]
 
@@ -97,7 +97,11 @@ def import_file(
         recording = _read(path, profile, battery, dbc, table, spool, on_progress)
         length_s = recording.length_ns / 1e9
         start_s = started_unix_s if started_unix_s is not None else recording.started_unix_s
-        start_s = path.stat().st_mtime - length_s if start_s is None else start_s
+        metadata: dict[str, object] = {"imported_from": path.name}
+        if start_s is None:
+            start_s = path.stat().st_mtime - length_s
+            metadata[UNDATED] = True
+            recording = replace(recording, notes=(*recording.notes, Message("start-by-file-change")))
         if not 0 <= start_s < LATEST_UNIX_S:
             raise ImportFailed(path.name, Message("begins-impossibly", start=f"{start_s:.0f}"))
         wall_ns = round(start_s * 1e9)
@@ -110,7 +114,7 @@ def import_file(
             started_mono_ns=START_MONO_NS,
             voltwall=__version__,
             map_hash=MAP_HASH.hex(),
-            metadata={"imported_from": path.name},
+            metadata=metadata,
         )
         try:
             return _write(info, recording, spool, new_pipeline(recording.battery), on_progress)
@@ -139,23 +143,23 @@ def _read(
         of_table = battery_of_table(log, path.name, battery)
         return _Recording(of_table, log.started_unix_s, round(log.time_s[-1] * 1e9), log, 0, log.notes, READING_TABLE)
     size = max(path.stat().st_size, 1)
-    reading = between(on_progress, 0.0, READING if dbc is None else DECODING)
+    reading, clock = between(on_progress, 0.0, READING if dbc is None else DECODING), LogClock()
     if dbc is None:
         bad = BadRows()
-        for frame in can_log.read_frames(path, bad, lambda at: reading(at, size)):
+        for frame in can_log.read_frames(path, bad, lambda at: reading(at, size), clock):
             spool.add(frame)
-        notes = tuple(bad.notes(spool.n))
+        notes = (*bad.notes(spool.n), *clock.notes)
     else:
-        signals = can_log.read_signals(path, dbc, on_read=lambda at: reading(at, size), on_frame=spool.add)
+        signals = can_log.read_signals(path, dbc, on_read=lambda at: reading(at, size), on_frame=spool.add, clock=clock)
     if not spool.n:
         raise ImportFailed(path.name, Message("no-data-frame"))
-    started_s = spool.first_s if spool.first_s > SINCE_1970_S else None
+    started_s = clock.started_unix_s(spool.first_s)
     length_ns = round((spool.last_s - spool.first_s) * 1e9)
     if dbc is None:
         return _Recording(battery or team_battery(), started_s, length_ns, notes=notes)
     profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]
     log = battery_log(signals.table(profile), profile)
-    later_ns = round((log.started_unix_s - spool.first_s) * 1e9) if log.started_unix_s else 0
+    later_ns = round((log.first_s - spool.first_s) * 1e9)
     length_ns = max(length_ns, round(log.time_s[-1] * 1e9) + later_ns)
     of_table = battery_of_table(log, path.name, battery)
     return _Recording(of_table, started_s or log.started_unix_s, length_ns, log, later_ns, log.notes, DECODING)

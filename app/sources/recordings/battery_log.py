@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.import_mapping import LONGEST_S, ImportMapping, parse_cells
-from app.sources.recordings.quantities import in_our_unit, signed
+from app.sources.recordings.clock import own_times, rows_in_time
+from app.sources.recordings.import_mapping import ImportMapping, parse_cells
+from app.sources.recordings.impossible import CELL_V, cell_voltages, measured_currents, measured_temperatures
+from app.sources.recordings.quantities import flows_both_ways_unsigned, in_our_unit, signed
 from app.sources.recordings.table import Table
 from app.words import Message, Quantity
 
-UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
 DEFAULT_PERIOD_S = 0.1
-MAX_DAYS = round(LONGEST_S / 86_400)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,7 @@ class BatteryLog:
     soc: FloatArray | None  # (n,) fraction
     n_cells: int
     notes: tuple[Message, ...]
+    first_s: float  # time of the first row by the file's clock
 
 
 def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
@@ -41,11 +42,12 @@ def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
     profile.check_complete(table.source, table.columns)
     notes = list(table.notes)
     current_a = in_our_unit(table.column("current", profile.current), "current", profile.current_unit)
-    current_a, direction = signed(current_a, table.columns)
+    current_a, direction = signed(measured_currents(current_a, notes), table.columns)
     voltages_v = in_our_unit(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
     if profile.cells_in_series > 1.0:
         voltages_v = voltages_v / profile.cells_in_series
         notes.append(Message("cells-in-series", column=profile.voltages, cells=profile.cells_in_series))
+    voltages_v = cell_voltages(voltages_v, notes)
     chosen = _chosen(table.source, profile.cells, voltages_v.shape[1])
     n_cells = len(chosen)
     if n_cells > MOST_CELLS:
@@ -56,6 +58,10 @@ def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
     turns = profile.charge_positive and direction is None
     if direction is not None:
         notes.append(Message("current-no-sign", column=profile.current, direction=direction))
+    mean_v = np.mean(voltages_v, axis=1)
+    known = np.isfinite(current_a) & np.isfinite(mean_v)
+    if direction is None and flows_both_ways_unsigned(current_a[known], mean_v[known]):
+        notes.append(Message("current-unsigned", column=profile.current))
     if turns:
         notes.append(Message("sign-turned", column=profile.current))
     if n_cells < voltages_v.shape[1]:
@@ -64,11 +70,12 @@ def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
         notes.append(Message("test-of-one-cell"))
     if profile.temperatures:
         sensors = table.matrix("temperatures", profile.temperatures)
-        temperatures = _spread(
-            in_our_unit(sensors, "temperature", profile.temperature_unit), voltages_v.shape[1], notes
-        )
+        sensors = measured_temperatures(in_our_unit(sensors, "temperature", profile.temperature_unit), notes)
+        temperatures = _spread(sensors, voltages_v.shape[1], notes)
         temperatures = temperatures[:, chosen]
     soc = in_our_unit(table.column("soc", profile.soc), "soc", profile.soc_unit) if profile.soc else None
+    if profile.time and not profile.time_unit:
+        raise ImportFailed(table.source, Message("time-unit-unclear", column=profile.time))
     time_s: FloatArray = (
         in_our_unit(table.column("time", profile.time), "time", profile.time_unit)
         if profile.time
@@ -76,21 +83,24 @@ def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
     )
     if not profile.time:
         notes.append(Message("no-time-column", period=Quantity(DEFAULT_PERIOD_S, "s")))
-    rows = _rows(table.source, time_s, profile.max_rate_hz, notes)
-    time_s = time_s[rows]
+    rows, time_s, started_unix_s = rows_in_time(table.source, time_s, notes)
+    time_s = own_times(time_s, notes)
+    keep = _kept(time_s, profile.max_rate_hz, notes)
+    rows, time_s = rows[keep], time_s[keep]
     taken_v = voltages_v[rows][:, chosen]
-    full_v = np.where((taken_v > 0.5) & (taken_v < 6.0), taken_v, np.nan)
+    full_v = np.where((taken_v > CELL_V[0]) & (taken_v < CELL_V[1]), taken_v, np.nan)
     if np.isnan(full_v).all():
         raise ImportFailed(table.source, Message("no-cell-voltage", unit=profile.voltage_unit))
     return BatteryLog(
         time_s - time_s[0],
-        float(time_s[0]) if time_s[0] > UNIX_FROM_S else None,
+        started_unix_s if started_unix_s is not None else table.started_unix_s(int(rows[0])),
         -current_a[rows] if turns else current_a[rows],
         full_v,
         temperatures[rows],
         None if soc is None else soc[rows],
         n_cells,
         tuple(notes),
+        float(time_s[0]),
     )
 
 
@@ -118,22 +128,12 @@ def _spread(sensors: FloatArray, n_cells: int, notes: list[Message]) -> FloatArr
     return sensors[:, index]
 
 
-def _rows(source: str, time_s: FloatArray, max_rate_hz: float, notes: list[Message]) -> NDArray[np.intp]:
-    """Indices of the rows to take, ascending in time."""
-    order: NDArray[np.intp] = np.flatnonzero(np.isfinite(time_s))
-    if np.any(np.diff(time_s[order]) < 0):
-        order = order[np.argsort(time_s[order], kind="stable")]
-        notes.append(Message("rows-sorted"))
-    if not len(order):
-        raise ImportFailed(source, Message("no-row-has-time"))
-    keep = np.append(True, np.diff(time_s[order]) > 0)
-    if max_rate_hz > 0:
-        bucket = np.floor((time_s[order] - time_s[order[0]]) * max_rate_hz + 1e-6)
-        keep &= np.append(True, np.diff(bucket) > 0)
-    if left_out := int(np.sum(~keep)) + int(np.sum(~np.isfinite(time_s))):
+def _kept(time_s: FloatArray, max_rate_hz: float, notes: list[Message]) -> NDArray[np.bool_]:
+    """Return which of (n,) ascending times are kept: every one, or no more a second than is wanted."""
+    if max_rate_hz <= 0:
+        return np.ones(len(time_s), np.bool_)
+    bucket = np.floor((time_s - time_s[0]) * max_rate_hz + 1e-6)
+    keep = np.append(True, np.diff(bucket) > 0)
+    if left_out := int(np.sum(~keep)):
         notes.append(Message("rows-left-out", left=left_out, rows=len(time_s)))
-    order = np.asarray(order[keep], np.intp)
-    days = (time_s[order[-1]] - time_s[order[0]]) / 86_400
-    if days > MAX_DAYS:
-        raise ImportFailed(source, Message("days-too-long", days=f"{days:.0f}", most=MAX_DAYS))
-    return order
+    return keep

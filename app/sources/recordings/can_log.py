@@ -1,12 +1,15 @@
 """CAN logs of other tools as frames, and by a DBC as a table of signals."""
 
 import gzip
+import logging
 import re
 from array import array
+from codecs import BOM_UTF8
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
-from io import TextIOWrapper
+from io import BufferedReader, TextIOWrapper
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TextIO
@@ -15,21 +18,23 @@ import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray, latest_at
-from app.sources.recordings.bad_rows import EARLY, BadRows, UnreadableLine
+from app.sources.recordings.bad_rows import EARLY, SHOWN_TEXT, BadRows, UnreadableLine
+from app.sources.recordings.blf_log import blf_frames, data_frame
+from app.sources.recordings.clock import LogClock
 from app.sources.recordings.import_mapping import ImportMapping
-from app.sources.recordings.kind import CAN_LOGS, kind_of
+from app.sources.recordings.kind import CAN_LOGS, kind_of, wide_encoding
 from app.sources.recordings.line_logs import MOST_S, candump_frame, crtd_frame, savvycan_frame
 from app.sources.recordings.mf4_log import mf4_frames
-from app.sources.recordings.table import GZIP_MAGIC, Table, matching
+from app.sources.recordings.table import GZIP_MAGIC, NO_TABLES, Table, matching
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 _ID_BITS = 0x1FFFFFFF
 _MOST_BYTES = 64  # data bytes of CAN FD
 _READ_AT_ONCE = 1 << 18
+_BEGIN = 1 << 12  # bytes that show how a text is encoded
 _PROGRESS_EVERY = 500  # frames
 MOST_VALUES = 16_000_000  # values of signals by a DBC: each takes 38 bytes until the table is made
-_ERROR_TEXT = 60  # characters of a library's reason
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
 OnRead = Callable[[int], None]  # bytes of the file that are read
 Signals = dict[str, tuple["array[float]", "array[float]"]]  # times and values by name
@@ -47,69 +52,94 @@ _RELATIVE = re.compile(r"\s*\d+\.\d+(?=\s)")
 _LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd_frame}
 
 
-def read_frames(path: Path, bad: BadRows | None = None, on_read: OnRead | None = None) -> Iterator[Frame]:
+def read_frames(
+    path: Path, bad: BadRows | None = None, on_read: OnRead | None = None, clock: LogClock | None = None
+) -> Iterator[Frame]:
     """Yield the data frames of a log, in its order; what it is is taken from its content.
 
     Args:
         path: candump, SavvyCAN, CRTD, .asc, .trc, .blf or MF4 bus logging; text also gzip.
         bad: gets the lines and frames that cannot be read.
+        clock: gets what the log's clock did; a clock that starts again, or is set, makes no jump.
         on_read: given how many bytes are read, again and again; not of MF4.
 
     Raises:
         ImportFailed: it cannot be read, or more than half of it cannot.
         ExtraMissing: asammdf, which reads MF4, is not installed.
     """
-    kind, good = kind_of(path), 0
+    kind, counted = kind_of(path), [0]
     bad = BadRows() if bad is None else bad
+    clock = LogClock() if clock is None else clock
     if kind not in CAN_LOGS:
-        raise ImportFailed(path.name, Message("no-can-log", error=Message("no-log-kind")))
+        why = NO_TABLES[kind] if kind == "candump-no-time" else Message("no-can-log", error=Message("no-log-kind"))
+        raise ImportFailed(path.name, why)
     try:
         with path.open("rb", _READ_AT_ONCE) as file:
-            for number, frame in enumerate(_frames(kind, path, file, bad)):
-                if on_read is not None and number % _PROGRESS_EVERY == 0:
-                    on_read(file.tell())
-                if not abs(frame[0]) < MOST_S:  # not a number, too
-                    bad.add(None, Message("odd-time", time=f"{frame[0]:g}"))
-                elif frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
-                    bad.add(None, Message("odd-frame", id=f"{frame[1]:X}", bytes=len(frame[2])))
-                else:
-                    good += 1
-                    yield frame
-                if bad.count > EARLY and not good:
-                    break
-    except (ExtraMissing, MemoryError):
+            clock.may_be_differences, clock.has_lines = kind == "candump", kind in _LINE_LOGS
+            frames = _frames(kind, path, file, bad, clock)
+            yield from clock.in_time(path.name, _usable(frames, file, bad, counted, on_read))
+    except (ExtraMissing, ImportFailed, MemoryError):
         raise
     except Exception as error:  # every reader raises its own: struct.error, MdfException, ...
         raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
     if on_read is not None and kind != "mf4":
         on_read(path.stat().st_size)
-    bad.check(path.name, good)
+    bad.check(path.name, counted[0])
 
 
-def _frames(kind: str, path: Path, file: Any, bad: BadRows) -> Iterator[Frame]:
+def _usable(
+    frames: Iterator[Frame], file: BinaryIO, bad: BadRows, counted: list[int], on_read: OnRead | None
+) -> Iterator[Frame]:
+    """The frames whose time, id and length can be; `counted` gets their number."""
+    for number, frame in enumerate(frames):
+        if on_read is not None and number % _PROGRESS_EVERY == 0:
+            on_read(file.tell())
+        if not abs(frame[0]) < MOST_S:  # not a number, too
+            bad.add(None, Message("odd-time", time=f"{frame[0]:g}"))
+        elif frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
+            bad.add(None, Message("odd-frame", id=f"{frame[1]:X}", bytes=len(frame[2])))
+        else:
+            counted[0] += 1
+            yield frame
+        if bad.count > EARLY and not counted[0]:
+            break
+
+
+def _frames(kind: str, path: Path, file: Any, bad: BadRows, clock: LogClock) -> Iterator[Frame]:
     """The frames of a log; one that is text may be packed."""
     if kind == "mf4":
         return mf4_frames(path)
     if kind == "blf":
-        return _blf(file, bad)
+        return blf_frames(file, bad)
     is_packed = file.peek(2)[:2] == GZIP_MAGIC
-    text = TextIOWrapper(gzip.GzipFile(fileobj=file) if is_packed else file, encoding="latin-1")
+    plain: Any = BufferedReader(gzip.GzipFile(fileobj=file)) if is_packed else file
+    begin = plain.peek(_BEGIN)
+    if begin.startswith(BOM_UTF8):
+        plain.read(len(BOM_UTF8))
+    text = TextIOWrapper(plain, encoding=wide_encoding(begin[:_BEGIN]) or "latin-1")
     if kind in _LINE_LOGS:
-        return _lines(text, _LINE_LOGS[kind], bad)
+        return _lines(text, _LINE_LOGS[kind], bad, clock)
     return _text_of_python_can(text, kind, bad)
 
 
-def _lines(text: TextIO, frame_of: Callable[[str], Frame | None], bad: BadRows) -> Iterator[Frame]:
+def _lines(text: TextIO, frame_of: Callable[[str], Frame | None], bad: BadRows, clock: LogClock) -> Iterator[Frame]:
     """The frames of a log that has one a line; a last line without its end may be cut off."""
+    good = 0
     with text:
-        for number, line in enumerate(text, 1):
+        for number, whole in enumerate(text, 1):
+            frame, line = None, whole
+            if "\0" in line:  # the power went away while a block of the file was written
+                bad.add(number, Message("nul-bytes", n=line.count("\0")))
+                line = line.strip("\0")
             try:
                 frame = frame_of(line) if line.strip() else None
             except UnreadableLine as error:
                 if line.endswith("\n"):
                     bad.add(number, error.why)
-                continue
-            if frame is not None:
+            if frame is None:
+                clock.lines_left_out.append(good)
+            else:
+                good += 1
                 yield frame
 
 
@@ -159,6 +189,26 @@ class _Lines:
         self._file.close()
 
 
+@contextmanager
+def _warnings_as_bad_lines(bad: BadRows, lines: _Lines) -> Iterator[None]:
+    """Count the lines that python-can leaves out with a warning each."""
+    logger = logging.getLogger("can.io")
+
+    def count(record: logging.LogRecord) -> bool:
+        bad.add(lines.number, record.getMessage())
+        return False
+
+    handler = logging.NullHandler()
+    handler.addFilter(count)
+    propagates, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagates
+
+
 def _text_of_python_can(text: TextIO, kind: str, bad: BadRows) -> Iterator[Frame]:
     can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
     is_done, lines = False, _Lines(text)
@@ -167,8 +217,9 @@ def _text_of_python_can(text: TextIO, kind: str, bad: BadRows) -> Iterator[Frame
             reader: Any = can.TRCReader(lines) if kind == "trc" else can.ASCReader(lines, relative_timestamp=False)
             before = lines.number
             try:
-                for message in reader:
-                    yield from _data_frame(message)
+                with _warnings_as_bad_lines(bad, lines):
+                    for message in reader:
+                        yield from data_frame(message)
                 is_done = True
             except MemoryError:
                 raise
@@ -177,28 +228,6 @@ def _text_of_python_can(text: TextIO, kind: str, bad: BadRows) -> Iterator[Frame
                     raise
                 bad.add(lines.number, str(error) or type(error).__name__)
                 lines.repeat_header()
-
-
-def _blf(file: BinaryIO, bad: BadRows) -> Iterator[Frame]:
-    can = import_module("can")
-    good = 0
-    try:
-        with can.BLFReader(file) as reader:
-            for message in reader:
-                good += 1
-                yield from _data_frame(message)
-    except MemoryError:
-        raise
-    except Exception as error:  # struct.error, zlib.error, BLFParseError, ...
-        if not good:
-            raise
-        bad.add(None, Message("breaks-off", frames=good, error=str(error)[:_ERROR_TEXT]))
-
-
-def _data_frame(message: Any) -> Iterator[Frame]:
-    if not (message.is_error_frame or message.is_remote_frame):
-        extended = CAN_ID_EXTENDED if message.is_extended_id else 0
-        yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
 
 
 class LogSignals(NamedTuple):
@@ -236,22 +265,24 @@ def read_signals(
     most: int | None = None,
     on_read: OnRead | None = None,
     on_frame: Callable[[Frame], None] | None = None,
+    clock: LogClock | None = None,
 ) -> LogSignals:
     """Return the signals in a log's frames; of the first `most` frames where it is given.
 
-    `on_read` gets the bytes read so far, repeatedly; `on_frame` gets every frame.
+    `on_read` gets the bytes read so far, repeatedly; `on_frame` gets every frame; `clock` as for `read_frames`.
 
     Raises:
         ExtraMissing: cantools is not installed.
         ImportFailed: the log or the DBC cannot be read.
     """
     unread, undecoded = BadRows(), BadRows(Message("frames-of-dbc"))
-    frames = islice(read_frames(path, unread, on_read), most)
+    clock = LogClock() if clock is None else clock
+    frames = islice(read_frames(path, unread, on_read, clock), most)
     if on_frame is not None:
         frames = (on_frame(frame) or frame for frame in frames)  # type: ignore[assignment]
     found = _signals(frames, path.name, dbc, bad=undecoded)
     decoded = max((len(times) for times, _ in found.values()), default=0)
-    return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded)))
+    return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded), *clock.notes))
 
 
 def column_profile(profile: ImportMapping) -> dict[str, object]:
@@ -302,7 +333,7 @@ def _signals(
         try:
             values = message.decode(data, decode_choices=False, allow_truncated=True)
         except Exception as error:  # noqa: BLE001  cantools raises its own, bitstruct's and the codec's
-            bad.add(None, Message("undecoded", message=message.name, at=f"{at_s:.3f}", error=str(error)[:_ERROR_TEXT]))
+            bad.add(None, Message("undecoded", message=message.name, at=f"{at_s:.3f}", error=str(error)[:SHOWN_TEXT]))
             continue
         decoded += 1
         numbers = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime, timedelta
 from io import StringIO
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.sources.recordings.bad_rows import REFUSED_SHARE, BadRows
-from app.sources.recordings.kind import text_of
+from app.sources.recordings.kind import text_of, wide_encoding, without_nul_runs
 from app.sources.recordings.quantities import is_unit, state_of, states_direction
 from app.words import Message, render
 
@@ -26,10 +27,18 @@ SLASH_DATE = re.compile(r"(?<![\d/])(\d{1,2})/(\d{1,2})/(\d{4})(?=[ T,;\t]|$)", 
 HALF_DAY = re.compile(r"(.*\D)(\d{1,2})(:\d{2}(?::\d{2}(?:\.\d+)?)?) ?([AP])M", re.IGNORECASE)
 MONTH_BY_NAME = re.compile(r"(\d{1,2})[- ]([A-Z][a-z]{2})[- ](\d{2}|\d{4})(?=[ T])")
 MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
+HEADER_STAMP = re.compile(
+    r"\d{1,4}([-./])\d{1,2}\1\d{1,4}[ T,;\t]{1,3}\d{1,2}:\d{2}(?::\d{2}(?:\.\d{1,9})?)?(?: ?[AP]M)?"
+    r"|\d{1,2}[- ][A-Z][a-z]{2}[- ]\d{2,4}[ T]{1,2}\d{1,2}:\d{2}(?::\d{2})?"
+)
+STARTED = re.compile(r"\b(?:start|begin|began|beginn)", re.IGNORECASE)
+DATED = re.compile(r"\b(?:date|datum|dato|time|recorded|acquired|acquisition)", re.IGNORECASE)
+ALONE = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}")  # a date without its time of day
 DECIMAL_COMMA = re.compile(r"(?<![\d,])(-?\d+),(\d+(?:[eE][-+]?\d+)?)(?![\d,])")
 HEADER_LINES = re.compile(r"Nb header lines\s*:\s*(\d{1,9})\b", re.ASCII)  # BioLogic: the names are the last of them
 MOST_COLUMNS = 10_000
 PREAMBLE_LIMIT = 500  # lines of remarks a rig may write before its table
+ENDS_COMPARED = 20  # last rows, which show how rows end
 ROWS_ALIKE = 5  # rows of the same kind that make a table where some columns hold words
 
 
@@ -46,10 +55,16 @@ class TableUnreadable(DatasetError):
         self.reason = reason
 
 
-def read_csv(
-    source: str, raw: bytes, notes: list[Message], on_read: OnRows = lambda done, of: None
-) -> tuple[list[str] | None, list[FloatArray]]:
-    """Return the names, None without a header, and the columns; NaN where no number stands.
+class CsvTable(NamedTuple):
+    """What a CSV file holds."""
+
+    header: list[str] | None  # None: it has none
+    columns: list[FloatArray]  # NaN where no number stands
+    started_unix_s: float | None  # by the lines above the table
+
+
+def read_csv(source: str, raw: bytes, notes: list[Message], on_read: OnRows = lambda done, of: None) -> CsvTable:
+    """Return the table in a CSV file.
 
     Args:
         source: name of the file, for the error.
@@ -60,6 +75,9 @@ def read_csv(
     Raises:
         TableUnreadable: it holds no table of numbers.
     """
+    if not wide_encoding(raw) and (of_words := without_nul_runs(raw)) != raw:
+        notes.append(Message("nul-bytes", n=raw.count(b"\0")))
+        raw = of_words
     text = text_of(raw)
     if "\0" in text:
         raise TableUnreadable(source, Message("no-text"))
@@ -79,9 +97,8 @@ def read_csv(
     if any(_has_decimal_commas(line) for line in lines[-20:]):
         lines = [DECIMAL_COMMA.sub(r"\1.\2", line) for line in lines]
         notes.append(Message("decimal-commas"))
+    lines = _without_empty_ends(lines)
     delimiter, start = _find_table(source, lines, is_delimited)
-    if _ends_every_row(lines, start, delimiter):
-        lines = [line.removesuffix(delimiter) for line in lines]
     header, header_lines = _header_above(lines, start, delimiter)
     body = _with_day_first(lines[start:])
     width = len(body[0].split(delimiter))
@@ -89,11 +106,36 @@ def read_csv(
     if skipped:
         notes.append(Message("lines-above", lines=skipped))
     columns = _numbers(source, body, numbers[start:], delimiter, width, notes, on_read)
+    _add_dates(body, delimiter, columns)
     for k, name in enumerate(header or []):
         if states_direction(name) and np.isnan(columns[k]).all():
             states = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
             columns[k] = np.array(states) if any(states) else columns[k]
-    return header, columns
+    return CsvTable(header, columns, _started_s(lines[: start - header_lines]))
+
+
+def _started_s(above: list[str]) -> float | None:
+    """Return the time that the lines above a table give as its start [s since 1970], or else as its date."""
+    found = [(line[: stamp.start()], _stamp_s(" ".join(stamp[0].replace(",", " ").split())))
+             for line in above if (stamp := HEADER_STAMP.search(line)) is not None]  # fmt: skip
+    for words in (STARTED, DATED):
+        for name, seconds in found:
+            if seconds is not None and words.search(name):
+                return seconds
+    return None
+
+
+def _add_dates(body: list[str], delimiter: str, columns: list[FloatArray]) -> None:
+    """Add the dates of a column to the times of day in another one."""
+    first = [token.strip(' \t"') for token in body[0].split(delimiter)]
+    dated = [k for k, token in enumerate(first) if ALONE.fullmatch(token)]
+    clocks = [k for k, token in enumerate(first) if CLOCK.fullmatch(token)]
+    if len(dated) != 1 or len(clocks) != 1 or len(columns[clocks[0]]) != len(body):
+        return
+    dates = [line.split(delimiter)[dated[0]].strip(' \t"') for line in body]
+    at_s = {date: _stamp_s(f"{date} 00:00:00") for date in set(dates)}
+    if None not in at_s.values():
+        columns[clocks[0]] = columns[clocks[0]] + np.array([at_s[date] for date in dates])
 
 
 def _with_day_first(body: list[str]) -> list[str]:
@@ -163,12 +205,13 @@ def _is_row_with_words(lines: list[str], k: int, delimiter: str) -> bool:
     return sum(kinds[0]) >= 2 and len(set(kinds)) == 1 and len(above) == len(kinds[0])
 
 
-def _ends_every_row(lines: list[str], start: int, delimiter: str) -> bool:
-    """Return whether the delimiter stands after the last column too, and not before one that is empty."""
-    above = lines[start - 1] if start else ""
-    width = lines[start].count(delimiter)
-    is_named = above.count(delimiter) == width and not above.endswith(delimiter)
-    return not is_named and all(line.endswith(delimiter) for line in lines[start:])
+def _without_empty_ends(lines: list[str]) -> list[str]:
+    """Return lines without the delimiters behind the last column that holds anything in any of them."""
+    delimiter = max(DELIMITERS, key=lambda mark: sum(line.count(mark) for line in lines[-ENDS_COMPARED:]))
+    width = Counter(line.count(delimiter) for line in lines[-ENDS_COMPARED:]).most_common(1)[0][0]
+    used = max(line.rstrip(delimiter).count(delimiter) for line in lines)
+    after = delimiter * (width - used) if width < MOST_COLUMNS else ""
+    return [line.removesuffix(after) for line in lines] if after else lines
 
 
 def _with_broken_rows(lines: list[str], start: int, delimiter: str) -> int:

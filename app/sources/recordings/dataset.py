@@ -8,9 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import FIELDS, Recording, clean
+from app.sources.recordings.clock import rows_in_time
+from app.sources.recordings.impossible import measured_currents, measured_temperatures
 from app.sources.recordings.quantities import (
     UNITS,
     Candidate,
@@ -19,6 +22,7 @@ from app.sources.recordings.quantities import (
     in_our_unit,
     is_wall_clock,
     signed,
+    time_unit_of,
 )
 from app.sources.recordings.table import Table, column_number, load_table
 from app.words import Message, render
@@ -98,7 +102,10 @@ def load_recording(
     table = load_table(path)
     notes = list(table.notes)
     fields = _assign(table, mapping or {}, notes)
+    if "temperature_degc" in fields:
+        fields["temperature_degc"] = measured_temperatures(fields["temperature_degc"][:, None], notes)[:, 0]
     if "current_a" in fields:
+        fields["current_a"] = measured_currents(fields["current_a"], notes)
         fields["current_a"], direction = signed(fields["current_a"], table.columns)
         charge_positive &= direction is None
         if direction is not None:
@@ -107,8 +114,24 @@ def load_recording(
             charge_positive = charges_positive(fields["current_a"], fields["voltage_v"])
             if charge_positive:
                 notes.append(Message("voltage-rises"))
+    try:
+        fields = _in_order_of_time(table.source, fields, notes)
+    except ImportFailed as error:
+        raise DatasetError(table.source, render(error.reason)) from error
     recording = clean(table.source, fields, charge_positive=charge_positive, period_s=period_s)
     return replace(recording, notes=(*map(render, notes), *recording.notes))
+
+
+def _in_order_of_time(source: str, fields: Mapping[str, FloatArray], notes: list[Message]) -> dict[str, FloatArray]:
+    """Return the fields' rows in the order of time.
+
+    Raises:
+        ImportFailed: the column of times holds none.
+    """
+    if "time_s" not in fields:
+        return dict(fields)
+    rows = rows_in_time(source, fields["time_s"], notes)
+    return {field: values[rows.order] for field, values in fields.items()} | {"time_s": rows.time_s}
 
 
 def _assign(table: Table, mapping: Mapping[str, Source], notes: list[Message]) -> dict[str, FloatArray]:
@@ -149,11 +172,16 @@ def _assign(table: Table, mapping: Mapping[str, Source], notes: list[Message]) -
 
 
 def _converted(table: Table, found: Candidate, quantity: str, notes: list[Message]) -> FloatArray:
-    if found.unit is None:
+    unit = found.unit
+    if quantity == "time" and (unit := time_unit_of(found.name, table.columns)) is None:
+        raise DatasetError(
+            table.source, f"{found.name!r} has no unit; give it with --map time_s={found.name}*0.001 (ms) or *1 (s)"
+        )
+    if unit is None:
         return table.columns[found.name]
-    if UNITS[quantity][found.unit] != (1, 0):
-        notes.append(Message("converted", column=repr(found.name), unit=found.unit))
-    return in_our_unit(table.columns[found.name], quantity, found.unit)
+    if UNITS[quantity][unit] != (1, 0):
+        notes.append(Message("converted", column=repr(found.name), unit=unit))
+    return in_our_unit(table.columns[found.name], quantity, unit)
 
 
 def _mapped(table: Table, field: str, wanted: Source) -> FloatArray:

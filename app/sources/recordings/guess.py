@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from app.estimation.arrays import FloatArray, median
-from app.sources.recordings.import_mapping import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportMapping
-from app.sources.recordings.quantities import UNITS, candidates, charges_positive, sounds_like, unit_of
+from app.sources.recordings.import_mapping import EXPORT_STAMP, EXPORT_TIMES, ImportMapping
+from app.sources.recordings.impossible import measured_currents
+from app.sources.recordings.quantities import UNITS, candidates, charges_positive, sounds_like, time_unit_of, unit_of
 from app.sources.recordings.table import Table, column_number, matching
 
 SOC_IN_PERCENT, KELVIN_FROM, MILLIVOLTS_FROM = 1.5, 200.0, 500.0  # medians beyond them
 ONE_CELL_BELOW_V, USUAL_CELL_V = 10.0, 3.7  # a higher voltage is that of so many cells in series
 MILLIAMPS_FROM = 5000.0  # no battery that we know has so many amperes
-LATEST_UNIX_S = 4_102_444_800.0  # 2100
 FIELD_OF_QUANTITY = {
     "time": "time",
     "current": "current",
@@ -42,9 +42,10 @@ def guess(table: Table) -> ImportMapping:
             continue
         values = np.concatenate([table.columns[name] for name in members])
         middle = median(values[values != 0.0])
+        size = median(np.abs(values[values != 0.0]))  # a sign may mark a cell
         if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < middle < 400:
             profile = replace(profile, temperatures=pattern)
-        elif not profile.voltages and sounds_like(members[0], "voltage") and _voltage_unit(middle):
+        elif not profile.voltages and sounds_like(members[0], "voltage") and _voltage_unit(size):
             profile = replace(profile, voltages=pattern)
     grouped = {name for pattern in (profile.voltages, profile.temperatures) for name in matching(pattern, names)}
     columns = {name: values for name, values in table.columns.items() if name not in grouped}
@@ -69,7 +70,9 @@ def with_units(profile: ImportMapping, table: Table, quantities: Iterable[str]) 
     """Return the profile with the units of some quantities as the names of their columns, or else the values, tell."""
     for quantity in quantities:
         names = _named(profile, quantity, table)
-        if names:
+        if names and quantity == "time":
+            profile = replace(profile, time_unit=time_unit_of(names[0], table.columns) or "")
+        elif names:
             values = np.concatenate([table.columns[name] for name in names])
             profile = replace(profile, **{f"{quantity}_unit": _unit(quantity, names, values)})  # type: ignore[arg-type]
     return profile
@@ -91,33 +94,23 @@ def _unit(quantity: str, names: Sequence[str], values: FloatArray) -> str:
     middle = median(values[values != 0.0] if len(names) > 1 else values)
     match quantity:
         case "voltage":
+            middle = median(np.abs(values[values != 0.0])) if len(names) > 1 else middle
             alone = named or ("mV" if middle > MILLIVOLTS_FROM else "V")
             return (_voltage_unit(middle) or alone) if len(names) > 1 else alone
         case "temperature":
             return named or ("K" if middle > KELVIN_FROM else "degC")
         case "soc":
             return named or ("percent" if middle > SOC_IN_PERCENT else "fraction")
-        case "current":
-            return named or ("mA" if np.any(np.abs(values) > MILLIAMPS_FROM) else "A")
         case _:
-            return named or _time_unit(values)
-
-
-def _time_unit(values: FloatArray) -> str:
-    """The coarsest of s, ms and us in which the times are before 2100, and span no longer than a recording."""
-    known = values[np.isfinite(values)]
-    for unit in ("s", "ms", "us") if len(known) else ():
-        seconds = known * UNITS["time"][unit][0]
-        if np.max(seconds) < LATEST_UNIX_S and np.ptp(seconds) <= LONGEST_S:
-            return unit
-    return "s"
+            return named or ("mA" if np.any(np.abs(measured_currents(values, [])) > MILLIAMPS_FROM) else "A")
 
 
 def _charges_positive(table: Table, profile: ImportMapping) -> bool:
     if not profile.current or not profile.voltages:
         return False
     voltages = table.matrix("voltages", profile.voltages)
-    return charges_positive(table.column("current", profile.current), voltages.sum(axis=1))
+    current = measured_currents(table.column("current", profile.current), [])
+    return charges_positive(current, np.abs(voltages).sum(axis=1))
 
 
 def _of_export(names: list[str]) -> ImportMapping:

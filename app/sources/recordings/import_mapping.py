@@ -20,7 +20,6 @@ from app.words import Message
 
 EXPORT_TIMES = ("time_s", "elapsed_s", "uptime_s")  # the first columns of a table that is exported
 EXPORT_STAMP = "time"  # and its last, a UTC time stamp to the microsecond; earlier tables have none
-LONGEST_S = 7 * 86_400.0  # how long a recording may be
 _CELLS = re.compile(r"(\d{1,4})(?:-(\d{1,4}))?", re.ASCII)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
@@ -30,7 +29,7 @@ class ImportMapping:
     """Where each quantity is; an empty text is: not there."""
 
     time: str = ""
-    time_unit: str = "s"
+    time_unit: str = "s"  # empty: not clear, to be chosen
     current: str = ""
     current_unit: str = "A"
     charge_positive: bool = False  # the file counts charging current as positive
@@ -53,7 +52,7 @@ class ImportMapping:
         """
         for quantity, units in UNITS.items():
             unit = getattr(self, f"{quantity}_unit")
-            if unit not in units:
+            if unit not in units and (unit or quantity != "time"):
                 raise ImportFailed(
                     "profile", Message("no-such-unit", field=f"{quantity}_unit", unit=repr(unit), units=tuple(units))
                 )

@@ -4,12 +4,14 @@ import gzip
 import re
 import zipfile
 import zlib
+from codecs import BOM_UTF8
 from pathlib import Path
 
-from app.sources.recordings.line_logs import CANDUMP_LINE, CRTD_LINE, SAVVYCAN_HEADER
+from app.sources.recordings.line_logs import CANDUMP_LINE, CANDUMP_WITHOUT_TIME, CRTD_LINE, SAVVYCAN_HEADER
 
 CAN_LOGS = ("candump", "asc", "trc", "blf", "savvycan", "crtd", "mf4")
 ENDINGS = {".log": "candump", ".asc": "asc", ".trc": "trc", ".blf": "blf", ".crtd": "crtd", ".mf4": "mf4"}
+NUL_RUN = re.compile(rb"\0{16,}")
 _READ = 1 << 16
 _LINES = 200
 _MAGIC = (
@@ -49,7 +51,7 @@ def kind_of(path: Path) -> str:
         return found
     if raw.startswith(b"PK\3\4"):
         return _kind_of_zip(path)
-    if b"\0" in raw and not wide_encoding(raw):
+    if b"\0" in without_nul_runs(raw) and not wide_encoding(raw):
         return by_name if by_name in ("blf", "mf4") else "unknown"
     return _kind_of_text(raw) or by_name
 
@@ -82,16 +84,23 @@ def _kind_of_zip(path: Path) -> str:
 
 
 def _kind_of_text(raw: bytes) -> str | None:
-    text = raw.decode("latin-1")
+    text = raw.removeprefix(BOM_UTF8).decode(wide_encoding(raw) or "latin-1", "replace")
     lines = [line for line in text.splitlines()[:_LINES] if line.strip()]
     if any(SAVVYCAN_HEADER.match(line) for line in lines[:5]):
         return "savvycan"
     for kind, pattern in (("candump", CANDUMP_LINE), ("crtd", CRTD_LINE)):
         if sum(pattern.match(line) is not None for line in lines) > 0.4 * len(lines):
             return kind
+    if lines and sum(CANDUMP_WITHOUT_TIME.match(line) is not None for line in lines) > 0.4 * len(lines):
+        return "candump-no-time"
     if _TRC.search(text):
         return "trc"
     return "asc" if _ASC.search("\n".join(lines[:5])) else None
+
+
+def without_nul_runs(raw: bytes) -> bytes:
+    """Return a file's bytes with a line's end for each run of zeros: there the power went away."""
+    return NUL_RUN.sub(b"\n", raw)
 
 
 MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte-order marks of UTF-16

@@ -69,6 +69,7 @@ CANDUMP_LINE = re.compile(
     r"(?:#(?P<flags>#[0-9A-Fa-f])?(?P<data>R\d?|(?:[0-9A-Fa-f]{2}\.?){0,64})(?:_[0-9A-Fa-f])?(?:\s+[RT])?"
     r"|\s+\[\s*(?P<length>\d{1,3})\]\s*+(?P<bytes>(?:[0-9A-Fa-f]{2}\s*+){0,64}+|remote request.*)(?:'.*)?)\s*$"
 )
+CANDUMP_WITHOUT_TIME = re.compile(r"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\](?:\s+[0-9A-Fa-f]{2}){0,64}\s*$")
 _PLAIN = re.compile(r"\((\d{1,10}\.\d+)\) \S+ ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8})\n")  # nearly all of them
 _SHORT_ID_DIGITS = 3  # digits of an 11-bit id
 MOST_S = 9e9  # in the year 2255; ns since 1970 are kept in 64 bits

@@ -19,13 +19,26 @@ UNITS: dict[str, dict[str, Conversion]] = {
     "time": {"s": (1, 0), "ms": (1e-3, 0), "us": (1e-6, 0), "min": (60, 0), "h": (3600, 0)},
     "current": {"A": (1, 0), "mA": (1e-3, 0), "0.1A": (0.1, 0)},
     "voltage": {"V": (1, 0), "mV": (1e-3, 0), "0.1mV": (1e-4, 0)},
-    "temperature": {"degC": (1, 0), "K": (1, -273.15), "degF": (5 / 9, -160 / 9), "0.1degC": (0.1, 0)},
+    "temperature": {
+        "degC": (1, 0),
+        "K": (1, -273.15),
+        "degF": (5 / 9, -160 / 9),
+        "0.1degC": (0.1, 0),
+        "mdegC": (1e-3, 0),
+    },
     "soc": {"percent": (0.01, 0), "fraction": (1, 0)},
 }
+UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
+SLOW_STEP_S = 50.0  # whole numbers so far apart are rather ms
+LEAST_SPAN_S, SAME_SPAN = 10.0, 0.05  # dates over less show no unit; share by which the spans may differ
 _SPELLINGS = {  # other ways to write a unit, in lower case
     "sec": "s", "seconds": "s", "hh:mm:ss": "s", "h:min:s.ms": "s", "h:min:s": "s", "h:m:s": "s",
     "hr": "h", "hours": "h", "amps": "A", "volts": "V",
-    "c": "degC", "°c": "degC", "℃": "degC", "oc": "degC", "f": "degF", "°f": "degF",
+    "c": "degC", "celsius": "degC", "celcius": "degC", "degreecelsius": "degC",
+    "degreescelsius": "degC", "degreecelcius": "degC",
+    "mc": "mdegC", "fahrenheit": "degF", "kelvin": "K",
+    "°c": "degC", "℃": "degC", "oc": "degC",
+    "f": "degF", "°f": "degF",
     "1": "fraction", "frac": "fraction", "%": "percent", "pct": "percent",
 }  # fmt: skip
 _OTHER_UNITS = {
@@ -156,6 +169,42 @@ def in_our_unit(values: FloatArray, quantity: str, unit: str) -> FloatArray:
     return values * factor + offset
 
 
+def time_unit_of(name: str, columns: Mapping[str, FloatArray]) -> str | None:
+    """Return the unit of a column of times: by a column of dates, its name or its values; None: not clear.
+
+    Args:
+        name: of the column.
+        columns: (n,) values by name, of the whole table.
+    """
+    values = columns[name]
+    known = values[np.isfinite(values)]
+    named, by_dates = unit_of(name, "time"), _unit_by_dates(values, columns)
+    if by_dates or named or not len(known):
+        return by_dates or named or "s"
+    for unit, from_s in (("us", 1e14), ("ms", 1e11), ("s", UNIX_FROM_S)):
+        if known[0] > from_s:
+            return unit
+    steps = np.diff(known)
+    steps = steps[steps > 0.0]
+    is_slow = bool(len(steps)) and float(np.quantile(steps, 0.75)) >= SLOW_STEP_S and not np.any(known % 1.0)
+    return None if is_slow else "s"
+
+
+def _unit_by_dates(values: FloatArray, columns: Mapping[str, FloatArray]) -> str | None:
+    """Return the unit in which a column of times spans as long as a column of dates and times."""
+    for name, dates_s in columns.items():
+        if not is_wall_clock(name):
+            continue
+        rows = np.flatnonzero(np.isfinite(values) & np.isfinite(dates_s))
+        if not len(rows) or dates_s[rows[0]] < UNIX_FROM_S or values[rows[0]] > UNIX_FROM_S:
+            continue
+        span, span_s = np.ptp(values[rows]), np.ptp(dates_s[rows])
+        for unit, (factor, _) in UNITS["time"].items():
+            if span_s > LEAST_SPAN_S and abs(span * factor / span_s - 1.0) < SAME_SPAN:
+                return unit
+    return None
+
+
 def _score_of_name(name: str, quantity: str) -> float:
     words = set(_words(name))
     if quantity == "time" and is_wall_clock(name):
@@ -213,6 +262,8 @@ _STATE_NAMES = {
 _DISCHARGING = re.compile(r"d|dis\b.*|dch\w*|.*dchg\w*|.*discharg\w*|.*放电", re.IGNORECASE)
 _CHARGING = re.compile(r"c|cha|chg|.*\bchg|.*_chg|.*charg\w*|.*充电", re.IGNORECASE)
 SIGN_EVIDENCE = 0.4  # least correlation of voltage and current that decides the sign
+REST_SHARE, FLOW_SHARE = 0.02, 0.2  # at rest below this share of the largest current, flowing above
+MIXED_RISES = 0.15  # least share of rises of the current either way
 _BLOCKS = 200  # blocks of a test over which charge counts: in a slow one each row changes less than its meter resolves
 
 
@@ -257,6 +308,8 @@ def charges_positive(current: FloatArray, voltage: FloatArray) -> bool:
     """
     known = np.isfinite(current) & np.isfinite(voltage)
     current, voltage = current[known], voltage[known]
+    if flows_both_ways_unsigned(current, voltage):
+        return False
     together = _alike(np.diff(current), np.diff(voltage))
     if abs(together) < SIGN_EVIDENCE:
         ends = np.unique(np.linspace(0, len(voltage), _BLOCKS + 1, dtype=np.intp))
@@ -266,6 +319,22 @@ def charges_positive(current: FloatArray, voltage: FloatArray) -> bool:
         mean = np.add.reduceat(current, starts) / np.diff(ends)
         together = _alike(mean[:-1], np.diff(voltage[starts]))
     return together > SIGN_EVIDENCE
+
+
+def flows_both_ways_unsigned(current: FloatArray, voltage: FloatArray) -> bool:
+    """Return whether a current that is never negative lets the voltage fall at some of its rises, and rise at others.
+
+    Args:
+        current: (n,) as it is in the table, finite.
+        voltage: (n,) at the same rows, finite, in any unit.
+    """
+    if len(current) < 3 or np.min(current) < 0.0:
+        return False
+    largest = float(np.max(current))
+    rises = np.flatnonzero((current[:-1] <= REST_SHARE * largest) & (current[1:] >= FLOW_SHARE * largest))
+    steps = voltage[rises + 1] - voltage[rises]
+    falls = int(np.sum(steps < 0.0))
+    return min(falls, len(steps) - falls) >= MIXED_RISES * max(len(steps), 2 / MIXED_RISES)
 
 
 def _alike(one: FloatArray, other: FloatArray) -> float:

@@ -13,8 +13,9 @@ import numpy as np
 from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.bad_rows import some_of
-from app.sources.recordings.csv_table import MOST_COLUMNS, OnRows, TableUnreadable, read_csv
+from app.sources.recordings.csv_table import MOST_COLUMNS, CsvTable, OnRows, TableUnreadable, read_csv
 from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of, names_in_zip
+from app.sources.recordings.quantities import UNIX_FROM_S, is_wall_clock
 from app.sources.recordings.signal_files import largest_sheet, read_neware, read_signals
 from app.words import Message, Quantity
 
@@ -31,6 +32,7 @@ NO_TABLES = {
     "mpr": Message("is-mpr"),
     "xls": Message("is-xls"),
     "res": Message("is-res"),
+    "candump-no-time": Message("candump-no-time"),
 }
 OF_SIGNALS = ("mf4", "mcap", "ld")
 NEWARE = ("nda", "ndax")
@@ -45,6 +47,14 @@ class Table:
     columns: Mapping[str, FloatArray]
     has_header: bool = True  # else the names are numbers from 1
     notes: tuple[Message, ...] = ()  # what was done to read it
+    header_unix_s: float | None = None  # when it began, by the lines above it
+
+    def started_unix_s(self, row: int) -> float | None:
+        """Return when a row was measured by a column of dates and times, else when the table began; None: unknown."""
+        for name, values in self.columns.items():
+            if is_wall_clock(name) and values[row] > UNIX_FROM_S:
+                return float(values[row])
+        return self.header_unix_s
 
     def column(self, what: str, name: str) -> FloatArray:
         """Return one column by its name, or by its number from 1.
@@ -127,10 +137,14 @@ def load_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:
     except (OSError, EOFError, zlib.error) as exc:
         reason = getattr(exc, "strerror", None) or str(exc)  # strerror names no file: the error does
         raise TableUnreadable(str(path), Message("cannot-be-read", error=reason)) from exc
-    header, columns = _parquet_table(source, raw) if raw[:4] == PARQUET_MAGIC else read_csv(source, raw, notes, on_read)
+    if raw[:4] == PARQUET_MAGIC:
+        found = CsvTable(*_parquet_table(source, raw), None)
+    else:
+        found = read_csv(source, raw, notes, on_read)
+    header, columns, started_unix_s = found
     names = header or [str(i + 1) for i in range(len(columns))]
     names = [f"{name} #{i + 1}" if name in names[:i] else name for i, name in enumerate(names)]
-    return Table(source, dict(zip(names, columns, strict=True)), header is not None, tuple(notes))
+    return Table(source, dict(zip(names, columns, strict=True)), header is not None, tuple(notes), started_unix_s)
 
 
 def read_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:

@@ -53,37 +53,6 @@ def test_rows_without_current_are_left_out_and_missing_voltage_is_kept():
     assert len(recording.notes) == 2
 
 
-def test_newest_first_file_is_reversed():
-    turned = clean("a", {name: values[::-1] for name, values in columns().items()})
-    np.testing.assert_array_equal(turned.time_s, np.arange(6.0))
-    np.testing.assert_array_equal(turned.voltage_v, columns()["voltage_v"])
-    assert any("reversed" in note for note in turned.notes)
-
-
-def test_row_out_of_place_is_sorted():
-    n = 60
-    time_s = np.arange(n, dtype=float)
-    time_s[[20, 21]] = time_s[[21, 20]]
-    voltage_v = 4.0 - 0.001 * time_s
-    recording = clean("a", {"time_s": time_s, "current_a": np.ones(n), "voltage_v": voltage_v})
-    assert (np.diff(recording.time_s) > 0).all()
-    assert (np.diff(recording.voltage_v) < 0).all()
-    assert any("sorted" in note for note in recording.notes)
-
-
-def test_restarted_clock_goes_on_from_where_it_was():
-    time_s = np.concatenate((np.arange(50.0), np.arange(50.0)))
-    recording = clean("a", {"time_s": time_s, "current_a": np.ones(100), "voltage_v": np.linspace(4, 3, 100)})
-    np.testing.assert_allclose(recording.time_s, np.arange(100.0))
-    assert (np.diff(recording.voltage_v) < 0).all()
-
-
-def test_column_that_is_no_time_is_refused():
-    rng = np.random.default_rng(1)
-    with pytest.raises(DatasetError, match="time runs backwards"):
-        clean("a", {"time_s": rng.normal(size=200), "current_a": np.ones(200), "voltage_v": np.full(200, 3.7)})
-
-
 def test_exact_repeats_go_and_the_two_rows_of_a_step_stay():
     recording = clean(
         "a",

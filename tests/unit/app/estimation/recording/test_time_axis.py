@@ -1,10 +1,10 @@
-"""Rows put in time order, and what was done said: reversed files, late rows, clocks that start again, coarse clocks."""
+"""Each row of a recording gets a stamp of its own: repeats, the two rows of a step, coarse clocks."""
 
 import numpy as np
 import pytest
 
 from app.estimation.errors import DatasetError
-from app.estimation.recording.time_axis import in_time_order, usual_step, without_repeats
+from app.estimation.recording.time_axis import usual_step, without_repeats
 
 
 def table(times, currents=None):
@@ -13,49 +13,9 @@ def table(times, currents=None):
     return np.column_stack((times, current, 3.7 + 0.001 * current))
 
 
-def ordered(times):
-    notes = []
-    return in_time_order("drive.csv", table(times), notes), notes
-
-
 def spread(times, currents=None):
     notes = []
     return without_repeats("drive.csv", table(times, currents), notes), notes
-
-
-def test_rows_in_order_are_left_alone():
-    rows, notes = ordered(range(20))
-    np.testing.assert_array_equal(rows, table(range(20)))
-    assert notes == []
-
-
-def test_a_file_with_its_newest_row_first_is_turned_round():
-    rows, notes = ordered(range(19, -1, -1))
-    np.testing.assert_array_equal(rows[:, 0], range(20))
-    assert rows[0, 1] == 19, "each row keeps its values"
-    assert notes == ["the newest row came first: order reversed"]
-
-
-def test_a_late_row_is_sorted_to_its_place():
-    times = [*range(10), 8.5, *range(10, 30)]
-    rows, notes = ordered(times)
-    assert (np.diff(rows[:, 0]) > 0.0).all()
-    assert rows[9, 0] == 8.5
-    assert rows[9, 1] == 10
-    assert notes == ["time ran backwards (1 x): rows sorted"]
-
-
-def test_a_clock_that_starts_again_goes_on_where_it_was():
-    rows, notes = ordered([*range(20), *range(20)])
-    np.testing.assert_array_equal(rows[:, 0], range(40))
-    np.testing.assert_array_equal(rows[:, 1], range(40))
-    assert notes == ["the clock started again (1 x): parts joined 1 s apart"]
-
-
-def test_what_runs_backwards_too_often_is_no_time():
-    with pytest.raises(DatasetError, match="time runs backwards") as refused:
-        ordered([0, 5, 1, 6, 2, 7, 3, 8, 4, 9] * 2)
-    assert "drive.csv" in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,6 @@ def test_a_voltage_that_no_cell_has_is_missing(volts):
     [
         ({"V1": np.full(4, 3700.0), "V2": np.full(4, 3800.0)}, r"voltage_unit = V: no cell voltage is within"),
         ({"t": [np.nan] * 4}, "no row contains a time"),
-        ({"t": np.arange(4) * 4 * 86_400.0}, "the file covers 12 days, at most 7: is the unit of time right"),
     ],
 )
 def test_a_wrong_unit_or_no_time_is_refused_by_name(columns, reason):
@@ -111,10 +110,22 @@ def test_rows_out_of_order_are_sorted_with_all_their_values():
     assert said(log) == ["rows sorted by time"]
 
 
-def test_rows_without_a_time_of_their_own_are_left_out_and_counted():
+def test_rows_without_a_time_are_left_out_and_rows_of_one_time_stay():
     log = battery_log(table(t=[0, 1, 1, np.nan], I=[0, 1, 2, 3]), PROFILE)
-    np.testing.assert_array_equal(log.current_a, [0, 1])
-    assert said(log) == ["2 of 4 rows left out: no time, duplicate time, or faster than max_rate_hz"]
+    np.testing.assert_array_equal(log.current_a, [0, 1, 2])
+    assert said(log) == [
+        "1 of 4 rows have no time: left out",
+        "1 rows have the time of the row before: kept, in their order",
+    ]
+
+
+def test_a_recording_may_take_weeks():
+    assert battery_log(table(t=np.arange(4) * 30 * 86_400.0), PROFILE).time_s[-1] == 90 * 86_400
+
+
+def test_a_time_of_unknown_unit_is_to_be_chosen():
+    with pytest.raises(ImportFailed, match=r"t has no unit: choose it with `--set time_unit=s`"):
+        battery_log(table(), replace(PROFILE, time_unit=""))
 
 
 @pytest.mark.parametrize(

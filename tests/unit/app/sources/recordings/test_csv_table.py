@@ -12,7 +12,7 @@ from app.words import Message, render
 
 def read(text: str) -> tuple[list[str] | None, np.ndarray, list[str]]:
     notes: list[Message] = []
-    header, columns = read_csv("x.csv", text.encode(), notes)
+    header, columns, _ = read_csv("x.csv", text.encode(), notes)
     return header, np.column_stack(columns), [render(note) for note in notes]
 
 
@@ -147,5 +147,5 @@ def test_what_was_written_is_read_to_the_last_digit(rows: list[list[float]]) -> 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_table_or_say_why_not(content: bytes) -> None:
     with suppress(DatasetError):
-        _, columns = read_csv("x.csv", content, [])
+        _, columns, _ = read_csv("x.csv", content, [])
         assert len({len(column) for column in columns}) == 1

@@ -22,7 +22,7 @@ CANDUMP = "(1.5) can0 123#0102\n(1.6) can0 124#03\n"
     ("content", "kind"),
     [
         (CANDUMP, "candump"),
-        ("  can0  123   [2]  01 02\n" * 3, "table"),  # candump without times
+        ("  can0  123   [2]  01 02\n" * 3, "candump-no-time"),
         (" (000.010000)  can1  18FF50E5   [2]  01 02\n", "candump"),
         ("date Fri Nov 20 10:00:00.000 am 2026\nbase hex  timestamps absolute\n", "asc"),
         (";$FILEVERSION=1.3\n;$STARTTIME=45713.5\n", "trc"),

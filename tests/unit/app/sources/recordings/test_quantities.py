@@ -11,6 +11,7 @@ from app.sources.recordings.quantities import (
     candidates,
     charges_positive,
     find_unit,
+    flows_both_ways_unsigned,
     in_our_unit,
     is_unit,
     is_wall_clock,
@@ -201,3 +202,21 @@ def test_the_estimator_turns_a_file_that_counts_charging_as_positive_and_says_so
         recording = load_recording(path, charge_positive=charge_positive)
         assert set(recording.current_a) == {1.5}
         assert any("positive on charge: sign turned" in note for note in recording.notes)
+
+
+def drive(currents, sign):
+    """Voltage of a cell under blocks of current: 50 mV a volt lower on discharge, positive on charge by `sign`."""
+    flows = np.repeat(currents, 5)
+    return np.abs(flows), 3.7 + 0.01 * np.repeat(sign, 5) * np.abs(flows)
+
+
+def test_a_current_without_a_sign_that_flows_both_ways_turns_nothing():
+    current, voltage = drive([0, 8, 0, 10, 0, 9, 0, 8, 0], [0, 1, 0, 1, 0, -1, 0, -1, 0])
+    assert flows_both_ways_unsigned(current, voltage)
+    assert not charges_positive(current, voltage)
+
+
+def test_a_current_without_a_sign_that_only_charges_is_positive_on_charge():
+    current, voltage = drive([0, 8, 0, 10, 0, 9, 0], [0, 1, 0, 1, 0, 1, 0])
+    assert not flows_both_ways_unsigned(current, voltage)
+    assert charges_positive(current, voltage)
