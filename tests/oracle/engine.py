@@ -98,7 +98,7 @@ class ReferenceEngine:
     ) -> None:
         """Set the state from one sample; see `NativeEngine.start`."""
         motion = motion_of(self._setup, 0.0, self._held(current_a))
-        self._since_s, self._rest_s = self._setup.tuning.look_s, 0.0
+        self._since_s, self._rest_s = self._setup.tuning.weighing_s, 0.0
         state, measured = read(self._setup, self.state, voltage_v, temperature_degc)
         self.state = start(self._setup, state, motion, measured, soc, soc_sigma)
 
@@ -108,7 +108,7 @@ class ReferenceEngine:
         self._watch_current(dt_s)
         is_beyond = self._beyond_a > BEYOND_SHARE * self._flow_a
         motion = motion_of(self._setup, dt_s, current_a, self._since_s + dt_s, self._rest_s, is_beyond)
-        self._since_s = 0.0 if motion.look_s > 0.0 else self._since_s + dt_s
+        self._since_s = 0.0 if motion.weighed_s > 0.0 else self._since_s + dt_s
         rests = motion.rest_share > 0.0 or (self._rest_s == 0.0 and dt_s == 0.0)
         self._rest_s = self._rest_s + dt_s if rests and not motion.is_whole_rest else -1.0
         state, measured = read(self._setup, self.state, voltage_v, temperature_degc)

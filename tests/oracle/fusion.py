@@ -86,9 +86,9 @@ def fuse(
         output: of the filter before the update.
         filter_v2: (n,) variance of the filter's SOC.
     """
-    if motion.look_s > 0.0:
+    if motion.weighed_s > 0.0:
         lasting_soc_v2 = lasting_v2(setup, state, motion, measured) / slope_v2(setup, state, output)
-        left_v2 = state.unsettled_v2 * (1.0 - motion.look_share(setup.tuning.rest_lasts_s / 2.0))
+        left_v2 = state.unsettled_v2 * (1.0 - motion.weighed_share(setup.tuning.rest_lasts_s / 2.0))
         is_below = state.soc < measured.uncertainty[LOWEST]
         state = weigh(setup, replace(state, unsettled_v2=left_v2), motion, filter_v2, lasting_soc_v2, is_below)
         # what has not settled is off in both, so neither is the surer one for it
@@ -139,8 +139,8 @@ def weigh(
         fused_soc=z + moved,
         fused_v2=fused_v2,
         fused_gain=fused_gain,
-        start_weight=state.start_weight / (1.0 + motion.look_share(tuning.wander_s) * contradicted),
-        conflict=state.conflict + motion.look_share(tuning.conflict_s) * beyond,
+        start_weight=state.start_weight / (1.0 + motion.weighed_share(tuning.wander_s) * contradicted),
+        conflict=state.conflict + motion.weighed_share(tuning.conflict_s) * beyond,
     )
 
 
@@ -177,7 +177,7 @@ def wander(setup: FilterSetup, state: State, motion: Motion) -> State:
 
     Within minutes a count cannot wander, whatever its start: what the filter moves against it is the filter's error.
     """
-    a = motion.look_share(setup.tuning.wander_s)
+    a = motion.weighed_share(setup.tuning.wander_s)
     beyond = state.soc - state.count_soc - state.apart
     wander_v2 = state.wander_v2 + a * (1.0 - a) * (setup.tuning.wander_factor * beyond**2 - state.wander_v2)
     apart_v2 = state.apart_v2 + a * (state.cov[0, 0] - state.apart_v2)

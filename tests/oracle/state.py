@@ -189,7 +189,7 @@ class Motion:
         moved_ah: charge taken out; charging counts times the efficiency [Ah].
         correlation: growth of it for the gain: errors that last average out less.
         is_beyond: whether a real share of the charge flowed at currents that the cell file has not seen.
-        look_s: since the starts were last weighed; 0 where it is not time to weigh them [s].
+        weighed_s: since the starts were last weighed; 0 where it is not time to weigh them [s].
         rest_share: of this sample in the mean of a rest from the start on.
         rest_lever: and in its moment [s^2].
         read_rest_s: length of a rest that is to be read now; 0 = none [s].
@@ -203,7 +203,7 @@ class Motion:
     moved_ah: float
     correlation: float
     is_beyond: bool
-    look_s: float
+    weighed_s: float
     rest_share: float
     rest_lever: float
     read_rest_s: float
@@ -215,9 +215,9 @@ class Motion:
         """Return 1 - exp(-dt / T), by which a mean over T moves towards a new value."""
         return 1.0 - math.exp(-self.dt_s / time_s)
 
-    def look_share(self, time_s: float) -> float:
+    def weighed_share(self, time_s: float) -> float:
         """Return the same for what moves only when the starts are weighed."""
-        return 1.0 - math.exp(-self.look_s / time_s)
+        return 1.0 - math.exp(-self.weighed_s / time_s)
 
 
 def motion_of(
@@ -241,9 +241,9 @@ def motion_of(
     model, tuning = setup.cell.model, setup.tuning
     rested_s, has_rested = rest_s + dt_s, rest_s >= 0.0 and dt_s > 0.0
     rests = has_rested and abs(current_a) < tuning.rest_c * model.capacity_ah
-    look_s = since_s if since_s >= tuning.look_s - TICK_S else 0.0
+    weighed_s = since_s if since_s >= tuning.weighing_s - TICK_S else 0.0
     is_whole = rests and rested_s >= tuning.rest_s - TICK_S
-    is_on = rests and not is_whole and look_s > 0.0
+    is_on = rests and not is_whole and weighed_s > 0.0
     is_broken = has_rested and not rests and rest_s >= tuning.rest_least_s - TICK_S
     kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
     return Motion(
@@ -252,7 +252,7 @@ def motion_of(
         moved_ah=kept * current_a * dt_s / SECONDS_PER_HOUR,
         correlation=tuning.correlation_factor(dt_s),
         is_beyond=is_beyond,
-        look_s=look_s,
+        weighed_s=weighed_s,
         rest_share=dt_s / rested_s if rests else 0.0,
         rest_lever=rest_s * dt_s / 2.0 if rests else 0.0,
         read_rest_s=rested_s if is_whole or is_on else rest_s if is_broken else 0.0,

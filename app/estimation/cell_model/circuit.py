@@ -184,15 +184,15 @@ class CellModel:
 
         Linear in both; held at the edge of the tables. In a model of the surface its SOC counts.
         """
-        return self._look_up(soc, temperature_degc)[:-1]
+        return self._rows_at(soc, temperature_degc)[:-1]
 
     def time_constants(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
         """Return (n_rc, ...) tau_k [s] at each SOC and temperature, broadcast together."""
-        return self._look_up(soc, temperature_degc)[2 + self.n_rc : -1]
+        return self._rows_at(soc, temperature_degc)[2 + self.n_rc : -1]
 
     def per_reference(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
         """Return (...) 1 / i_ref [1/A] at each SOC and temperature, broadcast together."""
-        return np.asarray(self._look_up(soc, temperature_degc)[-1])
+        return np.asarray(self._rows_at(soc, temperature_degc)[-1])
 
     def surface_soc(
         self, soc: ArrayLike, branch_a: ArrayLike, temperature_degc: ArrayLike, factor: ArrayLike = 1.0
@@ -230,7 +230,7 @@ class CellModel:
         i, branches = np.asarray(current_a, dtype=np.float64), np.asarray(branch_a, dtype=np.float64)
         scale = np.asarray(factor, dtype=np.float64)
         surface = self.surface_soc(soc, branches, temperature_degc, scale)
-        p = self._look_up(surface, temperature_degc)
+        p = self._rows_at(surface, temperature_degc)
         ohmic = p[0] * i + (p[2 : 2 + self.n_rc] * branches).sum(axis=0)
         drop = scale * (ohmic + p[1] * np.arcsinh(i * p[-1]))
         if self.has_surface:
@@ -238,7 +238,7 @@ class CellModel:
             drop = drop + self.open_circuit_voltage(soc, degc) - self.open_circuit_voltage(surface, degc)
         return np.asarray(drop)
 
-    def _look_up(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+    def _rows_at(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
         """Return (3 + 2 n_rc, ...) rows R0, e, R_1.., tau_1.., 1 / i_ref."""
         js, ws = _weights(self.soc_grid, np.asarray(soc, dtype=np.float64))
         jt, wt = _weights(self.temperature_grid_degc, np.asarray(temperature_degc, dtype=np.float64))

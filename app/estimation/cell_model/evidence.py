@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from app.estimation.arrays import FloatArray
 
 Pairs = tuple[tuple[float, float], ...]
-ERROR_RATIO: Final = (0.5, 5.0)  # of an error somewhere to that of all
+ERROR_RATIO: Final = (0.5, 5.0)  # smallest and largest error at one place over that of the whole file
 PULSE_S: Final = 10.0
 HELD_S: Final = (1.0, 3.0, 10.0, 30.0, 100.0)  # for which currents are looked for; after it surfaces deplete no further
 

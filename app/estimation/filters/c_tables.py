@@ -13,7 +13,7 @@ from app.estimation.filters.sigma_points import central_difference
 from app.estimation.filters.tables import UNCERTAINTY_DEGC, CellTables
 from app.estimation.filters.tuning import Tuning
 
-SOC_STEP = 0.005  # of the tables: coarser than on a PC, for the flash
+SOC_STEP = 0.005  # step of the tables: coarser than on a PC, for the flash
 LINE = 110
 
 

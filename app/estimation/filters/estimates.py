@@ -11,7 +11,7 @@ from app.estimation.arrays import BoolArray, FloatArray
 N_OUT: Final = 8
 OUT_SOC, OUT_SIGMA, OUT_OCV, OUT_VOLTAGE, OUT_INNOVATION, OUT_INNOVATION_SIGMA, OUT_VALID, OUT_ACCEPTED = range(N_OUT)
 
-UNKNOWN_SIGMA: Final = 12**-0.5  # of a number that may be anything from 0 to 1
+UNKNOWN_SIGMA: Final = 12**-0.5  # 1 sigma of a number that may be anything from 0 to 1
 
 
 class Estimates:

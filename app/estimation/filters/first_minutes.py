@@ -17,8 +17,8 @@ from app.estimation.filters.soc_estimator import SocEstimator
 
 KEPT_S: Final = 180.0
 LEARNED_S: Final = 60.0  # before, a factor rests on a few changes of the current
-CHANGE_MIN: Final = 0.03  # of a factor: less moves no start
-LEARNED_SHARE: Final = 0.9  # of the cells: one that is not measured holds up no other
+CHANGE_MIN: Final = 0.03  # change of a factor below which no start moves
+LEARNED_SHARE: Final = 0.9  # share of the cells: one that is not measured delays no other
 
 Sample = tuple[float, float, FloatArray, FloatArray]  # step [s], current [A], voltages [V], temperatures [degC]
 

@@ -72,7 +72,7 @@ class Tuning:
         wander_s: a count does not move within this time, so what the filter moves against it is the filter's error [s].
         wander_factor: variance of that error over the part of it that shows within the time: errors last longer.
         plateau_soc: where the lasting error is worth more SOC than this, the count goes before the filter.
-        look_s: starts are weighed this often [s].
+        weighing_s: starts are weighed this often [s].
         conflict_s: time constant of the disagreement of filter and fusion [s].
         conflict_max: mean square of it, over its variance, above which the model is not valid.
         check_s: time constant of the self-check [s].
@@ -131,7 +131,7 @@ class Tuning:
     wander_s: float = 200.0
     wander_factor: float = 2.0
     plateau_soc: float = 0.1
-    look_s: float = 1.0
+    weighing_s: float = 1.0
     conflict_s: float = 100.0
     conflict_max: float = 9.0
     check_s: float = 120.0

@@ -33,7 +33,7 @@ LEAK_MIN_A: Final = 4e-3  # 0.4 % of 25 Ah in a day
 LEAK_SIGMAS: Final = 5.0
 LOST_MIN: Final = 0.06
 LOST_SIGMAS: Final = 4.0
-THERMAL_S: Final = 1.0  # between two looks at the thermistors
+THERMAL_S: Final = 1.0  # between two checks of the thermistors
 CHANNEL_S: Final = 0.15  # and at the voltage channels
 VOLTAGE_S: Final = 4.0  # after so long without a new one a cell has no voltage; sooner than a sensor is found open
 AT_ONCE: Final = 0.4  # share of the cells that must be measured in one sample to be compared with each other
@@ -234,7 +234,7 @@ class CellWatch:
         found = []
         beyond, before = set(self._beyond("self-discharge-high", drift.leak_a, limits_a)), self._leaked
         self._leaked = beyond
-        for cell in sorted(beyond & before):  # two looks in a row
+        for cell in sorted(beyond & before):  # two checks in a row
             size, sigma = float(drift.leak_a[cell]), float(drift.leak_sigma_a[cell])
             usual = median(drift.leak_a)
             found.append(

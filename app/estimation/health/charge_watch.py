@@ -1,6 +1,6 @@
 """Which cell leaks and which has lost capacity: drift of every cell's charge against its pack, at rest and driving.
 
-A Kalman filter for each cell, fed with one look at the cell's open-circuit voltage every LOOK_S:
+A Kalman filter for each cell, fed with one reading of the cell's open-circuit voltage every READING_S:
 
     x' = -(i_leak + g i) / C      charge against the pack's median cell; i_leak: what leaks, g = C / C_cell - 1
     p' = -p / tau                 slow overpotentials, of two time constants, more where a larger current flows
@@ -23,13 +23,13 @@ from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.errors import ShapeError, check_step
 from app.estimation.health.segments import Segments
 
-LOOK_S: Final = 30.0
-SAMPLES_MIN: Final = 10  # in a look
+READING_S: Final = 30.0
+SAMPLES_MIN: Final = 10  # in a reading
 REST_A: Final = 1.0
-SETTLED_S: Final = 30.0  # time of standing before a look at rest: then fast pairs are gone
+SETTLED_S: Final = 30.0  # time of standing before a reading at rest: then fast pairs are gone
 COASTING_S: Final = 3.0  # without current: longer is standing
 PAIR_S: Final = 10.0
-EXCITED_A: Final = 10.0  # std of the current in a look while driving: less parts no drop from the OCV
+EXCITED_A: Final = 10.0  # std of the current in a reading while driving: less parts no drop from the OCV
 GAP_S: Final = 10.0  # what flowed in a longer gap is not known
 SLOW_S: Final = np.array((150.0, 1800.0))  # time constants of slow overpotentials
 MEAN_S: Final = 600.0  # time of the mean current
@@ -40,8 +40,8 @@ LEAK_WALK_A2: Final = np.array((1.0 / 60.0, (2e-3) ** 2 / 86400.0))[
 LEAK_PRIOR_A: Final = np.array((0.5, 0.5))[:, None]
 CAPACITY_PRIOR: Final = 0.3
 START_SIGMA: Final = 0.3  # sigma of the charge against the pack's
-REST_V: Final = 1.5e-4  # noise of a look at rest
-NOISE_SHARE: Final = 0.05  # share of the variance within a look that the mean over it keeps
+REST_V: Final = 1.5e-4  # noise of a reading at rest
+NOISE_SHARE: Final = 0.05  # share of the variance within a reading that the mean over it keeps
 DRIVE_V: Final = 1.5e-3  # and of one while driving
 SLOW_FLOOR_V: Final = 4e-4  # temperature, hysteresis
 SLOW_START_V: Final = 1e-3  # at a start: what was before is not known
@@ -58,7 +58,7 @@ CAPACITY_SHAPE: Final = 0.2  # share of lost capacity that a wrong OCV may show 
 SURPRISE_SIGMAS: Final = 4.0
 SUDDEN_SIGMAS: Final = 4.0  # apart: the lasting filter does not see a leak that the quick one does
 QUICK_SIGMAS: Final = 3.0  # above nothing: then the quick filter counts
-CAPACITY_SIGMA: Final = 0.015  # what the looks' model leaves out of lost capacity
+CAPACITY_SIGMA: Final = 0.015  # what the readings' model leaves out of lost capacity
 LEAK_SIGMA_FRAC: Final = 0.15  # and of a leak: slope of the OCV, slow drop of the leak itself
 X, LEAK, CAPACITY, SLOW, SLOWER = range(5)
 STATES: Final = 5
@@ -69,8 +69,8 @@ class ChargeMemory:
     """The lasting filter, for the next session: when it last looked, over how long, and what it found.
 
     Attributes:
-        time_s: of the last look [s].
-        evidence_s: from the first look to the last [s].
+        time_s: of the last reading [s].
+        evidence_s: from the first reading to the last [s].
         soc: median cell then.
         mean: (STATES, n_cells).
         cov: (STATES, STATES, n_cells).
@@ -85,7 +85,7 @@ class ChargeMemory:
 
 @dataclass(frozen=True)
 class ChargeDrift:
-    """What the looks so far say, (n_cells,).
+    """What the readings so far say, (n_cells,).
 
     Attributes:
         leak_a: what leaks [A], by the quick filter where that is surer of it.
@@ -125,24 +125,24 @@ class ChargeWatch:
         self._cov[X, X] = START_SIGMA**2
         self._cov[SLOW, SLOW] = self._cov[SLOWER, SLOWER] = SLOW_START_V**2
         self._cov[LEAK, LEAK], self._cov[CAPACITY, CAPACITY] = LEAK_PRIOR_A**2, CAPACITY_PRIOR**2
-        self._looked_s = float("nan")
+        self._reading_s = float("nan")
         self._soc = float("nan")
         self._evidence_s = 0.0
-        self._since_look_s = LOOK_S
+        self._since_reading_s = READING_S
         self.soc = np.full(n_cells, np.nan)
         if memory is not None:
-            self._looked_s, self._soc, self._evidence_s = memory.time_s, memory.soc, memory.evidence_s
+            self._reading_s, self._soc, self._evidence_s = memory.time_s, memory.soc, memory.evidence_s
             self._mean[:, LASTING], self._cov[:, :, LASTING] = memory.mean, memory.cov
             self._mean[CAPACITY, QUICK] = memory.mean[CAPACITY]
             self._cov[CAPACITY, CAPACITY, QUICK] = memory.cov[CAPACITY, CAPACITY]
         self._pair_a = 0.0
         self._still_s = 0.0
         self._slow_a = 0.0  # mean current magnitude of the last MEAN_S
-        self._time_s = self._looked_s
-        self._passed_s = 0.0  # since the last look, by the steps: the labels' clock may be set meanwhile
+        self._time_s = self._reading_s
+        self._passed_s = 0.0  # since the last reading, by the steps: the labels' clock may be set meanwhile
         self._unheard_s = 0.0  # without a current
         self._has_begun = False
-        self._flowed_as = self._flow_as = 0.0  # since the last look, with sign and without
+        self._flowed_as = self._flow_as = 0.0  # since the last reading, with sign and without
         self._is_gap = memory is not None
         self._bleeds = np.zeros(n_cells, dtype=np.bool_)
         self._first_v: FloatArray = np.zeros(n_cells)
@@ -150,12 +150,12 @@ class ChargeWatch:
 
     @property
     def looked_s(self) -> float:
-        """When the last look was made; NaN before the first."""
-        return self._looked_s
+        """When the last reading was made; NaN before the first."""
+        return self._reading_s
 
     @property
     def evidence_s(self) -> float:
-        """Seconds from the first look to the last, earlier sessions included."""
+        """Seconds from the first reading to the last, earlier sessions included."""
         return self._evidence_s
 
     @property
@@ -165,11 +165,11 @@ class ChargeWatch:
 
     @property
     def memory(self) -> ChargeMemory | None:
-        """What to keep for the next session; None before the first look."""
-        if not np.isfinite(self._looked_s):
+        """What to keep for the next session; None before the first reading."""
+        if not np.isfinite(self._reading_s):
             return None
         mean, cov = self._mean[:, LASTING].copy(), self._cov[:, :, LASTING].copy()
-        return ChargeMemory(self._looked_s, self._evidence_s, self._soc, mean, cov)
+        return ChargeMemory(self._reading_s, self._evidence_s, self._soc, mean, cov)
 
     def step(
         self,
@@ -180,7 +180,7 @@ class ChargeWatch:
         balancing: BoolArray | None = None,
         resistance_excess: FloatArray | None = None,
     ) -> bool:
-        """Take one sample; True where a look was made.
+        """Take one sample; True where a reading was made.
 
         Args:
             time_s: when it was measured [s]; it counts after a restart and where dt_s is not known.
@@ -222,9 +222,9 @@ class ChargeWatch:
         self._outputs += row[:, None] * voltages_v
         self._squares += np.square(voltages_v - self._first_v)
         self._span_s += dt_s
-        if self._span_s < LOOK_S:
+        if self._span_s < READING_S:
             return False
-        is_made = self._look(resistance_excess)
+        is_made = self._take_reading(resistance_excess)
         self._begin()
         return is_made
 
@@ -233,7 +233,7 @@ class ChargeWatch:
         self._begin_with(X, cells, START_SIGMA)
         if leak:
             self._begin_with(LEAK, cells, LEAK_PRIOR_A)
-        self._outputs[:, cells] = np.nan  # outputs of the current look
+        self._outputs[:, cells] = np.nan  # outputs of the current reading
 
     def _begin_with(self, state: int, cells: BoolArray, sigma: float | FloatArray) -> None:
         self._mean[state][:, cells] = 0.0
@@ -257,7 +257,7 @@ class ChargeWatch:
         return ChargeDrift(leak[chosen], sigma[chosen], noise[chosen], lost[warier], lost_sigma[warier])
 
     def _begin(self) -> None:
-        """Begin a look."""
+        """Begin a reading."""
         n = self._mean.shape[2]
         self._span_s: float = 0.0
         self._inputs = np.zeros((3, 3))
@@ -265,7 +265,7 @@ class ChargeWatch:
         self._squares = np.zeros(n)
         self._first_v = np.zeros(n)
 
-    def _look(self, resistance_excess: FloatArray | None) -> bool:
+    def _take_reading(self, resistance_excess: FloatArray | None) -> bool:
         n = self._inputs[0, 0]
         if n < SAMPLES_MIN:
             return False
@@ -295,9 +295,9 @@ class ChargeWatch:
         return True
 
     def _predict(self, soc: float, resistance_excess: FloatArray | None) -> None:
-        """Go on from the last look to this one."""
-        before_s, before = self._looked_s, self._soc
-        self._looked_s, self._soc = self._time_s, soc
+        """Go on from the last reading to this one."""
+        before_s, before = self._reading_s, self._soc
+        self._reading_s, self._soc = self._time_s, soc
         passed_s, self._passed_s = self._passed_s, 0.0
         flowed_as, self._flowed_as = self._flowed_as, 0.0
         is_gap, self._is_gap = self._is_gap, False
@@ -305,7 +305,7 @@ class ChargeWatch:
         self._bleeds[:] = False
         if not np.isfinite(before_s):
             return
-        dt_s = self._since_look_s = passed_s
+        dt_s = self._since_reading_s = passed_s
         self._evidence_s += dt_s
         noise = np.full(self._mean.shape[1:], (COUNT_FRAC * flowed_as / self._capacity_as) ** 2)
         if is_gap:
@@ -320,7 +320,7 @@ class ChargeWatch:
         self._mean = np.einsum("ij,jfn->ifn", transition, self._mean)
         self._cov = np.einsum("ij,jkfn,lk->ilfn", transition, self._cov, transition)
         excess = 0.0 if resistance_excess is None else np.maximum(np.nan_to_num(resistance_excess) - LIKE, 0.0)
-        flow_a = abs(flowed_as) / dt_s if is_gap and dt_s > 0.0 else self._flow_as / max(dt_s, LOOK_S)
+        flow_a = abs(flowed_as) / dt_s if is_gap and dt_s > 0.0 else self._flow_as / max(dt_s, READING_S)
         self._flow_as = 0.0
         slow_v = SLOW_FLOOR_V + (SLOW_OHM + SLOW_FRAC_OHM * excess) * flow_a
         self._cov[X, X] += noise
@@ -329,7 +329,7 @@ class ChargeWatch:
         self._cov[LEAK, LEAK] += LEAK_WALK_A2 * dt_s
 
     def _update(self, apart: FloatArray, slope: FloatArray, variance: FloatArray) -> None:
-        """Learn from one look; a cell without a voltage learns nothing."""
+        """Learn from one reading; a cell without a voltage learns nothing."""
         row = np.zeros((STATES, len(apart)))
         row[X], row[LEAK], row[SLOW], row[SLOWER] = 1.0, -self._drop_ohm / slope, 1.0 / slope, 1.0 / slope
         missed = np.where(np.isfinite(apart), apart, np.nan) - np.einsum("in,ifn->fn", row, self._mean)
@@ -343,10 +343,10 @@ class ChargeWatch:
         self._confirm_step()
 
     def _may_be_step(self, row: FloatArray, missed: FloatArray, variance: FloatArray) -> None:
-        """Widen the quick filter's leak where a look is far from what it expected: a leak may just have begun."""
+        """Widen the quick filter's leak where a reading is far from what it expected: a leak may just have begun."""
         total = np.einsum("in,ijn,jn->n", row, self._cov[:, :, QUICK], row) + variance
         is_surprise = np.nan_to_num(np.square(missed) / total) > SURPRISE_SIGMAS**2
-        rate_a = missed * self._capacity_as / max(self._since_look_s, LOOK_S)
+        rate_a = missed * self._capacity_as / max(self._since_reading_s, READING_S)
         self._cov[LEAK, LEAK, QUICK] += np.where(is_surprise, np.square(rate_a), 0.0)
 
     def _confirm_step(self) -> None:

@@ -3,7 +3,7 @@
     z_f(t) + Q(t) = z_0 + g Q(t) + b t / (3600 C) + e(t)
 
 z_f is the SOC of a filter that started from voltage alone, Q the measured charge over the capacity C, b the offset, g
-the error of gain and capacity. e is the filter's error; it lasts, so looks closer than `LASTING_S` repeat each other.
+the error of gain and capacity. e is the filter's error; it lasts, so comparisons closer than `LASTING_S` repeat it.
 A start, a gain and an offset are estimated together with priors, so that what the run cannot distinguish stays as
 uncertain as it was: after half an hour of driving an offset of 0.0067C has moved 0.3 points of SOC, less than any
 model's error. A rest of hours, or a day of driving with rests, shows it; a minute with the relays open shows it at
@@ -19,13 +19,13 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
 
-COMPARE_S: Final = 60.0  # between two looks
+COMPARE_S: Final = 60.0  # between two comparisons
 LASTING_S: Final = 300.0  # correlation time of a filter's error in SOC
 START_SIGMA: Final = 0.5
 GAIN_SIGMA: Final = 0.01
 OFFSET_SIGMA_C: Final = 0.01
 OFFSET_WALK_C: Final = 0.001  # how far it wanders in an hour, with its heat
-OPEN_SIGMA_C: Final = 0.001  # sigma of a mean over a look with the relays open
+OPEN_SIGMA_C: Final = 0.001  # sigma of a mean over a comparison with the relays open
 OBSERVED_SHARE: Final = 0.5  # share of the prior: a smaller sigma means that the run has shown the offset
 SIGMA_MIN: Final = 1e-3  # sigma of a filter's SOC
 START: Final = 0  # its place before gain and offset
@@ -65,7 +65,7 @@ class OffsetTracker:
         self._capacity_ah = capacity_ah
 
     def step(self, dt_s: float, current_a: float, is_open: bool = False) -> bool:
-        """Count one sample; True when the next look is due.
+        """Count one sample; True when the next comparison is due.
 
         Args:
             dt_s: since the last sample [s].
@@ -108,7 +108,7 @@ class OffsetTracker:
         self._since_s = 0.0
 
     def estimate(self) -> SensorOffset:
-        """Return what the looks so far say."""
+        """Return what the comparisons so far say."""
         sigma_a = float(np.sqrt(self._cov[OFFSET, OFFSET]))
         return SensorOffset(float(self._mean[OFFSET]), sigma_a, sigma_a < OBSERVED_SHARE * self._prior_a)
 

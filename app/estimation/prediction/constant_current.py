@@ -26,8 +26,8 @@ from app.estimation.cell_model.surface import GAS_CONSTANT, KELVIN
 from app.estimation.errors import ShapeError
 from app.estimation.filters.tuning import Tuning
 
-VOLTAGE_SIGMA_V: Final = 0.01  # of a circuit against a cell, where the cell file does not say it
-RESISTANCE_SIGMA_FRAC: Final = 0.08  # of any resistance: what lasts and what is fast do not scale alike
+VOLTAGE_SIGMA_V: Final = 0.01  # circuit against cell, where the cell file has no error
+RESISTANCE_SIGMA_FRAC: Final = 0.08  # any resistance: slow and fast parts do not scale alike
 CHARGE_SIGMA_FRAC: Final = 0.2  # on charge: few tests charge hard, hardly any a cell that is nearly full
 BAND_SIGMAS: Final = 1.645  # 5 to 95 %
 MEASURED_TOLERANCE: Final = 0.02  # by which a current counts as one that was measured
@@ -36,7 +36,7 @@ BEYOND_MODEL_FRAC: Final = 0.2  # by which the model's drop itself may be off, o
 TINY_A: Final = 1e-9
 SLOWER_J_MOL: Final = 40e3  # by which diffusion slows in the cold, where the cell file does not say
 TEMPERATURE_SIGMA_DEGC: Final = 1.0  # the sensor, and that it is not in the cell
-HEATING_SIGMA_FRAC: Final = 0.5  # of what the cell would warm without cooling
+HEATING_SIGMA_FRAC: Final = 0.5  # share of the warming without cooling
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from app.estimation.prediction.constant_current import (
     knows_currents,
 )
 
-OCV_POINTS: Final = 33  # of the integral over SOC
+OCV_POINTS: Final = 33  # points of the integral over SOC
 RIPPLE_S: Final = 3.0  # for which a driver holds throttle or brake
-LOSS_SIGMA_FRAC: Final = 0.15  # of the losses: the driving to come is not that of before
-LAP_SPREAD_FRAC: Final = 0.15  # of the lap energy, before any evidence
+LOSS_SIGMA_FRAC: Final = 0.15  # share of the losses: driving changes
+LAP_SPREAD_FRAC: Final = 0.15  # share of the lap energy, before any evidence
 LAPS_MIN: Final = 2  # whole ones, before any number is given
 
 

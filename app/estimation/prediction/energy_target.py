@@ -13,7 +13,7 @@ from app.estimation.prediction.energy import EnergyLeft
 from app.estimation.prediction.laps import PERIOD_S, LapSource, LapWatch
 
 PACE_ROUNDS: Final = 3  # what a slower lap saves of the losses is a few percent of it: the second round is exact enough
-PACE_RANGE: Final = (0.3, 2.0)  # of the energy of the laps driven, that the losses are worked out for
+PACE_RANGE: Final = (0.3, 2.0)  # share of the energy of the laps driven that losses are computed for
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class EnergyTargetStore:
         self._marks = 0  # that were looked at
         self._counted_by: LapSource | None = None
         self._last_lap_wh: float | None = None
-        self._target: tuple[float, float, float] | None = None  # of this lap, with its band [Wh]
+        self._target: tuple[float, float, float] | None = None  # this lap, low and high [Wh]
 
     def set(self, plan: RacePlan | None, watch: LapWatch) -> None:
         """Begin with a plan, or end without one; a line that was crossed lately is where the present lap began."""

@@ -19,21 +19,21 @@ from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
 PERIOD_S: Final = (30.0, 200.0)  # what a lap of a Formula Student track can take
 GRID_S: Final = 0.5
 SMOOTH_S: Final = 3.0  # drivers do not pass a corner at the same instant of every lap
-CORRELATION_MIN: Final = 0.5  # below, a period is not believed
-CORRELATION_KEPT: Final = 0.35  # of the last laps, where the period is already known
-FUNDAMENTAL_FRAC: Final = 0.8  # of the highest peak: the first as high as this is one lap, later ones are more
+CORRELATION_MIN: Final = 0.5  # below, a period is rejected
+CORRELATION_KEPT: Final = 0.35  # correlation of the last laps, once the period is known
+FUNDAMENTAL_FRAC: Final = 0.8  # share of the highest peak: the first as high as this is one lap, later ones are more
 SAME_PERIOD_FRAC: Final = 0.05
 LAPS_MIN: Final = 3.0  # driven, before a period is looked at: two whole ones to compare with those before them
 DRIVEN_MIN_S: Final = 150.0  # and this long: halves of a lap can look alike
 STAYS_LAPS: Final = 0.5  # for which a period has to stay the same
 OVERDUE_LAPS: Final = 3.0  # lap times without a lap: what was known of laps is of another drive
 FORGOTTEN_LAPS: Final = 6.0  # lap times driven without one: look for a new period
-TRACE_S: Final = 600.0  # of driving
+TRACE_S: Final = 600.0  # driving that is kept
 LAPS_KEPT: Final = 8
 SHARE_LAPS: Final = 3  # before this one, that it is compared with
 STANDING_W: Final = 1000.0  # less than this for STANDING_S is standing
 STANDING_S: Final = 15.0
-STOPPED_LAP_SHARE: Final = 0.25  # of the median lap's energy: not a lap
+STOPPED_LAP_SHARE: Final = 0.25  # share of the median lap's energy: less is no lap
 UNKNOWN_S: Final = 10.0  # what flowed in a longer gap is not known
 
 LapSource = Literal["marks", "period"]
@@ -209,7 +209,7 @@ def period_of(power_w: FloatArray, correlation_min: float = CORRELATION_MIN) -> 
 
     Args:
         power_w: (n,) mean power in each `GRID_S` of driving [W].
-        correlation_min: of the power with that of a lap before, below which a period is not believed.
+        correlation_min: of the power with that of a lap before, below which a period is rejected.
     """
     n_smooth = round(SMOOTH_S / GRID_S)
     if power_w.size < 2 * PERIOD_S[0] / GRID_S:

@@ -36,9 +36,9 @@ CHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_max", "soc_max", "temperature_max"
 
 HORIZONS_S: Final = (1.0, 10.0, 30.0)
 GRID: Final = 8  # parts of the current limit or of the hour that are looked at first
-ROUNDS: Final = 10  # of bisection after it: to 1/8192
+ROUNDS: Final = 10  # bisections after it: to 1/8192
 TIME_LIMIT_S: Final = 3600.0  # later trips are not predicted
-COVERAGE: Final = 0.9  # of every band: the truth is expected within it nine times in ten
+COVERAGE: Final = 0.9  # every band: the truth is expected within it nine times in ten
 QUANTILES: Final = np.array((BAND_SIGMAS, 0.0, -BAND_SIGMAS))  # margins below these are passed: low, median, high
 TINY: Final = 1e-9  # sigma of what is known exactly
 

@@ -23,10 +23,10 @@ from app.estimation.prediction.constant_current import (
 )
 from app.estimation.prediction.power import HORIZONS_S, QUANTILES, PowerModel
 
-ROUNDS: Final = 13  # of bisection: to 1/8192 of the largest current
+ROUNDS: Final = 13  # bisections: to 1/8192 of the largest current
 CHUNK_ROWS: Final = 2048
 UNKNOWN_S: Final = 10.0  # what flowed in a longer gap is not known; the RC pairs are taken to relax
-CAPACITY_SIGMA_FRAC: Final = 0.02  # of a cell file
+CAPACITY_SIGMA_FRAC: Final = 0.02  # share of the capacity in a cell file
 TEMPERATURE_MAX_DEGC: Final = 60.0  # where the cell file does not say
 SURGE_C: Final = 50.0  # no cell gives more
 Direction = Literal["discharge", "charge"]

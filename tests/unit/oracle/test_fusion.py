@@ -17,7 +17,7 @@ TUNING = Tuning()
 SETUP = setup_of(tuning=TUNING)
 
 
-def fused(state, dt_s, look_s, filter_v2, slope_v=1.0, lowest=0.0):
+def fused(state, dt_s, weighed_s, filter_v2, slope_v=1.0, lowest=0.0):
     """Return what `fuse` says of a filter with a variance, where the OCV has a slope."""
     one = np.ones(state.soc.size)
     output = Output(
@@ -27,7 +27,7 @@ def fused(state, dt_s, look_s, filter_v2, slope_v=1.0, lowest=0.0):
     uncertainty = measured.uncertainty.copy()
     uncertainty[LOWEST] = lowest
     measured = replace(measured, uncertainty=uncertainty)
-    motion = motion_of(SETUP, dt_s, 0.0, since_s=look_s)
+    motion = motion_of(SETUP, dt_s, 0.0, since_s=weighed_s)
     return fuse(SETUP, state, motion, measured, output, filter_v2 * one)
 
 
@@ -306,7 +306,7 @@ def test_a_rest_that_goes_on_is_heard_within_a_second_and_not_kept():
     volts, degc = SETUP.cell.model.ocv.voltage(np.array([0.6])), np.full(1, 25.0)
     engine.start(0.0, volts, degc, np.array([0.52]), np.array([np.nan]))
     starts = engine.get("start_soc")
-    soc, sigma = engine.step(TUNING.look_s, 0.0, volts, degc)[:2]
+    soc, sigma = engine.step(TUNING.weighing_s, 0.0, volts, degc)[:2]
     assert abs(soc - 0.6) < min(0.01, 3.0 * sigma)
     np.testing.assert_array_equal(engine.get("start_soc"), starts)
 

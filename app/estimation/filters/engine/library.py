@@ -66,8 +66,8 @@ CELL_ROWS: Final = {
     "check_square_v2": 1,
     "slow_mean_v": 1,
     "slow_square_v2": 1,
-}  # of `vw_cells`, and how many rows each has
-CLIMATE_ROWS: Final = 12 + RC_MAX - 1  # of `vw_climate`, which the engine keeps for itself
+}  # rows that each array of `vw_cells` has
+CLIMATE_ROWS: Final = 12 + RC_MAX - 1  # rows of `vw_climate`, which the engine keeps for itself
 COLUMNS_MAX: Final = 8
 SEGMENT: Final = np.dtype(
     [("column", np.int32, LANES), *[(name, np.float64, (COLUMNS_MAX, LANES)) for name in ("low", "rise")]]

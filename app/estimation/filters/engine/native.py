@@ -28,8 +28,8 @@ from app.estimation.filters.estimates import N_OUT
 from app.estimation.filters.setup import FilterSetup
 from app.estimation.filters.tables import UNCERTAINTY_DEGC, CellTables
 
-VECTOR_BYTES: Final = 64  # of the widest that a processor has
-ANSWERS: Final = 32  # of steps, in memory that is asked for at once: an array of its own for each takes longer
+VECTOR_BYTES: Final = 64  # widest vector that a processor has
+ANSWERS: Final = 32  # steps whose answers share one allocation: an array of its own for each takes longer
 WIDTHS: Final = (4, 8)  # columns of the packed table that the engine is quick with
 
 assert MAX_RC_PAIRS + 1 == RC_MAX
@@ -80,7 +80,7 @@ class NativeEngine:
         )
         self._sample = self._call.sample
         self._call_at = ctypes.byref(self._call)
-        # of the sample, as a view: half the time of setting two fields
+        # both fields of the sample as one view: half the time of setting each
         scalars = slice(CallStruct.sample.offset, CallStruct.sample.offset + 2 * ctypes.sizeof(ctypes.c_double))
         self._dt_and_current = memoryview(self._call).cast("B")[scalars].cast("d")
 

@@ -16,9 +16,9 @@ from app.estimation.filters.engine.library import LearningStruct, load
 from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimates import N_OUT
 
-ROWS: Final = 14  # of `vw_resistance.h`
+ROWS: Final = 14  # VW_RESISTANCE_ROWS
 PRIOR, PRIOR_WEIGHT, FACTOR = 10, 11, 12  # the sigma follows the factor
-LASTING_S: Final = 6.0  # of an error from which the drift has been taken; this and the next as in `vw_resistance.c`
+LASTING_S: Final = 6.0  # time constant of errors without drift; this and the next as in `vw_resistance.c`
 FACTOR_MIN, FACTOR_MAX = 0.2, 10.0  # beyond it, it is no resistance
 
 

@@ -116,7 +116,7 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     else vw_output_sigma(filter, motion, x, work);
     vw_update(filter, motion, x, work);
     /* fused, what the filter says by itself is asked for only where the starts are weighed */
-    if (filter->kind != VW_SIGMA_FUSED || motion->look_s > 0) vw_soc_variance(filter, x, work);
+    if (filter->kind != VW_SIGMA_FUSED || motion->weighed_s > 0) vw_soc_variance(filter, x, work);
     if (motion->rest_share > 0) vw_watch_rest(filter, motion, x, work);
     if (motion->read_rest_s > 0 && !motion->is_rest_on) vw_read_rest(filter, motion, x, work);
     if (motion->is_rest_cut) VW_EACH_CELL(c) x->unsettled_v2[c] = 0;
@@ -182,7 +182,7 @@ static void step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, in
     if (motion.is_beyond) motion.shared_gain = shared_gain(filter, cells);
     const int rests = motion.rest_share > 0 || (filter->rest_s == 0 && sample->dt_s == 0);
     filter->rest_s = rests && !motion.is_whole_rest ? filter->rest_s + sample->dt_s : -1;
-    filter->since_s = motion.look_s > 0 ? 0 : filter->since_s + sample->dt_s;
+    filter->since_s = motion.weighed_s > 0 ? 0 : filter->since_s + sample->dt_s;
     for (int first = 0; first < filter->n_cells; first += VW_LANES) {
         vw_cells *x = &cells[first / VW_LANES];
         vw_work work;

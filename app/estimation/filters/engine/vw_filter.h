@@ -65,7 +65,7 @@ typedef struct {
     vw_real wander_s;
     vw_real wander_factor;
     vw_real plateau_soc;
-    vw_real look_s;
+    vw_real weighing_s;
     vw_real conflict_s;
     vw_real conflict_max;
     vw_real check_s;
@@ -159,9 +159,9 @@ typedef struct {
     vw_lanes best_v2;              /* its variance then ... */
     vw_lanes best_drawn;           /* ... the charge drawn until then, over the capacity ... */
     vw_lanes best_offset;          /* ... and count_offset then */
-    vw_lanes fused_soc;            /* what is reported, counted on between two looks */
+    vw_lanes fused_soc;            /* what is reported, counted on between two weighings */
     vw_lanes fused_v2;             /* its variance */
-    vw_lanes fused_gain;           /* the gain it is counted with: that of the filter, as far as it is believed */
+    vw_lanes fused_gain;           /* the gain it is counted with: that of the filter, shrunk by its uncertainty */
     vw_lanes conflict;             /* mean square of filter minus fusion over its variance */
     vw_lanes apart;                /* mean of the filter's SOC minus the count's */
     vw_lanes apart_v2;             /* mean of the variance that the filter gave itself meanwhile */

@@ -280,7 +280,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  */
 void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
-    if (motion->look_s > 0) weigh(filter, motion, x, work);
+    if (motion->weighed_s > 0) weigh(filter, motion, x, work);
     VW_EACH_CELL(c)
     {
         work->soc[c] = x->fused_soc[c];

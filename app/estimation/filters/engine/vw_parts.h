@@ -30,14 +30,14 @@ typedef struct {
     int is_beyond;               /* a real share of the charge flowed at currents that the cell file has not seen */
     vw_real own_share;           /* of what a sample says of the gain: beyond them, all but what all cells share */
     vw_real shared_gain;         /* mean of what the last sample moved the gains by, where that does not count */
-    vw_real look_s;              /* since the starts were last weighed; 0 where it is not time to weigh them [s] */
+    vw_real weighed_s;           /* since the starts were last weighed; 0 where it is not time to weigh them [s] */
     vw_real rest_share, rest_lever; /* of this sample in a rest from the start on: in its mean [1], in its moment [s^2] */
     vw_real read_rest_s;         /* length of a rest that is to be read now; 0 = none [s] */
     int is_rest_on;              /* it is not over: its reading now is used once and not kept */
     int is_rest_cut;             /* it ended before it was whole: whoever gave no SOC wakes up in a drive */
     int is_whole_rest;           /* it lasts on: a shorter one counts against a given SOC only */
     vw_real check_share, bias_share, wander_share, conflict_share;
-    vw_real settled_share;       /* of what a rest at the start had left to relax, since the last look */
+    vw_real settled_share;       /* of what a rest at the start had left to relax, since the starts were last weighed */
 } vw_motion;
 
 /* What is known of a block of cells within a step; what a part writes, the parts after it read. */

@@ -34,17 +34,17 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     const vw_real rest_s = filter->rest_s + dt_s, since_s = filter->since_s + dt_s;
     const int has_rested = filter->rest_s >= 0 && dt_s > 0;
     const int rests = has_rested && vw_abs(current_a) < t->rest_c * model->capacity_ah;
-    to.look_s = since_s < t->look_s - VW_TICK_S ? 0 : since_s;
+    to.weighed_s = since_s < t->weighing_s - VW_TICK_S ? 0 : since_s;
     to.rest_share = rests ? dt_s / rest_s : 0;
     to.rest_lever = rests ? filter->rest_s * dt_s / 2 : 0;
     to.is_whole_rest = rests && rest_s >= t->rest_s - VW_TICK_S;
     const int is_broken = has_rested && !rests && filter->rest_s >= t->rest_least_s - VW_TICK_S;
     to.is_rest_cut = has_rested && !rests;
-    to.is_rest_on = rests && !to.is_whole_rest && to.look_s > 0;
+    to.is_rest_on = rests && !to.is_whole_rest && to.weighed_s > 0;
     to.read_rest_s = to.is_whole_rest || to.is_rest_on ? rest_s : is_broken ? filter->rest_s : 0;
-    to.wander_share = share_of(to.look_s, t->wander_s);
-    to.conflict_share = share_of(to.look_s, t->conflict_s);
-    to.settled_share = share_of(2 * to.look_s, t->rest_lasts_s);
+    to.wander_share = share_of(to.weighed_s, t->wander_s);
+    to.conflict_share = share_of(to.weighed_s, t->conflict_s);
+    to.settled_share = share_of(2 * to.weighed_s, t->rest_lasts_s);
     return to;
 }
 

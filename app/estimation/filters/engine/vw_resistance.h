@@ -19,7 +19,7 @@ enum {
     VW_SUM_XY,
     VW_SUM_YY,
     VW_WEIGHT_S,           /* and of the seconds themselves [s] */
-    VW_PRIOR,              /* factor believed beforehand ... */
+    VW_PRIOR,              /* factor expected beforehand ... */
     VW_PRIOR_WEIGHT,       /* ... and one over its variance */
     VW_FACTOR,             /* resistance over that of the model, as of the last judgement ... */
     VW_FACTOR_SIGMA,       /* ... and its standard deviation */

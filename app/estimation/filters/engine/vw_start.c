@@ -232,7 +232,7 @@ void vw_filter_start_part(vw_filter *filter, vw_cells *cells, const vw_sample *s
 {
     const int32_t n_blocks = VW_BLOCKS(filter->n_cells), end = first + n < n_blocks ? first + n : n_blocks;
     vw_hold_current(filter, sample->current_a);
-    filter->since_s = filter->tuning.look_s;
+    filter->since_s = filter->tuning.weighing_s;
     filter->rest_s = 0;
     const vw_motion motion = vw_motion_of(filter, 0, filter->current_a);
     for (int32_t block = first; block < end; block++) start_block(filter, &motion, sample, block, cells);

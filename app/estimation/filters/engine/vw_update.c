@@ -42,10 +42,10 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
         const int is_missing = vw_is_missing(nu), is_inside = nu * nu <= gate_v2 * expected_v2;
         const vw_real held_s = x->refused_s[c] + vw_pick(is_missing, 0, motion->dt_s);
         const vw_real refused_s = vw_pick(is_inside, 0, held_s);
-        const int is_believed = !is_inside & !is_missing & (refused_s > t->gate_hold_s);
-        const int is_used = is_inside | is_believed;
+        const int is_accepted = !is_inside & !is_missing & (refused_s > t->gate_hold_s);
+        const int is_used = is_inside | is_accepted;
         const vw_real wide_v2 = vw_max(vw_min(x->cov[0][c] + widening, VW_SOC_VARIANCE_MAX), x->cov[0][c]);
-        x->cov[0][c] = vw_pick(is_believed, wide_v2, x->cov[0][c]);
+        x->cov[0][c] = vw_pick(is_accepted, wide_v2, x->cov[0][c]);
         x->refused_s[c] = refused_s;
         work->innovation_v[c] = nu;
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
