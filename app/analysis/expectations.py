@@ -77,7 +77,9 @@ class _Alarm:
     def verdict(self, battery: Battery) -> ExpectationResult:
         n = len(self.raised)
         held = n > 0 if self.count is None else n == self.count
-        seen = ", ".join(f"{each.code}{_where(each.cell, battery)} at {each.t_s:.2f} s" for each in self.raised[:5])
+        seen = ", ".join(
+            f"{raised.code}{_where(raised.cell, battery)} at {raised.t_s:.2f} s" for raised in self.raised[:5]
+        )
         return ExpectationResult(
             held, self.text, seen + (f" and {n - 5} more" if n > 5 else "") if n else "never raised"
         )
@@ -112,8 +114,8 @@ class _Value:
         if not self.samples:
             return ExpectationResult(False, self.text, "never known")
         held = self.minimum <= self.low and self.high <= self.maximum
-        found = f"{self.low:.6g}" if self.low == self.high else f"{self.low:.6g} to {self.high:.6g}"
-        return ExpectationResult(held, self.text, found)
+        text = f"{self.low:.6g}" if self.low == self.high else f"{self.low:.6g} to {self.high:.6g}"
+        return ExpectationResult(held, self.text, text)
 
 
 @dataclass
@@ -176,8 +178,8 @@ class Expectations:
 
     def alarm(self, raised: Raised) -> None:
         """Take something that was raised; what ended is not given."""
-        for each in self._alarms:
-            each.take(raised)
+        for alarm in self._alarms:
+            alarm.take(raised)
 
     def values(self, values: SnapshotValues) -> None:
         """Take a snapshot."""
@@ -188,14 +190,14 @@ class Expectations:
 
     def verdicts(self) -> list[ExpectationResult]:
         """Return what held and what did not, in the file's order within each kind."""
-        found = [alarm.verdict(self._battery) for alarm in self._alarms] + [value.verdict() for value in self._values]
-        return found + [agreement.verdict() for agreement in self._agreements]
+        results = [alarm.verdict(self._battery) for alarm in self._alarms] + [value.verdict() for value in self._values]
+        return results + [agreement.verdict() for agreement in self._agreements]
 
 
 def _alarm(entry: dict[str, Any], section: str, number: int, battery: Battery) -> _Alarm:
     where = f"{section}[{number}]"
-    known = ("code", "severity", "cell", "from_s", "to_s") + (("count",) if section == "alarm" else ())
-    _refuse_unknown(where, entry, known)
+    keys = ("code", "severity", "cell", "from_s", "to_s") + (("count",) if section == "alarm" else ())
+    _refuse_unknown(where, entry, keys)
     code, severity = condition_of(entry.get("code") or "") or None, entry.get("severity")
     if code is None and severity is None:
         raise ConfigError(where, "(neither)", "code or severity")
@@ -253,12 +255,12 @@ def _entries(document: dict[str, Any], section: str) -> list[dict[str, Any]]:
     return entries
 
 
-def _refuse_unknown(where: str, entry: object, known: tuple[str, ...]) -> None:
+def _refuse_unknown(where: str, entry: object, keys: tuple[str, ...]) -> None:
     if not isinstance(entry, dict):
         raise ConfigError(where, entry, "a table")
     for name in entry:
-        if name not in known:
-            raise ConfigError(f"{where}.{name}", entry[name], f"known here: {', '.join(known)}")
+        if name not in keys:
+            raise ConfigError(f"{where}.{name}", entry[name], f"known here: {', '.join(keys)}")
 
 
 def _number(where: str, entry: dict[str, Any], name: str, default: float) -> float:

@@ -53,7 +53,7 @@ def incidents(triggers: Sequence[Trigger]) -> list[list[Trigger]]:
     """Return the triggers in groups: what follows within AFTER_S belongs to what was first, findings of it too."""
     groups: list[list[Trigger]] = []
     trips = [trigger for trigger in triggers if trigger.severity == "trip"]
-    for trigger in sorted(triggers, key=lambda each: each.mono_s):
+    for trigger in sorted(triggers, key=lambda trigger: trigger.mono_s):
         group = groups[-1] if groups else None
         if group and trigger.mono_s - group[-1].mono_s <= AFTER_S and trigger.mono_s - group[0].mono_s <= LONGEST_S:
             group.append(trigger)
@@ -72,8 +72,8 @@ def follows(trigger: Trigger, trips: Iterable[Trigger]) -> bool:
 
 def main_trigger(group: Sequence[Trigger]) -> Trigger:
     """Return the first that names a cell or a limit, a trip before a warning; the very first where none does."""
-    trips = [each for each in group if each.severity == "trip"] or list(group)
-    return next((each for each in trips if each.limit is not None), trips[0])
+    trips = [trigger for trigger in group if trigger.severity == "trip"] or list(group)
+    return next((trip for trip in trips if trip.limit is not None), trips[0])
 
 
 def incident_id(trigger: Trigger) -> str:

@@ -94,26 +94,26 @@ class LimitsOverTime:
 
     def at(self, time_s: float = np.inf) -> dict[str, float]:
         """Return what was in force at a unix time [s], by name; at the end without one."""
-        found: dict[str, float] = {}
+        active: dict[str, float] = {}
         for since_s, limits in self.in_force:
-            found = limits if since_s <= time_s else found
+            active = limits if since_s <= time_s else active
         values = {name: float(limit.at(np.array([time_s]))[0]) for name, limit in self.moving.items()}
-        return found | {name: value for name, value in values.items() if np.isfinite(value)}
+        return active | {name: value for name, value in values.items() if np.isfinite(value)}
 
 
 def limits_over_time(session: SessionFile, from_s: float | None = None, to_s: float | None = None) -> LimitsOverTime:
     """Read which limits were in force in a session, and when; those that signals carry between two unix times only."""
     configs = session.configs()
     if configs:
-        return LimitsOverTime([(session.unix_s(each.t_mono_ns), limits_of(each.image)) for each in configs])
+        return LimitsOverTime([(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in configs])
     carried = {name: of for name, of in names_of_signals(session.battery).items() if of[0] in session.signals.order}
     parts: dict[str, list[tuple[FloatArray, FloatArray]]] = {name: [] for name in carried}
     if carried:
-        for found in session.fields([signal for signal, _ in carried.values()], from_s, to_s):
+        for samples in session.fields([signal for signal, _ in carried.values()], from_s, to_s):
             for name, (signal, sign) in carried.items():
-                if signal in found:
-                    parts[name].append((found[signal].time_s, sign * found[signal].values[:, 0]))
-    moving = {name: _changes(each) for name, each in parts.items() if each}
+                if signal in samples:
+                    parts[name].append((samples[signal].time_s, sign * samples[signal].values[:, 0]))
+    moving = {name: _changes(part) for name, part in parts.items() if part}
     return LimitsOverTime([(0.0, limits_of_profile(session.battery))], moving)
 
 

@@ -38,7 +38,7 @@ def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[Rend
         messages.append(Message("judged-cell-chosen", cell=chosen_cell))
     else:
         messages.append(Message("report-cell-of-then") if cell_of(session)[1] else Message("report-cell-of-today"))
-    return [sentence(each) for each in messages]
+    return [sentence(message) for message in messages]
 
 
 def unlike(first: SessionFile, second: SessionFile) -> list[RenderedMessage]:
@@ -61,7 +61,7 @@ def unlike(first: SessionFile, second: SessionFile) -> list[RenderedMessage]:
         for name in limits[0]
         if name in limits[1] and limits[0][name] != limits[1][name]
     ]
-    return [sentence(each) for each in messages]
+    return [sentence(message) for message in messages]
 
 
 def _last_limits(session: SessionFile) -> dict[str, float]:

@@ -61,21 +61,21 @@ class CellJudge:
 
     def as_of(self, time_s: float) -> tuple[CellFinding, ...]:
         """Return what was known at a time [unix s]."""
-        at = bisect_right(self._history, time_s, key=lambda each: each[0])
+        at = bisect_right(self._history, time_s, key=lambda entry: entry[0])
         return self._history[at - 1][1] if at else ()
 
     def ended(self) -> tuple[CellFinding, ...]:
         """Return what was found and ended by evidence, as it was last seen."""
-        left = {(each.code, each.cell) for each in self.watch.findings}
-        seen = {(each.code, each.cell): each for _, found in self._history for each in found}
-        return tuple(each for key, each in seen.items() if key not in left)
+        left = {(finding.code, finding.cell) for finding in self.watch.findings}
+        seen = {(finding.code, finding.cell): finding for _, findings in self._history for finding in findings}
+        return tuple(finding for key, finding in seen.items() if key not in left)
 
     def _judge(self, time_s: float) -> None:
         self._judged_s = time_s
-        found = self.watch.judge()
-        if not self._history or found != self._history[-1][1]:
+        findings = self.watch.judge()
+        if not self._history or findings != self._history[-1][1]:
             since_s = max(time_s, self._history[-1][0]) if self._history else time_s
-            self._history.append((since_s, found))
+            self._history.append((since_s, findings))
 
 
 class WatchAlong:
@@ -88,9 +88,9 @@ class WatchAlong:
 
     def at(self, time_s: float) -> CellWatch:
         """Return a watch that has seen everything up to a unix time [s]; it is the caller's own."""
-        k = bisect_right(self._states, time_s, key=lambda each: each[0])
-        since_s, known = self._states[k - 1] if k else (None, self._start)
-        judge = deepcopy(known)
+        k = bisect_right(self._states, time_s, key=lambda entry: entry[0])
+        since_s, watch = self._states[k - 1] if k else (None, self._start)
+        judge = deepcopy(watch)
         for piece in read_pieces(self._session, from_s=since_s, to_s=time_s):
             judge.add(piece)
             last_s = float(piece.time_s[-1])

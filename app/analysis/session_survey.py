@@ -23,8 +23,8 @@ TOTALS_FIELDS = ("i_fs", "v_tot", "v_min", "v_min_id", "v_max", "t_max", "t_max_
 def read_totals(session: SessionFile, t_from_s: float | None = None, t_to_s: float | None = None) -> Totals:
     """Return the accumulator over a range of unix time; what a session does not hold is NaN throughout."""
     collector = TotalsCollector(session.battery.n_cells)
-    for found in session.fields(TOTALS_FIELDS, t_from_s, t_to_s):
-        collector.add(found)
+    for samples in session.fields(TOTALS_FIELDS, t_from_s, t_to_s):
+        collector.add(samples)
     return collector.totals()
 
 
@@ -35,10 +35,10 @@ class TotalsCollector:
         self._n_cells = n_cells
         self._pieces: dict[str, list[FieldSamples]] = {}
 
-    def add(self, found: Mapping[str, FieldSamples]) -> None:
+    def add(self, fields: Mapping[str, FieldSamples]) -> None:
         """Take the next piece; other fields are passed over."""
         for name in TOTALS_FIELDS:
-            samples = found.get(name)
+            samples = fields.get(name)
             if samples is not None:
                 if name == _SOC:
                     samples = FieldSamples(samples.time_s, row_mean(samples.values)[:, None])
@@ -125,12 +125,12 @@ def _stored_pieces(
     held: dict[str, tuple[float, FloatArray]] = {}  # time and last row of each field: some are rare
     fields = (*_FIELDS, *_fields_of_kind(session))
     names = fields if totals is None else tuple(dict.fromkeys((*fields, *TOTALS_FIELDS)))
-    for found in session.fields(names, from_s, to_s):
+    for samples in session.fields(names, from_s, to_s):
         if totals is not None:
-            totals.add(found)
-        axis = found.get("v") or found.get("i_fs")
+            totals.add(samples)
+        axis = samples.get("v") or samples.get("i_fs")
         if axis is not None:
-            yield _piece(axis.time_s, found, held, session.battery.n_cells)
+            yield _piece(axis.time_s, samples, held, session.battery.n_cells)
 
 
 def survey_session(
@@ -153,10 +153,10 @@ def _fields_of_kind(session: SessionFile) -> tuple[str, ...]:
 
 
 def _piece(
-    time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, tuple[float, FloatArray]], n_cells: int
+    time_s: FloatArray, fields: dict[str, FieldSamples], held: dict[str, tuple[float, FloatArray]], n_cells: int
 ) -> SurveyPiece:
     def table(name: str, width: int, held_s: float = np.inf) -> FloatArray:
-        samples = found.get(name)
+        samples = fields.get(name)
         before_s, before = held.get(name, (-np.inf, np.full(width, np.nan)))
         if samples is None:
             since_s, rows = np.full(len(time_s), before_s), np.broadcast_to(before, (len(time_s), width))
@@ -173,7 +173,7 @@ def _piece(
         return table(name, width, HELD_S)
 
     balancing = fresh("balancing", n_cells)
-    if any(name in found or name in held for name in _REGISTERS):
+    if any(name in fields or name in held for name in _REGISTERS):
         balancing = np.concatenate([_balancing_of(table(name, 6)) for name in _REGISTERS], axis=1)
     return SurveyPiece(
         time_s=time_s,
@@ -182,13 +182,13 @@ def _piece(
         temperature_degc=fresh("t", n_cells),
         soc=fresh("estimate.soc", n_cells),
         balancing=balancing,
-        is_new=fresh(IS_NEW, n_cells) > 0.0 if IS_NEW in found else None,
+        is_new=fresh(IS_NEW, n_cells) > 0.0 if IS_NEW in fields else None,
     )
 
 
 def _balancing_of(registers: FloatArray) -> FloatArray:
     """(n, 12) discharge switches out of the (n, 6) configuration register group: DCC1..8 in byte 4, DCC9..12 in 5."""
-    known = np.isfinite(registers[:, 4]) & np.isfinite(registers[:, 5])
-    low, high = (np.where(known, registers[:, k], 0.0).astype(np.int64) for k in (4, 5))
+    is_finite = np.isfinite(registers[:, 4]) & np.isfinite(registers[:, 5])
+    low, high = (np.where(is_finite, registers[:, k], 0.0).astype(np.int64) for k in (4, 5))
     bits = (low | (high & 0x0F) << 8)[:, None] >> np.arange(CELLS_PER_PACK) & 1
-    return np.where(known[:, None], bits, np.nan)
+    return np.where(is_finite[:, None], bits, np.nan)

@@ -221,8 +221,8 @@ class Surveyor:
         survey.current_min_a = min(survey.current_min_a, float(current.min()))
         survey.power_max_w = max(survey.power_max_w, float(watts[~missing].max(initial=-np.inf)))
         volts = np.where(np.isnan(piece.voltage_v), np.inf, piece.voltage_v)
-        known = driving & np.isfinite(volts).any(axis=1)
-        survey.lowest_s += np.bincount(volts[known].argmin(axis=1), dt_s[known], minlength=self._n)
+        is_measured = driving & np.isfinite(volts).any(axis=1)
+        survey.lowest_s += np.bincount(volts[is_measured].argmin(axis=1), dt_s[is_measured], minlength=self._n)
         survey.balancing_s += (np.nan_to_num(piece.balancing) * dt_s[:, None]).sum(axis=0)
         loaded = piece.current_a > SAG_A
         if loaded.any():
@@ -251,10 +251,10 @@ class Surveyor:
         survey.soc_last = np.where(np.isnan(newest), survey.soc_last, newest)
 
     def _count(self, name: str, edges: FloatArray, values: FloatArray, weights_s: FloatArray) -> None:
-        known = np.isfinite(values)
-        if known.any():
-            weights = np.broadcast_to(weights_s, values.shape)[known]
-            bins = np.searchsorted(edges, values[known], side="right")
+        is_finite = np.isfinite(values)
+        if is_finite.any():
+            weights = np.broadcast_to(weights_s, values.shape)[is_finite]
+            bins = np.searchsorted(edges, values[is_finite], side="right")
             self._counts[name] += np.bincount(bins, weights, minlength=len(edges) + 1)
 
     def _histogram(self, name: str, unit: str, edges: FloatArray) -> Histogram:
@@ -322,15 +322,15 @@ def keep_extreme(
     """Put a piece's extremes into `best` and when they were into `best_at_s` where they go beyond it."""
     filled = np.where(np.isnan(values), np.inf if lowest else -np.inf, values)
     at = filled.argmin(axis=0) if lowest else filled.argmax(axis=0)
-    found = np.take_along_axis(filled, at[None, :], axis=0)[0]
-    beyond = (found < best) | np.isnan(best) if lowest else (found > best) | np.isnan(best)
-    beyond &= np.isfinite(found)
-    best[beyond] = found[beyond]
+    extreme = np.take_along_axis(filled, at[None, :], axis=0)[0]
+    beyond = (extreme < best) | np.isnan(best) if lowest else (extreme > best) | np.isnan(best)
+    beyond &= np.isfinite(extreme)
+    best[beyond] = extreme[beyond]
     best_at_s[beyond] = time_s[at[beyond]]
 
 
 def _first_rows(values: FloatArray) -> FloatArray:
     """The first measured value of each column."""
-    known = np.isfinite(values)
-    at = known.argmax(axis=0)
-    return np.where(known.any(axis=0), np.take_along_axis(values, at[None, :], axis=0)[0], np.nan)
+    is_finite = np.isfinite(values)
+    at = is_finite.argmax(axis=0)
+    return np.where(is_finite.any(axis=0), np.take_along_axis(values, at[None, :], axis=0)[0], np.nan)

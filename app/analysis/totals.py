@@ -53,10 +53,10 @@ def energy_wh(time_s: FloatArray, power_w: FloatArray) -> tuple[float, float] | 
 
     None where the power was not known for longer than MAX_STEP_S: the sum over the rest would be too low.
     """
-    known = np.isfinite(power_w)
-    if not known.any() or np.diff(np.concatenate((time_s[:1], time_s[known], time_s[-1:]))).max() > MAX_STEP_S:
+    is_finite = np.isfinite(power_w)
+    if not is_finite.any() or np.diff(np.concatenate((time_s[:1], time_s[is_finite], time_s[-1:]))).max() > MAX_STEP_S:
         return None
-    dt_s, watts = np.diff(time_s[known]), power_w[known]
+    dt_s, watts = np.diff(time_s[is_finite]), power_w[is_finite]
 
     def total(watts: FloatArray) -> float:
         return float((0.5 * (watts[1:] + watts[:-1]) * dt_s).sum() / SECONDS_PER_HOUR)
@@ -71,8 +71,8 @@ def present(values: FloatArray) -> FloatArray:
 
 def first_last(values: FloatArray) -> tuple[float | None, float | None]:
     """Return the first and the last measured element, None without any."""
-    known = present(values)
-    return (float(known[0]), float(known[-1])) if known.size else (None, None)
+    is_present = present(values)
+    return (float(is_present[0]), float(is_present[-1])) if is_present.size else (None, None)
 
 
 def number(value: float) -> float | None:

@@ -119,7 +119,7 @@ def box_from_json(body: dict[str, Any]) -> BlackBox:
         "peers": None if body["peers"] is None else Peers(**body["peers"]),
         "cells": CellsAround(**body["cells"]),
         "samples": BoxSamples(**body["samples"]),
-        "findings": [rendered_from_json(found) for found in body.get("findings", [])],
+        "findings": [rendered_from_json(finding) for finding in body.get("findings", [])],
         "cause": cause_from_json(body.get("cause")),
     }
     return BlackBox(**_named({name: value for name, value in body.items() if name != "summary"}) | parts)
@@ -133,11 +133,11 @@ def _named(body: dict[str, Any]) -> dict[str, Any]:
     return body | {"code": condition_of(body["code"]), "message": message}
 
 
-def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[RenderedMessage]:
+def findings_of(box: BlackBox, findings: Sequence[Finding] = ()) -> list[RenderedMessage]:
     """Return what happened in a few sentences; `found`: what was known against cells then, its own cell first."""
     messages = [Message("box-event", event=box.message.message), *_beyond(box), *_peers(box)]
-    own_first = sorted(found, key=lambda each: each.cell != box.cell)
-    messages += [Message("box-finding", finding=each.message, evidence=each.evidence) for each in own_first]
+    own_first = sorted(findings, key=lambda finding: finding.cell != box.cell)
+    messages += [Message("box-finding", finding=finding.message, evidence=finding.evidence) for finding in own_first]
     current_a, opened_s = box.cells.current_at_trip_a, box.cells.opened_s
     if current_a is not None:
         messages.append(Message("box-current", current=Quantity(current_a, "A", 1)))
@@ -162,11 +162,11 @@ def cause_findings(cause: Cause | None, segments: Sequence[int]) -> list[Rendere
     share = Quantity(100 * cause.confidence, "%", 0)
     messages = [Message("box-cause", cause=cause.message.message, share=share)]
     if cause.evidence:
-        messages.append(Message("box-evidence", evidence=tuple(each.message for each in cause.evidence)))
+        messages.append(Message("box-evidence", evidence=tuple(evidence.message for evidence in cause.evidence)))
     if cause.same:
-        messages.append(Message("box-cause-same", causes=tuple(each.message for each in cause.same)))
+        messages.append(Message("box-cause-same", causes=tuple(same.message for same in cause.same)))
     if cause.others:
-        messages.append(Message("box-cause-others", causes=tuple(each.message.message for each in cause.others)))
+        messages.append(Message("box-cause-others", causes=tuple(other.message.message for other in cause.others)))
     return [sentence(message, segments) for message in messages]
 
 

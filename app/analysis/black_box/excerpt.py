@@ -82,8 +82,8 @@ def build(
         limits=limits,
         segments=list(segments),
         events=[
-            BoxEvent(each.mono_s - main.mono_s, each.severity, each.code, rendered(each.message, segments))
-            for each in group
+            BoxEvent(trigger.mono_s - main.mono_s, trigger.severity, trigger.code, rendered(trigger.message, segments))
+            for trigger in group
         ],
         is_complete=bool(time_s.size and time_s[0] <= -0.8 * BEFORE_S and time_s[-1] >= 0.9 * AFTER_S),
         rate_hz=None if time_s.size < 2 else round(float(1.0 / max(np.median(np.diff(time_s)), 1e-3)), 2),
@@ -149,15 +149,15 @@ def _peers(
     table = window.voltage_v if quantity == "voltage" else window.temperature_degc
     row = table[int(np.abs(time_s).argmin())]
     others = np.delete(row, main.cell)
-    known = others[np.isfinite(others)]
-    if not known.size or not np.isfinite(row[main.cell]):
+    finite = others[np.isfinite(others)]
+    if not finite.size or not np.isfinite(row[main.cell]):
         return None
-    beyond = known < main.limit if side == "low" else known > main.limit
+    beyond = finite < main.limit if side == "low" else finite > main.limit
     return Peers(
-        low=float(known.min()),
-        mean=float(known.mean()),
-        high=float(known.max()),
-        apart=float(row[main.cell] - known.mean()),
+        low=float(finite.min()),
+        mean=float(finite.mean()),
+        high=float(finite.max()),
+        apart=float(row[main.cell] - finite.mean()),
         also_beyond=int(beyond.sum()),
     )
 

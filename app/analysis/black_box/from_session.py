@@ -50,13 +50,13 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
     judge.result()
     boxes = []
     for group in groups:
-        known = [config.image for config in configs if config.t_mono_ns <= group[0].mono_s * 1e9]
-        image = known[-1] if known else None
+        images = [config.image for config in configs if config.t_mono_ns <= group[0].mono_s * 1e9]
+        image = images[-1] if images else None
         window = read_window(session, group)
         config_hash = None if image is None else image_hash(image)
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
         cause = verdict_of(session, group)
-        found = findings_in_words(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
+        findings = findings_in_words(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
         limits = limits_then.at(session.unix_s(round(group[0].mono_s * 1e9)))
         box = build(
             group,
@@ -67,15 +67,17 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
             is_simulated=session.info.metadata.get("source") == "simulator",
             segments=session.battery.segments,
         )
-        boxes.append(with_cause(box, cause, found))
+        boxes.append(with_cause(box, cause, findings))
     return boxes
 
 
-def with_cause(box: BlackBox, cause: Cause | None, found: Sequence[Finding]) -> BlackBox:
+def with_cause(box: BlackBox, cause: Cause | None, findings: Sequence[Finding]) -> BlackBox:
     """Return a box with the verdict on it and what was known against cells, without the verdicts on other trips."""
-    others = [each for each in found if each.evidence.code != "evidence-verdict" or each.cell == box.cell]
-    known = agreeing(others, [] if cause is None else [trip_cause(cause)])
-    return replace(box, cause=cause, findings=[*findings_of(box, known), *cause_findings(cause, box.segments)])
+    others = [
+        finding for finding in findings if finding.evidence.code != "evidence-verdict" or finding.cell == box.cell
+    ]
+    agreed = agreeing(others, [] if cause is None else [trip_cause(cause)])
+    return replace(box, cause=cause, findings=[*findings_of(box, agreed), *cause_findings(cause, box.segments)])
 
 
 def is_explained(box: BlackBox) -> bool:
@@ -86,25 +88,25 @@ def is_explained(box: BlackBox) -> bool:
 def explained(session: SessionFile, box: BlackBox) -> BlackBox:
     """Return a box with the verdict by its session; as it is where the session does not hold its event."""
     for group in incidents_of(session):
-        if any(each.code == box.code and abs(each.at_s - box.at) < SAME_S for each in group):
+        if any(trigger.code == box.code and abs(trigger.at_s - box.at) < SAME_S for trigger in group):
             cause = verdict_of(session, group)
             of_cause = cause_findings(box.cause, box.segments)  # they go with it
-            kept = [each for each in box.findings if each not in of_cause]
-            kept = [each for each in kept if cause is None or not _is_of_cell(each, cause.cell)]
+            kept = [finding for finding in box.findings if finding not in of_cause]
+            kept = [finding for finding in kept if cause is None or not _is_of_cell(finding, cause.cell)]
             return replace(box, cause=cause, findings=[*kept, *cause_findings(cause, box.segments)])
     return box
 
 
-def _is_of_cell(found: RenderedMessage, cell: int | None) -> bool:
+def _is_of_cell(message: RenderedMessage, cell: int | None) -> bool:
     """It is what a judge had found of a cell."""
-    inner = found.args.get("finding")
+    inner = message.args.get("finding")
     return cell is not None and isinstance(inner, Mapping) and inner["args"]["cell"].get("index") == cell
 
 
 def keep_black_boxes(session: SessionFile, store: BlackBoxStore) -> list[StoredBox]:
     """Make the black boxes of a session unless all are kept and complete, and return all of it, newest first."""
     stored = store.stored(session.info.id)
-    if len(stored) >= len(incidents_of(session)) and all(each.is_complete for each in stored):
+    if len(stored) >= len(incidents_of(session)) and all(box.is_complete for box in stored):
         return stored
     for box in black_boxes(session):
         store_box(store, box)
@@ -122,7 +124,7 @@ def boxes_of(session: SessionFile) -> list[BlackBox]:
         return black_boxes(session)
     try:
         with closing(BlackBoxStore(kept_in)) as store:
-            boxes = [stored_box(store, each.id) for each in reversed(keep_black_boxes(session, store))]
+            boxes = [stored_box(store, box.id) for box in reversed(keep_black_boxes(session, store))]
     except (RecordingFailed, SchemaTooNew):  # a medium that is read only, or a newer program's
         return black_boxes(session)
     return [box if is_explained(box) else explained(session, box) for box in boxes if box is not None]
@@ -155,13 +157,13 @@ def read_window(session: SessionFile, group: Sequence[Trigger]) -> BoxWindow:
     """Return the samples around an incident at full rate."""
     offset_s = session.unix_s(0)
     first_s, last_s = group[0].mono_s - BEFORE_S + offset_s, group[-1].mono_s + AFTER_S + offset_s
-    found: dict[str, list[tuple[FloatArray, FloatArray]]] = {name: [] for name in _FIELDS}
+    samples_of: dict[str, list[tuple[FloatArray, FloatArray]]] = {name: [] for name in _FIELDS}
     for piece in session.fields(_FIELDS, first_s, last_s):
         for name, samples in piece.items():
-            found[name].append((samples.time_s, samples.values))
-    time_s = np.concatenate([times for times, _ in found["v"] or found["i_fs"]] or [np.empty(0)])
+            samples_of[name].append((samples.time_s, samples.values))
+    time_s = np.concatenate([times for times, _ in samples_of["v"] or samples_of["i_fs"]] or [np.empty(0)])
     width = {"i_fs": 1, "status.flags": 1}
-    table = {name: _onto(time_s, found[name], width.get(name, session.battery.n_cells)) for name in _FIELDS}
+    table = {name: _onto(time_s, samples_of[name], width.get(name, session.battery.n_cells)) for name in _FIELDS}
     flags = table["status.flags"][:, 0]
     return BoxWindow(
         mono_s=time_s - offset_s,
@@ -175,9 +177,9 @@ def read_window(session: SessionFile, group: Sequence[Trigger]) -> BoxWindow:
 
 
 def _bit(flags: FloatArray, name: str) -> FloatArray:
-    known = np.isfinite(flags)
-    bits = np.where(known, flags, 0.0).astype(np.int64) >> STATUS_FLAGS.index(name) & 1
-    return np.where(known, bits, np.nan)
+    is_finite = np.isfinite(flags)
+    bits = np.where(is_finite, flags, 0.0).astype(np.int64) >> STATUS_FLAGS.index(name) & 1
+    return np.where(is_finite, bits, np.nan)
 
 
 def _onto(time_s: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]], width: int) -> FloatArray:

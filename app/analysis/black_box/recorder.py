@@ -178,7 +178,7 @@ class BlackBoxRecorder:
         session_id: str | None,
         limits: dict[str, float],
         config_hash: str | None,
-        found: tuple[Finding, ...],
+        findings: tuple[Finding, ...],
     ) -> None:
         for group in incidents(triggers):
             if self._is_late and session_id is not None:
@@ -194,7 +194,7 @@ class BlackBoxRecorder:
                 segments=self._battery.segments,
             )
             cause, was_judged = self._verdict(session_id, group)
-            box = with_cause(box, cause, found)
+            box = with_cause(box, cause, findings)
             self._keep(box)
             if session_id is not None and not is_explained(box) and (cause is not None or not was_judged):
                 due_s = group[-1].mono_s + SETTLED_S + LATER_S
@@ -209,16 +209,18 @@ class BlackBoxRecorder:
 
     def _recheck(self, output: Output, now_s: float) -> None:
         """Look again for the cause of what is unexplained: once some time later, and by what is found of its cell."""
-        for each in list(self._unexplained):
-            found = any(is_later_evidence(event.code, event.cell, each.box.cell) for event in output.events)
-            if found or (each.due_s is not None and now_s >= each.due_s):
-                each.due_s = each.due_s if found else None
+        for unexplained in list(self._unexplained):
+            is_evidence = any(
+                is_later_evidence(event.code, event.cell, unexplained.box.cell) for event in output.events
+            )
+            if is_evidence or (unexplained.due_s is not None and now_s >= unexplained.due_s):
+                unexplained.due_s = unexplained.due_s if is_evidence else None
                 with contextlib.suppress(RuntimeError):  # shutting down
-                    self._writer.submit(self._revise, each, self._findings).add_done_callback(_report_failure)
+                    self._writer.submit(self._revise, unexplained, self._findings).add_done_callback(_report_failure)
 
-    def _revise(self, unexplained: _Unexplained, found: tuple[Finding, ...]) -> None:
+    def _revise(self, unexplained: _Unexplained, findings: tuple[Finding, ...]) -> None:
         cause, _ = self._verdict(unexplained.session_id, unexplained.group)
-        box = with_cause(unexplained.box, cause, found)
+        box = with_cause(unexplained.box, cause, findings)
         if is_explained(box) and unexplained in self._unexplained:
             self._unexplained.remove(unexplained)
             self._keep(box, revises=True)

@@ -141,19 +141,19 @@ def evidence_of(session: SessionFile) -> Evidence:
     info = session.info
     metadata: Any = info.metadata.get(METADATA)
     configs, frames = session.configs(), list(session.frames())
-    seen = master_samples([(each.t_mono_ns, each.raw) for each in frames if each.ok], BAUD_RATE)
-    fast = [each for each in seen if each.values is not None]
+    seen = master_samples([(frame.t_mono_ns, frame.raw) for frame in frames if frame.ok], BAUD_RATE)
+    fast = [sample for sample in seen if sample.values is not None]
     if not isinstance(metadata, dict) or not configs or not fast:
         raise NoEvidence(info.id)
     image, cycles = configs[0].image, Cycles(**metadata["cycles"])
     cell = cell_of_test(str(metadata["cell"]), info.id)
-    rate = clock_rate([each for each in seen if each.boot == seen[0].boot])
-    markers = [each for each in session.markers() if each.kind == MARKER]
+    rate = clock_rate([sample for sample in seen if sample.boot == seen[0].boot])
+    markers = [marker for marker in session.markers() if marker.kind == MARKER]
     ready_ns = markers[0].t_mono_ns if markers else fast[-1].arrived_ns
-    healthy = [each for each in fast if each.arrived_ns <= ready_ns][-1:] or fast[:1]
+    healthy = [sample for sample in fast if sample.arrived_ns <= ready_ns][-1:] or fast[:1]
     rows, covered = limit_rows(image, cell), coverage(healthy[0].values)
     steps = _results(markers, seen, ConfiguredLimits.of(image), cycles, rate)
-    ident = _ident([each.raw for each in frames if each.ok])
+    ident = _ident([frame.raw for frame in frames if frame.ok])
     return Evidence(
         session_id=info.id,
         tested=info.started_wall_ns / 1e9,
@@ -178,7 +178,7 @@ def evidence_of(session: SessionFile) -> Evidence:
 def _results(
     markers: Sequence[Marker], seen: Sequence[MasterSample], limits: ConfiguredLimits, cycles: Cycles, rate: ClockRate
 ) -> list[StepResult]:
-    found: dict[str, StepResult] = {}
+    results: dict[str, StepResult] = {}
     armed_ns: dict[str, int] = {}
     steps = {step.name: step for step in STEPS}
     for marker in markers:
@@ -189,13 +189,13 @@ def _results(
         if rest == "armed":
             armed_ns[name] = marker.t_mono_ns
         elif rest == "done":
-            part = [each for each in seen if armed_ns[name] <= each.arrived_ns <= marker.t_mono_ns]
-            found[name] = judge(step, measure(part, step.name, limits, cycles, rate))
+            part = [sample for sample in seen if armed_ns[name] <= sample.arrived_ns <= marker.t_mono_ns]
+            results[name] = judge(step, measure(part, step.name, limits, cycles, rate))
         else:
-            found[name] = StepResult(
+            results[name] = StepResult(
                 step.name, step.rule, step.allowed_s, "not-tested", skipped=rest.removeprefix("skipped").strip()
             )
-    return [found.get(step.name, StepResult(step.name, step.rule, step.allowed_s, "not-tested")) for step in STEPS]
+    return [results.get(step.name, StepResult(step.name, step.rule, step.allowed_s, "not-tested")) for step in STEPS]
 
 
 def judge(step: Step, measured: object) -> StepResult:
@@ -236,15 +236,15 @@ def limit_rows(image: bytes, cell: CellModel) -> list[LimitRow]:
         ("i_disc_min", charge_a, None, -1),
         ("i_chrg_max", sheet.charge_max_a, None, 1),
     )
-    found = []
+    limits_of_rows = []
     for name, of_sheet, of_rules, sense in rows:
         field = CONFIG[name]
         value = float(to_unit(field, field.unpack(image)[0]))
         standing: Standing = "within"
-        if any(sense * value > sense * each for each in (of_sheet, of_rules) if each is not None):
+        if any(sense * value > sense * limits for limits in (of_sheet, of_rules) if limits is not None):
             standing = "pulses" if name.startswith("i_disc") else "beyond"
-        found.append(LimitRow(name, field.unit, value, of_sheet, of_rules, standing))
-    return found
+        limits_of_rows.append(LimitRow(name, field.unit, value, of_sheet, of_rules, standing))
+    return limits_of_rows
 
 
 def coverage(values: SampledValues | None) -> Coverage:
@@ -260,8 +260,8 @@ def coverage(values: SampledValues | None) -> Coverage:
 
 
 def _ident(raw: Sequence[bytes]) -> Ident | None:
-    for each in raw:
-        frame = decode_chunk(each)
+    for chunk in raw:
+        frame = decode_chunk(chunk)
         if isinstance(frame, Frame) and frame.type == MessageType.REPLY:
             try:
                 reply = Reply.from_body(frame.body)
@@ -276,6 +276,6 @@ def _bytes(fast: Sequence[MasterSample], seen: Sequence[MasterSample], n_frames:
     lost = sum(
         (after.sequence - before.sequence - 1) & 0xFF for before, after in pairwise(seen) if before.boot == after.boot
     )
-    apart = np.diff([each.uptime_ms for each in fast]) if len(fast) > 1 else np.zeros(1)
-    line_s = float(np.median([each.line_s for each in fast]))
+    apart = np.diff([sample.uptime_ms for sample in fast]) if len(fast) > 1 else np.zeros(1)
+    line_s = float(np.median([sample.line_s for sample in fast]))
     return Bytes(len(seen), n_frames - len(seen), lost, float(np.median(apart)) / 1000, line_s, rate, BAUD_RATE)

@@ -50,22 +50,22 @@ def master_samples(frames: Iterable[tuple[int, bytes]], baud_rate: int) -> list[
         frames: as recorded, good and bad ones.
         baud_rate: of the line, for the time that a frame takes on it.
     """
-    found: list[MasterSample] = []
+    samples: list[MasterSample] = []
     boot = wraps = 0
     for arrived_ns, raw in frames:
         frame = decode_chunk(raw)
         if not isinstance(frame, Frame):
             continue
         uptime_ms = frame.uptime_ms + wraps * _WRAP_MS
-        if found and uptime_ms < found[-1].uptime_ms:
-            is_wrap = found[-1].uptime_ms - uptime_ms > _WRAP_MS // 2
+        if samples and uptime_ms < samples[-1].uptime_ms:
+            is_wrap = samples[-1].uptime_ms - uptime_ms > _WRAP_MS // 2
             wraps = wraps + 1 if is_wrap else 0
             boot += not is_wrap
             uptime_ms = frame.uptime_ms + wraps * _WRAP_MS
         line_s = (len(raw) + _DELIMITERS) * BITS_PER_BYTE / baud_rate
         values, event = _meaning(frame)
-        found.append(MasterSample(uptime_ms, boot, frame.sequence, arrived_ns, line_s, values, event))
-    return found
+        samples.append(MasterSample(uptime_ms, boot, frame.sequence, arrived_ns, line_s, values, event))
+    return samples
 
 
 def _meaning(frame: Frame) -> tuple[SampledValues | None, EventMessage | None]:
@@ -80,21 +80,21 @@ def _meaning(frame: Frame) -> tuple[SampledValues | None, EventMessage | None]:
 
 def _values(windows: Iterable[Window]) -> SampledValues | None:
     """Return the values of a frame that has them all, None of a slow one."""
-    found = {}
+    values = {}
     for name in _WANTED:
         field = FIELDS[name]
         for offset, data in windows:
             if offset <= field.offset and field.offset + field.size <= offset + len(data):
-                found[name] = data[field.offset - offset : field.offset - offset + field.size]
+                values[name] = data[field.offset - offset : field.offset - offset + field.size]
                 break
         else:
             return None
-    flags = int.from_bytes(found["status.flags"], "little")
-    i_fs, i_fc = (int.from_bytes(found[name], "little", signed=True) for name in ("i_fs", "i_fc"))
+    flags = int.from_bytes(values["status.flags"], "little")
+    i_fs, i_fc = (int.from_bytes(values[name], "little", signed=True) for name in ("i_fs", "i_fc"))
     return SampledValues(
         is_ok=bool(flags & _OK),
         is_loaded=bool(flags & _LOAD),
         current=(i_fs, i_fc),
-        voltage=np.frombuffer(found["v"], "<u2"),
-        temperature=np.frombuffer(found["t"], "i1"),
+        voltage=np.frombuffer(values["v"], "<u2"),
+        temperature=np.frombuffer(values["t"], "i1"),
     )

@@ -93,9 +93,9 @@ def clock_rate(samples: Sequence[MasterSample]) -> ClockRate:
     """Hold this computer's clock against the master's, by the frames that waited least at both ends of a recording."""
     if len(samples) < 2 or samples[-1].uptime_ms - samples[0].uptime_ms < MIN_SPAN_S * 1000:
         return ClockRate(1.0, 0.0, 0.0)
-    uptime_s = np.array([each.uptime_ms - samples[0].uptime_ms for each in samples]) * 1e-3
-    arrived_s = np.array([each.arrived_ns - samples[0].arrived_ns for each in samples]) * 1e-9
-    late_s = arrived_s - np.array([each.line_s for each in samples]) - uptime_s
+    uptime_s = np.array([sample.uptime_ms - samples[0].uptime_ms for sample in samples]) * 1e-3
+    arrived_s = np.array([sample.arrived_ns - samples[0].arrived_ns for sample in samples]) * 1e-9
+    late_s = arrived_s - np.array([sample.line_s for sample in samples]) - uptime_s
     quarter_s = uptime_s[-1] / 4
     ends = [np.flatnonzero(uptime_s <= quarter_s), np.flatnonzero(uptime_s >= uptime_s[-1] - quarter_s)]
     first, last = (end[late_s[end].argmin()] for end in ends)
@@ -122,17 +122,17 @@ def measure(
         cycles: of the firmware.
         rate: of the clocks.
     """
-    fast = [each for each in samples if each.values is not None]
+    fast = [sample for sample in samples if sample.values is not None]
     if not fast:
         return Unmeasured("no-frames")
-    if any(each.boot != samples[0].boot for each in samples):
+    if any(sample.boot != samples[0].boot for sample in samples):
         return Unmeasured("restarted")
     shows = _sign(sign, limits, _values(fast[0]))
     if not _values(fast[0]).is_ok or shows(_values(fast[0])) is not None:
         return Unmeasured("violated-before")
     from_s = samples[samples.index(fast[0]) + 1 :]
-    opened = next((each for each in from_s if _is_open(each)), None)
-    bad = next((i for i, each in enumerate(fast) if shows(_values(each)) is not None), None)
+    opened = next((sample for sample in from_s if _is_open(sample)), None)
+    bad = next((i for i, sample in enumerate(fast) if shows(_values(sample)) is not None), None)
     if opened is None:
         return Unmeasured("not-seen" if bad is None else "not-opened")
     if bad is None or fast[bad].uptime_ms > opened.uptime_ms:
@@ -143,7 +143,7 @@ def measure(
     latency_s = _latency_s(sign, limits, cycles, fast[bad - 1 :], cell)
     high_s = (opened.uptime_ms - before.uptime_ms) * 1e-3 + latency_s + UPTIME_STEP_S
     low_s = max(0.0, (closed_ms - first.uptime_ms) * 1e-3 - UPTIME_STEP_S)
-    trips = [each.event for each in samples if each.event is not None and each.event.code in TRIPS]
+    trips = [sample.event for sample in samples if sample.event is not None and sample.event.code in TRIPS]
     value, limit = _figures(sign, limits, _values(first), cell)
     return Timing(
         low_s=rate.shortest(low_s),
@@ -173,8 +173,8 @@ def _is_open(sample: MasterSample) -> bool:
 
 
 def _last_closed_ms(samples: Sequence[MasterSample], opened: MasterSample) -> int:
-    at = next(i for i, each in enumerate(samples) if each is opened)
-    closed = [each.uptime_ms for each in samples[:at] if each.values is not None and each.values.is_ok]
+    at = next(i for i, sample in enumerate(samples) if sample is opened)
+    closed = [sample.uptime_ms for sample in samples[:at] if sample.values is not None and sample.values.is_ok]
     previous = samples[at - 1]
     if opened.event is not None and (previous.sequence + 1) & 0xFF == opened.sequence:
         closed.append(previous.uptime_ms)
@@ -186,8 +186,8 @@ def _sign(sign: Sign, limits: ConfiguredLimits, healthy: SampledValues) -> Calla
 
     def cells(beyond: Callable[[SampledValues], Mask]) -> Callable[[SampledValues], int | None]:
         def find(values: SampledValues) -> int | None:
-            found = np.flatnonzero(beyond(values))
-            return int(found[0]) if len(found) else None
+            indices = np.flatnonzero(beyond(values))
+            return int(indices[0]) if len(indices) else None
 
         return find
 
@@ -200,15 +200,15 @@ def _sign(sign: Sign, limits: ConfiguredLimits, healthy: SampledValues) -> Calla
         return np.greater(v.voltage, limits.v_cell_max)
 
     def low(v: SampledValues) -> Mask:
-        found: Mask = (v.voltage < limits.v_cell_min) & (v.voltage != V_MISSING)
-        return found
+        is_low: Mask = (v.voltage < limits.v_cell_min) & (v.voltage != V_MISSING)
+        return is_low
 
     def hot(v: SampledValues) -> Mask:
         return np.greater(v.temperature, limits.t_cell_max)
 
     def cold(v: SampledValues) -> Mask:
-        found: Mask = (v.temperature < limits.t_cell_min) & (v.temperature != T_MISSING)
-        return found
+        is_cold: Mask = (v.temperature < limits.t_cell_min) & (v.temperature != T_MISSING)
+        return is_cold
 
     match sign:
         case "voltage-high":
@@ -244,7 +244,7 @@ def _latency_s(
         return cycles.wire_check_s + cycles.pass_s
     if sign == "slave-lost" or cell is None:
         return cycles.pass_s
-    traced = [int(_values(each).voltage[cell]) for each in samples]
+    traced = [int(_values(sample).voltage[cell]) for sample in samples]
     limit = limits.v_cell_max if sign == "voltage-high" else limits.v_cell_min
     extreme = max(traced) if sign == "voltage-high" else min(v for v in traced if v != V_MISSING)
     return cycles.pass_s * _filter_passes(traced[0], extreme, limit, limits.v_alpha / 1000)

@@ -50,18 +50,18 @@ def stints(time_s: FloatArray, power_w: FloatArray) -> list[Stint]:
         time_s: (n,) rising [s].
         power_w: (n,) power [W], NaN where not measured.
     """
-    known = np.isfinite(power_w)
-    if not known.any():
+    is_finite = np.isfinite(power_w)
+    if not is_finite.any():
         return []
-    magnitude = np.abs(power_w[known])
+    magnitude = np.abs(power_w[is_finite])
     threshold_w = max(DRIVING_MIN_W, DRIVING_SHARE * float(np.percentile(magnitude, 95)))
-    at_s = time_s[known][magnitude > threshold_w]
+    at_s = time_s[is_finite][magnitude > threshold_w]
     if not at_s.size:
         return []
     breaks = np.flatnonzero(np.diff(at_s) > STOP_S)
     starts, ends = np.concatenate(([0], breaks + 1)), np.concatenate((breaks, [at_s.size - 1]))
-    found = [Stint(float(at_s[i]), float(at_s[j])) for i, j in zip(starts, ends, strict=True)]
-    return [stint for stint in found if stint.end_s - stint.start_s >= STINT_MIN_S]
+    runs = [Stint(float(at_s[i]), float(at_s[j])) for i, j in zip(starts, ends, strict=True)]
+    return [stint for stint in runs if stint.end_s - stint.start_s >= STINT_MIN_S]
 
 
 def laps_by_pattern(time_s: FloatArray, power_w: FloatArray) -> list[PatternLap]:
@@ -75,14 +75,14 @@ def laps_by_pattern(time_s: FloatArray, power_w: FloatArray) -> list[PatternLap]
         time_s: (n,) rising [s].
         power_w: (n,) power [W], NaN where not measured.
     """
-    found = stints(time_s, power_w)
-    periods = [_period_s(time_s, power_w, stint) for stint in found]
-    known = [period for period in periods if period is not None]
-    if not known:
+    driven = stints(time_s, power_w)
+    periods = [_period_s(time_s, power_w, stint) for stint in driven]
+    measured = [period for period in periods if period is not None]
+    if not measured:
         return []
-    usual_s = float(np.median(known))
+    usual_s = float(np.median(measured))
     laps: list[PatternLap] = []
-    for stint, period_s in zip(found, periods, strict=True):
+    for stint, period_s in zip(driven, periods, strict=True):
         marks, is_cut_off = _marks_of_stint(time_s, power_w, stint, period_s or usual_s)
         laps += [PatternLap(*span, is_partial=is_cut_off and span[1] == marks[-1]) for span in pairwise(marks)]
     return laps
@@ -144,10 +144,10 @@ def _marks_of_stint(time_s: FloatArray, power_w: FloatArray, stint: Stint, perio
 
     Returns the marks, and whether the stint was cut off at the last one.
     """
-    known = np.isfinite(power_w)
-    stops = _stops(time_s[known], stint)
+    is_finite = np.isfinite(power_w)
+    stops = _stops(time_s[is_finite], stint)
     grid = np.arange(stint.start_s, stint.end_s + GRID_S, GRID_S)
-    power = np.diff(np.interp(grid, time_s[known], _energy_j(time_s[known], power_w[known]))) / GRID_S
+    power = np.diff(np.interp(grid, time_s[is_finite], _energy_j(time_s[is_finite], power_w[is_finite]))) / GRID_S
     half = round(0.5 * period_s / GRID_S)
     pattern = _stretch_around(power, 0, half)
     marks = [0.0]
@@ -182,11 +182,11 @@ def _next_mark(power: FloatArray, pattern: FloatArray, mark: float, usual: float
 
 def _stretch_around(power: FloatArray, at: int, half: int) -> FloatArray:
     """Return (2 half,) power around a place, NaN beyond the stint."""
-    found = np.full(2 * half, np.nan)
+    stretch = np.full(2 * half, np.nan)
     first, last = max(at - half, 0), min(at + half, len(power))
     if first < last:
-        found[first - at + half : last - at + half] = power[first:last]
-    return found
+        stretch[first - at + half : last - at + half] = power[first:last]
+    return stretch
 
 
 def _match(pattern: FloatArray, candidate: FloatArray) -> float:

@@ -114,9 +114,9 @@ def with_drivers(laps: Sequence[Lap], changes: Sequence[tuple[float, str]]) -> l
 
 def compare_drivers(figures: Sequence[LapFigures]) -> list[DriverFigures]:
     """Return a line a driver over the laps that count, the quickest driver first."""
-    names = dict.fromkeys(each.lap.driver for each in figures if each.lap.counts)
-    found = [_driver(name, [f for f in figures if f.lap.counts and f.lap.driver == name]) for name in names]
-    return sorted(found, key=lambda driver: driver.lap_s)
+    names = dict.fromkeys(figure.lap.driver for figure in figures if figure.lap.counts)
+    drivers = [_driver(name, [f for f in figures if f.lap.counts and f.lap.driver == name]) for name in names]
+    return sorted(drivers, key=lambda driver: driver.lap_s)
 
 
 def overlay(
@@ -144,10 +144,10 @@ def overlay(
 
 
 def _driver(name: str, laps: Sequence[LapFigures]) -> DriverFigures:
-    times_s = np.array([each.lap.duration_s for each in laps])
-    out_wh = _mean([each.energy_out_wh for each in laps])
-    in_wh = _mean([each.energy_in_wh for each in laps])
-    peaks = [each.power_max_w for each in laps if each.power_max_w is not None]
+    times_s = np.array([lap.lap.duration_s for lap in laps])
+    out_wh = _mean([lap.energy_out_wh for lap in laps])
+    in_wh = _mean([lap.energy_in_wh for lap in laps])
+    peaks = [lap.power_max_w for lap in laps if lap.power_max_w is not None]
     return DriverFigures(
         driver=name,
         laps=len(laps),
@@ -157,16 +157,16 @@ def _driver(name: str, laps: Sequence[LapFigures]) -> DriverFigures:
         energy_out_wh=out_wh,
         energy_in_wh=in_wh,
         regenerated_share=in_wh / out_wh if in_wh is not None and out_wh else None,
-        power_mean_w=_mean([each.power_mean_w for each in laps]),
+        power_mean_w=_mean([lap.power_mean_w for lap in laps]),
         power_max_w=max(peaks) if peaks else None,
-        soc_used=_mean([each.soc_used for each in laps]),
-        temperature_rise_k=_mean([each.temperature_rise_k for each in laps]),
+        soc_used=_mean([lap.soc_used for lap in laps]),
+        temperature_rise_k=_mean([lap.temperature_rise_k for lap in laps]),
     )
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None
+    measured = [value for value in values if value is not None]
+    return float(np.mean(measured)) if measured else None
 
 
 def _extreme(values: FloatArray, cells: FloatArray, pick: object) -> tuple[float | None, int | None]:

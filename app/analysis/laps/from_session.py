@@ -139,8 +139,8 @@ def find_laps(
         source = "markers" if len(marks) > 1 else "pattern"
     power_w = totals.power_w
     if source == "pattern":
-        found = laps_by_pattern(totals.time_s, power_w)
-        laps = [Lap(start, end, counts=not partial, is_partial=partial) for start, end, partial in found]
+        pattern_laps = laps_by_pattern(totals.time_s, power_w)
+        laps = [Lap(start, end, counts=not partial, is_partial=partial) for start, end, partial in pattern_laps]
     else:
         laps = [Lap(*span) for span in laps_by_marks(marks, stints(totals.time_s, power_w))]
     return source, with_drivers(laps, driver_changes(session, markers))
@@ -152,13 +152,13 @@ def _marks(markers: Sequence[Marker], session: SessionFile) -> list[float]:
 
 def driver_changes(session: SessionFile, markers: Sequence[Marker]) -> list[tuple[float, str]]:
     """Return when somebody took over and who: markers of kind `driver`, and the driver named at the start."""
-    found = [
+    changes = [
         (session.unix_s(marker.t_mono_ns), _driver_name(marker.text))
         for marker in markers
         if marker.kind.startswith(DRIVER_KIND)
     ]
     first = session.info.metadata.get("driver")
-    return [(0.0, str(first)), *found] if first else found
+    return [(0.0, str(first)), *changes] if first else changes
 
 
 def overlay_laps(
@@ -183,7 +183,7 @@ def overlay_laps(
         ConfigError: there is no such lap, or `along` tells no way.
         UnknownSignal: the name means nothing.
     """
-    found = []
+    recorded = []
     unit = TOTALS.get(signal, "")
     for index in chosen:
         if not 0 <= index < len(laps):
@@ -195,15 +195,15 @@ def overlay_laps(
         else:
             series = session.series([signal], lap.start_s, lap.end_s, points=MAX_POINTS)[signal]
             time_s, values, unit = series.time_s, series.maximum, series.unit
-        found.append((index, time_s, values))
+        recorded.append((index, time_s, values))
     ways = Ways(session, [laps[index] for index in chosen], along)
-    fewest = min((len(time_s) for _, time_s, _ in found), default=0)
+    fewest = min((len(time_s) for _, time_s, _ in recorded), default=0)
     points = max(1, min(points, fewest // (SAMPLES_A_PART * (2 if ways.along else 1))))
     traces = []
-    for k, (index, time_s, values) in enumerate(found):
+    for k, (index, time_s, values) in enumerate(recorded):
         low, high = overlay(laps[index], time_s, values, points, ways.shares(k, time_s)).T
         traces.append(LapTrace(index, *([number(v) for v in side.tolist()] for side in (low, high))))
-    return Overlay(signal, unit, points, traces, ways.along, ways.known)
+    return Overlay(signal, unit, points, traces, ways.along, ways.places)
 
 
 def settle_laps(path: Path, laps: Sequence[Lap] | None, *, t_wall_ns: int, who: str | None) -> None:
@@ -260,9 +260,9 @@ def _sampled(session: SessionFile, name: str) -> CounterSamples:
     signal = session.signals.find(name)
     (samples,) = session.samples([signal])
     values = signal.physical(samples.counts)
-    known = np.isfinite(values)
-    times_s = [session.unix_s(int(us) * 1000) for us in samples.track.times_us[known]]
-    return CounterSamples(np.array(times_s), values[known])
+    is_finite = np.isfinite(values)
+    times_s = [session.unix_s(int(us) * 1000) for us in samples.track.times_us[is_finite]]
+    return CounterSamples(np.array(times_s), values[is_finite])
 
 
 def _driver_name(text: str) -> str:

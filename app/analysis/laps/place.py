@@ -47,17 +47,17 @@ def place_of(session: SessionFile, name: str, lap: Lap) -> tuple[FloatArray, Flo
     if frame is not None:
         can_id, first, size = int(frame[1], 0), int(frame[2]), int(frame[3] or 2)
         rows = [
-            (session.unix_s(each.t_mono_ns), float(int.from_bytes(each.data[first : first + size], "little")))
-            for each in session.can_frames(lap.start_s, lap.end_s)
-            if each.can_id == can_id and len(each.data) >= first + size
+            (session.unix_s(frame.t_mono_ns), float(int.from_bytes(frame.data[first : first + size], "little")))
+            for frame in session.can_frames(lap.start_s, lap.end_s)
+            if frame.can_id == can_id and len(frame.data) >= first + size
         ]
         table = np.array(rows, dtype=np.float64).reshape(-1, 2)
         return table[:, 0], table[:, 1]
     message = next(
         (
-            each
-            for each in session.loaded_battery.definitions.messages
-            if name.startswith(f"{each.name}.") and each.signal(name.removeprefix(f"{each.name}.")) is not None
+            message
+            for message in session.loaded_battery.definitions.messages
+            if name.startswith(f"{message.name}.") and message.signal(name.removeprefix(f"{message.name}.")) is not None
         ),
         None,
     )
@@ -66,15 +66,15 @@ def place_of(session: SessionFile, name: str, lap: Lap) -> tuple[FloatArray, Flo
         return series.time_s, series.maximum
     frames = frames_of(
         [
-            (each.t_mono_ns, each.can_id, each.data)
-            for each in session.can_frames(lap.start_s, lap.end_s)
-            if each.can_id == message.can_id
+            (frame.t_mono_ns, frame.can_id, frame.data)
+            for frame in session.can_frames(lap.start_s, lap.end_s)
+            if frame.can_id == message.can_id
         ]
     )
-    found = decode_frames(frames, Definitions((message,))).get((message.name, name.removeprefix(f"{message.name}.")))
-    if found is None:
+    decoded = decode_frames(frames, Definitions((message,))).get((message.name, name.removeprefix(f"{message.name}.")))
+    if decoded is None:
         return np.empty(0), np.empty(0)
-    return np.array([session.unix_s(t_ns) for t_ns in found.t_ns.tolist()]), found.values
+    return np.array([session.unix_s(t_ns) for t_ns in decoded.t_ns.tolist()]), decoded.values
 
 
 def share_of_way(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray | None:
@@ -87,8 +87,8 @@ def share_of_way(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> Fl
         values: (n,) in any unit; NaN where missing.
         at_s: (k,) times.
     """
-    known = np.isfinite(values)
-    time_s, values = time_s[known], values[known]
+    is_finite = np.isfinite(values)
+    time_s, values = time_s[is_finite], values[is_finite]
     if len(values) < 2:
         return None
     steps = np.diff(values)
@@ -114,17 +114,17 @@ class Ways:
         Raises:
             ConfigError: the signal that is named means nothing, or does not move.
         """
-        self.known = known_places(session)
+        self.places = known_places(session)
         self.along: str | None = None
         self._found: list[tuple[FloatArray, FloatArray]] = []
-        names = self.known if along == AUTO else [along] if along else []
+        names = self.places if along == AUTO else [along] if along else []
         for name in names:
             try:
-                found = [place_of(session, name, lap) for lap in laps]
+                places = [place_of(session, name, lap) for lap in laps]
             except UnknownSignal as error:
                 raise ConfigError("along", name, error.reason) from error
-            if all(share_of_way(*each, each[0]) is not None for each in found):
-                self.along, self._found = name, found
+            if all(share_of_way(*place, place[0]) is not None for place in places):
+                self.along, self._found = name, places
                 return
             if along != AUTO:
                 raise ConfigError("along", name, Message("does-not-move"))

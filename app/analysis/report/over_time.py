@@ -76,7 +76,7 @@ def over_time(totals: Totals) -> OverTime:
 
 def _means(values: FloatArray, starts: NDArray[np.intp]) -> FloatArray:
     """The mean of what is known in each part, NaN where nothing is."""
-    known = np.isfinite(values)
-    count = np.add.reduceat(known.astype(np.int64), starts)
-    total = np.add.reduceat(np.where(known, values, 0.0), starts)
+    is_finite = np.isfinite(values)
+    count = np.add.reduceat(is_finite.astype(np.int64), starts)
+    total = np.add.reduceat(np.where(is_finite, values, 0.0), starts)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

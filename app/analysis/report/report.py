@@ -56,7 +56,7 @@ class MarginWatch:
     def __init__(self, n_cells: int, limits: LimitsOverTime) -> None:
         """Judge by the limits in force; the first set since ever, those that signals carry moment by moment."""
         self._since_s = [since_s for since_s, _ in limits.in_force[1:]]
-        self._limits = [each for _, each in limits.in_force] or [{}]
+        self._limits = [values for _, values in limits.in_force] or [{}]
         self._moving = limits.moving
         self._nearest: dict[LimitName, Margin] = {}  # to those that signals carry
         self._spans = [_empty(n_cells) for _ in self._limits]
@@ -71,20 +71,20 @@ class MarginWatch:
             if name in _NAMES:
                 self._keep_nearest(_nearest_to(moving, _NAMES[name], piece))
 
-    def _keep_nearest(self, found: Margin | None) -> None:
-        if found is not None:
-            before = self._nearest.get(found.limit)
-            if before is None or found.margin < before.margin:
-                self._nearest[found.limit] = found
+    def _keep_nearest(self, margin: Margin | None) -> None:
+        if margin is not None:
+            before = self._nearest.get(margin.limit)
+            if before is None or margin.margin < before.margin:
+                self._nearest[margin.limit] = margin
 
     def nearest(self) -> list[Margin]:
         """Return how near every known limit came, each by its nearest stretch, the nearest first."""
-        found = dict(self._nearest)
+        nearest = dict(self._nearest)
         for span, limits in zip(self._spans, self._limits, strict=True):
-            for each in margins(span, limits):
-                if each.limit not in found or each.margin < found[each.limit].margin:
-                    found[each.limit] = each
-        return sorted(found.values(), key=lambda each: each.margin / NEAR[each.limit])
+            for margin in margins(span, limits):
+                if margin.limit not in nearest or margin.margin < nearest[margin.limit].margin:
+                    nearest[margin.limit] = margin
+        return sorted(nearest.values(), key=lambda margin: margin.margin / NEAR[margin.limit])
 
 
 def _nearest_to(moving: MovingLimit, limit: LimitName, piece: SurveyPiece) -> Margin | None:
@@ -221,7 +221,7 @@ def report_of(session: SessionFile) -> Report:
 
     survey = survey_session(session, watched, collector)
     sensors = sensors_of(session.battery.sensors, session.battery.n_cells)
-    found, ended = (findings_in_words(kind, sensors) for kind in (judge.result(), judge.ended()))
+    current, ended = (findings_in_words(kind, sensors) for kind in (judge.result(), judge.ended()))
     totals = collector.totals()
     source, found_laps = find_laps(session, totals, None, None)
     laps = [figures_of(lap, totals) for lap in found_laps]
@@ -232,14 +232,14 @@ def report_of(session: SessionFile) -> Report:
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     causes = causes_of(session, cell)
     segments = session.battery.segments
-    why = [*_cause_findings(causes), *_verdicts(agreeing(found, [trip_cause(each) for each in causes]))]
+    why = [*_cause_findings(causes), *_verdicts(agreeing(current, [trip_cause(cause) for cause in causes]))]
     warnings = [*_ended(ended), *_event_arguments(warned, segments)]
     checks = recommended_checks(survey, odd, warnings, session.bad_frames())
     findings = ReportSummary(
         sentence(headline(survey, sum(not lap.is_partial for lap in found_laps)), segments),
-        [sentence(each, segments) for each in why],
-        [sentence(each, segments) for each in what_limited(near, _event_arguments(trips, segments))],
-        [sentence(each, segments) for each in checks],
+        [sentence(message, segments) for message in why],
+        [sentence(message, segments) for message in what_limited(near, _event_arguments(trips, segments))],
+        [sentence(check, segments) for check in checks],
         judged_by(session),
     )
     return Report(
@@ -274,9 +274,9 @@ def _cause_findings(causes: Sequence[Cause]) -> list[Message]:
     for cause in causes:
         if cause.code == UNEXPLAINED:
             continue
-        evidence = tuple(each.message for each in cause.evidence)
-        same = tuple(each.message for each in cause.same)
-        others = tuple(each.message.message for each in cause.others)
+        evidence = tuple(evidence.message for evidence in cause.evidence)
+        same = tuple(same.message for same in cause.same)
+        others = tuple(other.message.message for other in cause.others)
         message = Message("report-cause", cause=cause.message.message, evidence=evidence)
         if same:
             message = Message("report-cause-same", cause=cause.message.message, evidence=evidence, causes=same)
@@ -286,8 +286,8 @@ def _cause_findings(causes: Sequence[Cause]) -> list[Message]:
     return list(by_place.values())
 
 
-def _verdicts(found: Sequence[Finding]) -> list[Message]:
-    return [Message("why-finding", finding=each.message, evidence=each.evidence) for each in found]
+def _verdicts(findings: Sequence[Finding]) -> list[Message]:
+    return [Message("why-finding", finding=finding.message, evidence=finding.evidence) for finding in findings]
 
 
 def compare_sessions(first: SessionFile, second: SessionFile) -> SessionComparison:
@@ -308,14 +308,14 @@ def _compared(
     return ComparedSession(info.id, info.name, info.started_wall_ns / 1e9, figures, histograms, judged_by(session))
 
 
-def _ended(found: Sequence[Finding]) -> list[Argument]:
-    return [Message("finding-ended", finding=each.message) for each in found]
+def _ended(findings: Sequence[Finding]) -> list[Argument]:
+    return [Message("finding-ended", finding=finding.message) for finding in findings]
 
 
 def _event_arguments(events: Sequence[dict[str, Any]], segments: Sequence[int]) -> list[Argument]:
     """The events with their places, each once."""
-    found = [(message_or_text(event["text"], event.get("message")), event["cell"]) for event in events]
-    return list({with_cell(message, cell, segments): None for message, cell in found})
+    messages = [(message_or_text(event["text"], event.get("message")), event["cell"]) for event in events]
+    return list({with_cell(message, cell, segments): None for message, cell in messages})
 
 
 def with_cell(event: Text, cell: int | None, segments: Sequence[int]) -> Argument:

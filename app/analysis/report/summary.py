@@ -77,11 +77,11 @@ class CellChange:
 
 def margins(survey: Survey, limits: dict[str, float]) -> list[Margin]:
     """Return how near every known limit came, the nearest first, by what counts as near."""
-    found = []
+    ranked = []
 
     def add(limit: LimitName, key: str, seen: float, cell: int | None = None, at_s: float | None = None) -> None:
         if key in limits and np.isfinite(seen):
-            found.append(margin_of(limit, seen, limits[key], cell, at_s))
+            ranked.append(margin_of(limit, seen, limits[key], cell, at_s))
 
     lowest, highest, hottest = (
         _extreme(survey.voltage_min_v, lowest=True),
@@ -97,7 +97,7 @@ def margins(survey: Survey, limits: dict[str, float]) -> list[Margin]:
         add("t_max", "t_cell_max", degrees, hottest, float(survey.temperature_max_at_s[hottest]))
     add("i_max", "i_disc_max", survey.current_max_a)
     add("i_min", "i_disc_min", survey.current_min_a)
-    return sorted(found, key=lambda each: each.margin / NEAR[each.limit])
+    return sorted(ranked, key=lambda margin: margin.margin / NEAR[margin.limit])
 
 
 def margin_of(limit: LimitName, seen: float, allowed: float, cell: int | None, at_s: float | None) -> Margin:
@@ -108,21 +108,21 @@ def margin_of(limit: LimitName, seen: float, allowed: float, cell: int | None, a
 
 def odd_cells(survey: Survey) -> list[Odd]:
     """Return the cells that stand out in what no verdict is about, the oddest of each kind first."""
-    found: list[Odd] = []
+    cells: list[Odd] = []
     for cell, value, usual in _outliers(survey.sag_v, LEAST_SAG_V):
         message = Message("odd-sag", more=Quantity(1000 * (value - usual), "mV", 0))
-        found.append(_odd(message, cell, "sag", value, usual, "V"))
+        cells.append(_odd(message, cell, "sag", value, usual, "V"))
     for cell, value, usual in _outliers(survey.temperature_max_degc, LEAST_HEAT_K):
         message = Message("odd-temperature", temperature=Quantity(value, "degC", 0), usual=Quantity(usual, "degC", 0))
-        found.append(_odd(message, cell, "temperature", value, usual, "degC"))
+        cells.append(_odd(message, cell, "temperature", value, usual, "degC"))
     if survey.driving_s > 60.0:
         cell = int(survey.lowest_s.argmax())
         share = float(survey.lowest_s[cell] / survey.driving_s)
         if share > LOWEST_SHARE:
-            found.append(
+            cells.append(
                 _odd(Message("odd-lowest", share=percent(share)), cell, "lowest", share, 1 / survey.n_cells, "1")
             )
-    return found
+    return cells
 
 
 def headline(survey: Survey, n_laps: int) -> Message:
@@ -136,43 +136,43 @@ def headline(survey: Survey, n_laps: int) -> Message:
         run.append(Message("report-laps", n=n_laps))
     out = _kwh(survey.energy_out_wh)
     is_whole = survey.has_energies
-    found: list[Argument] = [
+    parts: list[Argument] = [
         Message("report-energy-out", energy=out) if is_whole else Message("report-energy-out-at-least", energy=out)
     ]
     if survey.energy_in_wh >= 1.0:
         energy = _kwh(survey.energy_in_wh)
         if not is_whole:
-            found.append(Message("report-energy-in-at-least", energy=energy))
+            parts.append(Message("report-energy-in-at-least", energy=energy))
         elif survey.energy_out_wh > 1.0:
             share = percent(survey.energy_in_wh / survey.energy_out_wh)
-            found.append(Message("report-energy-in-share", energy=energy, share=share))
+            parts.append(Message("report-energy-in-share", energy=energy, share=share))
         else:
-            found.append(Message("report-energy-in", energy=energy))
+            parts.append(Message("report-energy-in", energy=energy))
     first, last = _mean(survey.soc_first), _mean(survey.soc_last)
     if first is not None and last is not None:
-        found.append(Message("report-charge", first=Quantity(100 * first, "", 0), last=percent(last)))
+        parts.append(Message("report-charge", first=Quantity(100 * first, "", 0), last=percent(last)))
     hottest = _extreme(survey.temperature_max_degc, lowest=False)
     if hottest is not None:
         degrees = float(survey.temperature_max_degc[hottest])
-        found.append(Message("report-hottest", temperature=Quantity(degrees, "degC", 0)))
-    return Message("report-headline", run=tuple(run), found=tuple(found))
+        parts.append(Message("report-hottest", temperature=Quantity(degrees, "degC", 0)))
+    return Message("report-headline", run=tuple(run), found=tuple(parts))
 
 
-def what_limited(found: Sequence[Margin], trips: Sequence[Argument]) -> list[Message]:
+def what_limited(margins: Sequence[Margin], trips: Sequence[Argument]) -> list[Message]:
     """Return what ended or held back the run: trips, limits that came near, else the one that was nearest."""
     findings = [Message("report-tripped", event=event) for event in trips]
-    near = [each for each in found if each.margin < NEAR[each.limit]]
-    for each in near or found[:1]:
-        what = _LIMITS[each.limit]
-        if each.cell is not None:
-            what = Message("limit-of-cell", limit=what, cell=Cell(each.cell))
-        step = "K" if each.unit == "degC" else each.unit
-        seen = Quantity(each.seen, each.unit, _DIGITS[each.unit])
-        margin = Quantity(abs(each.margin), step, _DIGITS[step])
-        allowed = Quantity(each.allowed, each.unit)
+    near = [margin for margin in margins if margin.margin < NEAR[margin.limit]]
+    for limited in near or margins[:1]:
+        what = _LIMITS[limited.limit]
+        if limited.cell is not None:
+            what = Message("limit-of-cell", limit=what, cell=Cell(limited.cell))
+        step = "K" if limited.unit == "degC" else limited.unit
+        seen = Quantity(limited.seen, limited.unit, _DIGITS[limited.unit])
+        margin = Quantity(abs(limited.margin), step, _DIGITS[step])
+        allowed = Quantity(limited.allowed, limited.unit)
         if not near:
             findings.append(Message("report-nearest", what=what, seen=seen, margin=margin, allowed=allowed))
-        elif each.margin < 0:
+        elif limited.margin < 0:
             findings.append(Message("report-beyond", what=what, seen=seen, margin=margin, allowed=allowed))
         else:
             findings.append(Message("report-near", what=what, seen=seen, margin=margin, allowed=allowed))
@@ -185,13 +185,14 @@ def recommended_checks(
     """Return what deserves a look before the next run."""
     findings: list[Message] = []
     by_kind: dict[str, list[Odd]] = {}
-    for each in odd:
-        by_kind.setdefault(each.what, []).append(each)
+    for odd_cell in odd:
+        by_kind.setdefault(odd_cell.what, []).append(odd_cell)
     for kind in by_kind.values():
         findings += [
-            Message("report-odd", cell=Cell(each.cell), what=each.message.message) for each in kind[:ODD_NAMED]
+            Message("report-odd", cell=Cell(odd_cell.cell), what=odd_cell.message.message)
+            for odd_cell in kind[:ODD_NAMED]
         ]
-        others = tuple(Cell(each.cell) for each in kind[ODD_NAMED:])
+        others = tuple(Cell(odd_cell.cell) for odd_cell in kind[ODD_NAMED:])
         if others:
             findings.append(Message("report-odd-more", n=len(others), cells=others))
     lowest = _extreme(survey.soc_last, lowest=True)
@@ -269,25 +270,25 @@ def _outliers(values: FloatArray, least: float) -> list[tuple[int, float, float]
 
 
 def _mean(values: FloatArray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else None
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None
 
 
 def _max(values: FloatArray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.max()) if known.size else None
+    finite = values[np.isfinite(values)]
+    return float(finite.max()) if finite.size else None
 
 
 def _extreme(values: FloatArray, *, lowest: bool) -> int | None:
-    known = np.flatnonzero(np.isfinite(values))
-    if not known.size:
+    finite_at = np.flatnonzero(np.isfinite(values))
+    if not finite_at.size:
         return None
-    return int(known[values[known].argmin() if lowest else values[known].argmax()])
+    return int(finite_at[values[finite_at].argmin() if lowest else values[finite_at].argmax()])
 
 
 def _spread(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.ptp(known)) if known.size else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) if finite.size else float("nan")
 
 
 def percent(fraction: float, digits: int = 0) -> Quantity:

@@ -77,10 +77,10 @@ def _air(recording: SessionStretch, model: CellModel) -> Iterator[Hypothesis]:
     """The boards are light and follow the air; the cells follow their own heat."""
     boards = recording.boards
     own = row_mean(boards.own_degc)
-    known = np.isfinite(own)
-    if known.sum() < 20:
+    is_finite = np.isfinite(own)
+    if is_finite.sum() < 20:
         return
-    times, own = boards.time_s[known], own[known]
+    times, own = boards.time_s[is_finite], own[is_finite]
     cells = np.interp(times, recording.time_s, recording.mean_degc)
     before = np.searchsorted(times, times - AIR_WINDOW_S)
     rows = np.flatnonzero(times - times[0] >= 0.5 * AIR_WINDOW_S)
@@ -88,10 +88,10 @@ def _air(recording: SessionStretch, model: CellModel) -> Iterator[Hypothesis]:
     is_charging = bool((recording.charger_state > 0).any())  # bleeding warms the boards then
     hot = np.flatnonzero((moved - warmed >= AIR_K) & (moved >= AIR_K))
     cold = np.flatnonzero(moved <= -AIR_K)
-    for code, found in (("ambient-temperature", hot), ("ambient-temperature", cold)):
-        if found.size and not is_charging:
-            worst = int(found[np.abs(moved[found]).argmax()])
-            at_s = float(times[rows[found[0]]]) - 0.5 * AIR_WINDOW_S
+    for code, at in (("ambient-temperature", hot), ("ambient-temperature", cold)):
+        if at.size and not is_charging:
+            worst = int(at[np.abs(moved[at]).argmax()])
+            at_s = float(times[rows[at[0]]]) - 0.5 * AIR_WINDOW_S
             of_boards, of_cells = Quantity(float(moved[worst]), "K", 1), Quantity(float(warmed[worst]), "K", 1)
             evidence = (Message("seen-boards-moved", boards=of_boards, cells=of_cells),)
             yield Hypothesis(code, at_s, 10.0 + 2.0 * float(np.abs(moved[worst])), evidence)
@@ -105,25 +105,25 @@ def _cooling(recording: SessionStretch, model: CellModel, air_degc: float) -> It
     loss_w = recording.steady_a * (ocv - recording.median_v)
     degc = recording.mean_degc
     is_known = np.isfinite(loss_w) & np.isfinite(degc) & np.isfinite(recording.fan_duty)
-    known = np.flatnonzero(is_known & (recording.soc > COOLING_SOC))
-    if known.size < 200:
+    known_at = np.flatnonzero(is_known & (recording.soc > COOLING_SOC))
+    if known_at.size < 200:
         return
-    dt_s = np.clip(np.diff(recording.time_s[known], prepend=recording.time_s[known[0]]), 0.0, 5.0)
-    warm = recording.fan_duty[known] * (degc[known] - air_degc)
+    dt_s = np.clip(np.diff(recording.time_s[known_at], prepend=recording.time_s[known_at[0]]), 0.0, 5.0)
+    warm = recording.fan_duty[known_at] * (degc[known_at] - air_degc)
     far = warm >= COOLING_FROM_K
     if (dt_s * far).sum() < COOLING_LEAST_S:
         return
     first, last = int(np.flatnonzero(far)[0]), int(np.flatnonzero(far)[-1])
     part = slice(first, last + 1)
-    start = float(recording.time_s[known[first]])
-    given = float((dt_s[part] * loss_w[known][part]).sum())
+    start = float(recording.time_s[known_at[first]])
+    given = float((dt_s[part] * loss_w[known_at][part]).sum())
     taken = float((dt_s[part] * warm[part]).sum())
     edge = min(100, (last - first) // 3)
-    moved = float(degc[known][last - edge : last + 1].mean() - degc[known][first : first + edge + 1].mean())
+    moved = float(degc[known_at][last - edge : last + 1].mean() - degc[known_at][first : first + edge + 1].mean())
     lasted = float(dt_s[part].sum())
     moved *= lasted / max(lasted - float(dt_s[first : first + edge].sum()), 1.0)
     watts = (given - CELL_J_PER_K * moved) / max(taken, 1.0)
-    if degc[known].max() < recording.limits.get("t_cell_max", 60.0) - HOT_K:
+    if degc[known_at].max() < recording.limits.get("t_cell_max", 60.0) - HOT_K:
         return
     if watts < COOLING_W_PER_K:
         duty = Quantity(100 * float(np.nanmax(recording.fan_duty)), "%", 0)

@@ -46,15 +46,15 @@ def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause
     start_s = info.started_wall_ns / 1e9
     end_s = start_s + info.duration_s
     groups = [group for group in incidents_of(session) if _is_trip(_explained(group))][:MOST_TRIPS]
-    found = [cause for group in groups if (cause := verdict_of(session, group, model)) is not None]
-    explained = {(each.code, each.cell, each.pack) for each in found if each.code != UNEXPLAINED}
+    causes = [cause for group in groups if (cause := verdict_of(session, group, model)) is not None]
+    explained = {(cause.code, cause.cell, cause.pack) for cause in causes if cause.code != UNEXPLAINED}
     first_s = session.unix_s(round(_explained(groups[0]).mono_s * 1e9)) if groups else end_s
     for from_s, to_s in ((start_s, first_s),) if groups else pairwise(_edges(start_s, end_s)):
         rest = _judged(session, model, None, max(from_s, to_s - BACK_S), to_s)
-        new = [each for each in rest if each.ranked and not _is_known(each, explained)]
+        new = [judgement for judgement in rest if judgement.ranked and not _is_known(judgement, explained)]
         explained |= _places(new)
-        found += [cause_of(each, session.battery.segments, to_s) for each in new]
-    return found
+        causes += [cause_of(judgement, session.battery.segments, to_s) for judgement in new]
+    return causes
 
 
 def causes_without_trip(path: Path) -> list[Cause] | None:
@@ -72,10 +72,10 @@ def causes_without_trip(path: Path) -> list[Cause] | None:
         if end_s - max(from_s, session.info.started_wall_ns / 1e9) < LEAST_S:
             return None
         judged = _judged(session, cell_of(session)[0], None, from_s, end_s)
-        sure = [each for each in judged if each.ranked and not _is_small_charge(each)]
+        sure = [judgement for judgement in judged if judgement.ranked and not _is_small_charge(judgement)]
         if not sure and not _has_load(session, from_s, end_s):
             return None
-        return [cause_of(each, session.battery.segments, end_s) for each in sure]
+        return [cause_of(judgement, session.battery.segments, end_s) for judgement in sure]
 
 
 def _has_load(session: SessionFile, from_s: float, to_s: float) -> bool:
@@ -148,7 +148,9 @@ def _verdict(session: SessionFile, group: Sequence[Trigger], cell: CellModel | N
         return None
     asked = trip if _is_trip(trip) else None
     judgements = _judged(session, cell or cell_of(session)[0], asked, trip.at_s - BACK_S, to_s)
-    about = [each for each in judgements if asked is not None or trip.cell in (None, each.ranked[0].cell)]
+    about = [
+        judgement for judgement in judgements if asked is not None or trip.cell in (None, judgement.ranked[0].cell)
+    ]
     return cause_of(about[0], session.battery.segments, min(to_s, _end_s(session))) if about else None
 
 
@@ -170,12 +172,12 @@ def _stretch_ends_s(session: SessionFile, group: Sequence[Trigger]) -> list[floa
     end_s = _end_s(session)
     due_s = session.unix_s(round(group[-1].mono_s * 1e9)) + SETTLED_S
     cell = _explained(group).cell
-    found = [
+    ends_s = [
         session.unix_s(event["t_mono_ns"])
         for event in session.events()
         if is_later_evidence(event["code"], event["cell"], cell)
     ]
-    later = sorted(each for each in (due_s + LATER_S, *found) if due_s < each <= end_s)
+    later = sorted(time_s for time_s in (due_s + LATER_S, *ends_s) if due_s < time_s <= end_s)
     return [due_s, *later]
 
 
@@ -190,8 +192,8 @@ def _end_s(session: SessionFile) -> float:
 
 def _explained(group: Sequence[Trigger]) -> Trigger:
     """What of an incident is explained: its trip, the master's own where there is one, else the warning."""
-    trips = [each for each in group if _is_trip(each)]
-    return next((each for each in trips if each.code.startswith("trip-")), main_trigger(trips or group))
+    trips = [trigger for trigger in group if _is_trip(trigger)]
+    return next((trip for trip in trips if trip.code.startswith("trip-")), main_trigger(trips or group))
 
 
 def _is_trip(event: Trigger) -> bool:
@@ -200,7 +202,7 @@ def _is_trip(event: Trigger) -> bool:
 
 
 def _places(judgements: Sequence[Judgement]) -> set[tuple[str, int | None, int | None]]:
-    return {(each.ranked[0].code, *each.ranked[0].place) for each in judgements if each.ranked}
+    return {(judgement.ranked[0].code, *judgement.ranked[0].place) for judgement in judgements if judgement.ranked}
 
 
 def _is_known(judgement: Judgement, explained: set[tuple[str, int | None, int | None]]) -> bool:
@@ -225,42 +227,42 @@ def _hypotheses(recording: SessionStretch, model: CellModel, at_s: float) -> lis
         *relay_hypotheses(recording),
         *current_hypotheses(recording, model),
         *pack_hypotheses(recording, model),
-        *(_of_cell(each) for each in judge_stretch(recording, model, at_s, reported)),
+        *(_of_cell(finding) for finding in judge_stretch(recording, model, at_s, reported)),
         *found_live(recording),
     ]
 
 
 def found_live(recording: SessionStretch) -> Iterator[Hypothesis]:
     """What the judge had found of cells while the session was recorded, by its events, and evidence has not ended."""
-    found: dict[int, Trigger] = {}
+    triggers: dict[int, Trigger] = {}
     for event in recording.events:
         if event.cell is None or not event.code.startswith(FINDING):
             continue
         if event.code == FINDING_ENDED:
-            found.pop(event.cell, None)
+            triggers.pop(event.cell, None)
         else:
-            found[event.cell] = event
-    for cell, event in found.items():
+            triggers[event.cell] = event
+    for cell, event in triggers.items():
         evidence = () if isinstance(event.message, str) else (event.message,)
         code, since_s = event.code.removeprefix(FINDING), event.at_s - FOUND_WITHIN_S
         yield Hypothesis(code, since_s, FOUND_LIVE, evidence, cell, size=event.value, unit=event.unit)
 
 
-def _of_cell(found: CellFinding) -> Hypothesis:
+def _of_cell(finding: CellFinding) -> Hypothesis:
     """A verdict on a cell, to be weighed against everything else that may explain a trip."""
-    evidence = () if found.code == "external-heating" else (_seen(found),)
-    if np.isfinite(found.warmer_k):
-        warmer, heat = Quantity(found.warmer_k, "K", 0), Quantity(found.heat_w, "W", 0)
-        evidence = (*evidence, Message("seen-warmer", cell=Cell(found.cell), warmer=warmer, heat=heat))
-    cause = Hypothesis(found.code, found.since_s, found.log_odds, evidence, found.cell)
-    if not np.isfinite(found.sigma):
+    evidence = () if finding.code == "external-heating" else (_seen(finding),)
+    if np.isfinite(finding.warmer_k):
+        warmer, heat = Quantity(finding.warmer_k, "K", 0), Quantity(finding.heat_w, "W", 0)
+        evidence = (*evidence, Message("seen-warmer", cell=Cell(finding.cell), warmer=warmer, heat=heat))
+    cause = Hypothesis(finding.code, finding.since_s, finding.log_odds, evidence, finding.cell)
+    if not np.isfinite(finding.sigma):
         return cause
-    return replace(cause, size=found.size, sigma=found.sigma, unit=found.unit)
+    return replace(cause, size=finding.size, sigma=finding.sigma, unit=finding.unit)
 
 
-def _seen(found: CellFinding) -> Message:
-    cell, size = Cell(found.cell), found.size
-    match found.code:
+def _seen(finding: CellFinding) -> Message:
+    cell, size = Cell(finding.cell), finding.size
+    match finding.code:
         case "joint-resistance-high":
             return Message("seen-joint", cell=cell, size=Quantity(1000 * size, "mohm", 2))
         case "cell-resistance-high":
@@ -274,11 +276,11 @@ def _seen(found: CellFinding) -> Message:
         case "cell-voltage-noisy":
             return Message("seen-noise", cell=cell, size=Quantity(1000 * size, "mV", 0))
         case "sense-wire-open":
-            cells = found.neighbours
-            return Message("seen-no-voltage", n=len(cells), cells=tuple(Cell(each) for each in cells))
+            cells = finding.neighbours
+            return Message("seen-no-voltage", n=len(cells), cells=tuple(Cell(cell) for cell in cells))
         case "temperature-sensor-open":
             return Message("seen-no-temperature", cell=cell)
         case "temperature-sensor-fault":
-            before, after = Quantity(found.usual, "degC", 0), Quantity(found.value, "degC", 0)
+            before, after = Quantity(finding.usual, "degC", 0), Quantity(finding.value, "degC", 0)
             return Message("seen-temperature-jump", cell=cell, before=before, after=after)
     return Message("seen-stuck", cell=cell, size=Quantity(size, "V", 3))

@@ -125,88 +125,103 @@ def judge(trips: Sequence[Trigger], hypotheses: Iterable[Hypothesis], segments: 
 
     `segments` are the cells of each pack.
     """
-    placed = (each if each.cell is None else replace(each, pack=pack_of(each.cell, segments)) for each in hypotheses)
+    placed = (
+        hypothesis if hypothesis.cell is None else replace(hypothesis, pack=pack_of(hypothesis.cell, segments))
+        for hypothesis in hypotheses
+    )
     left = _without_consequences(_strongest_each(placed))
-    found: list[Judgement] = []
+    judgements: list[Judgement] = []
     explained: set[int | None] = set()  # cells of which it is known what they have
     used: set[tuple[str, int | None, int | None]] = set()
     for trip in trips:
         kind = trip_kind(trip.code)
         if kind is None:
             continue
-        able = [each for each in left if each.code in EXPLAINS.get(kind, ()) and each.at_s <= trip.at_s + LATE_S]
+        able = [
+            hypothesis
+            for hypothesis in left
+            if hypothesis.code in EXPLAINS.get(kind, ()) and hypothesis.at_s <= trip.at_s + LATE_S
+        ]
         pack = pack_of_event(trip, segments)
-        named = [each for each in able if _fits_place(each, trip.cell, pack)]
-        ranked = _ranked(named or [each for each in able if pack is None or each.pack in (None, pack)])
-        found.append(Judgement(trip.at_s, trip, ranked, confidences(ranked)))
-        used |= {_key(each) for each in ranked}
-        explained |= {each.cell for each in ranked[:1]} - {None}
-    rest = [each for each in left if _key(each) not in used and each.weight >= ENOUGH and each.cell not in explained]
+        named = [hypothesis for hypothesis in able if _fits_place(hypothesis, trip.cell, pack)]
+        ranked = _ranked(
+            named or [hypothesis for hypothesis in able if pack is None or hypothesis.pack in (None, pack)]
+        )
+        judgements.append(Judgement(trip.at_s, trip, ranked, confidences(ranked)))
+        used |= {_key(hypothesis) for hypothesis in ranked}
+        explained |= {hypothesis.cell for hypothesis in ranked[:1]} - {None}
+    rest = [
+        hypothesis
+        for hypothesis in left
+        if _key(hypothesis) not in used and hypothesis.weight >= ENOUGH and hypothesis.cell not in explained
+    ]
     if any(
-        each.ranked and each.ranked[0].code == "accumulator-empty" for each in found
+        judgement.ranked and judgement.ranked[0].code == "accumulator-empty" for judgement in judgements
     ):  # then small differences are large
-        rest = [each for each in rest if each.code not in _CELL or each.weight >= SURE_WHEN_EMPTY]
+        rest = [
+            hypothesis for hypothesis in rest if hypothesis.code not in _CELL or hypothesis.weight >= SURE_WHEN_EMPTY
+        ]
     for group in _places(rest):
         ranked = _ranked(group)
-        found.append(Judgement(ranked[0].at_s, None, ranked, confidences(ranked)))
-    return found
+        judgements.append(Judgement(ranked[0].at_s, None, ranked, confidences(ranked)))
+    return judgements
 
 
-def _key(each: Hypothesis) -> tuple[str, int | None, int | None]:
-    return each.code, *each.place
+def _key(hypothesis: Hypothesis) -> tuple[str, int | None, int | None]:
+    return hypothesis.code, *hypothesis.place
 
 
 def _strongest_each(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
     best: dict[tuple[str, int | None, int | None], Hypothesis] = {}
-    for each in hypotheses:
-        known = best.get(_key(each))
-        if known is None:
-            best[_key(each)] = each
+    for hypothesis in hypotheses:
+        before = best.get(_key(hypothesis))
+        if before is None:
+            best[_key(hypothesis)] = hypothesis
             continue
-        stronger, other = (each, known) if each.weight > known.weight else (known, each)
+        stronger, other = (hypothesis, before) if hypothesis.weight > before.weight else (before, hypothesis)
         sized = other if stronger.sigma is None and other.size is not None else stronger  # the size with a band counts
-        best[_key(each)] = replace(stronger, size=sized.size, sigma=sized.sigma, unit=sized.unit)
+        best[_key(hypothesis)] = replace(stronger, size=sized.size, sigma=sized.sigma, unit=sized.unit)
     return list(best.values())
 
 
-def _without_consequences(found: list[Hypothesis]) -> list[Hypothesis]:
-    def follows(each: Hypothesis) -> bool:
+def _without_consequences(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    def follows(hypothesis: Hypothesis) -> bool:
         return any(
-            each.code in FOLLOWS.get(other.code, ())
-            and (other.place[1] is None or each.place[1] in (None, other.place[1]))
-            for other in found
+            hypothesis.code in FOLLOWS.get(other.code, ())
+            and (other.place[1] is None or hypothesis.place[1] in (None, other.place[1]))
+            for other in hypotheses
         )
 
-    return [each for each in found if not follows(each)]
+    return [hypothesis for hypothesis in hypotheses if not follows(hypothesis)]
 
 
-def _fits_place(each: Hypothesis, cell: int | None, pack: int | None) -> bool:
+def _fits_place(hypothesis: Hypothesis, cell: int | None, pack: int | None) -> bool:
     """The hypothesis is about the cell that tripped, or about its pack, or about no place."""
-    if pack is None or each.pack is None:
+    if pack is None or hypothesis.pack is None:
         return True
-    return each.cell == cell if cell is not None and each.cell is not None else each.pack == pack
+    return hypothesis.cell == cell if cell is not None and hypothesis.cell is not None else hypothesis.pack == pack
 
 
 def _places(rest: list[Hypothesis]) -> list[list[Hypothesis]]:
     """Hypotheses of one place explain the same; the strongest place first."""
     groups: dict[object, list[Hypothesis]] = {}
-    for each in rest:
-        key: object = each.place if each.cell is not None else (each.code, each.place)
-        groups.setdefault(key, []).append(each)
-    return sorted(groups.values(), key=lambda group: -max(each.weight for each in group))
+    for hypothesis in rest:
+        key: object = hypothesis.place if hypothesis.cell is not None else (hypothesis.code, hypothesis.place)
+        groups.setdefault(key, []).append(hypothesis)
+    return sorted(groups.values(), key=lambda group: -max(hypothesis.weight for hypothesis in group))
 
 
-def _ranked(found: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    return tuple(sorted(found, key=lambda each: -each.weight))
+def _ranked(hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.weight))
 
 
 def confidences(ranked: Sequence[Hypothesis]) -> tuple[float, ...]:
     """Return the probability of each hypothesis against the others and against none of them."""
     if not ranked:
         return ()
-    odds = np.array([each.weight for each in ranked] + [0.0]) / TEMPER
+    odds = np.array([hypothesis.weight for hypothesis in ranked] + [0.0]) / TEMPER
     share = np.exp(odds - odds.max())
-    return tuple(float(min(each, CONFIDENT)) for each in (share / share.sum())[:-1])
+    return tuple(float(min(confidence, CONFIDENT)) for confidence in (share / share.sum())[:-1])
 
 
 @dataclass(frozen=True)
@@ -279,7 +294,9 @@ def cause_of(judgement: Judgement, segments: Sequence[int], judged_s: float) -> 
         confidence=round(judgement.confidence[0], 3),
         same=[sentence(condition(code)) for code in SAME.get(main.code, ())],
         evidence=[sentence(message, segments) for message in _own_evidence(main)],
-        others=[_other(each, share, segments) for each, share in pairs if share >= LEAST_OTHER][:MOST_OTHERS],
+        others=[_other(hypothesis, share, segments) for hypothesis, share in pairs if share >= LEAST_OTHER][
+            :MOST_OTHERS
+        ],
         size=main.size,
         low=low,
         high=high,
@@ -288,23 +305,24 @@ def cause_of(judgement: Judgement, segments: Sequence[int], judged_s: float) -> 
     )
 
 
-def _own_evidence(each: Hypothesis) -> list[Message]:
+def _own_evidence(hypothesis: Hypothesis) -> list[Message]:
     """What was seen; what a finding says stands with the finding, unless nothing else was seen."""
-    seen = [message for message in each.evidence if not message.code.startswith("finding-")]
-    return seen or list(each.evidence)
+    seen = [message for message in hypothesis.evidence if not message.code.startswith("finding-")]
+    return seen or list(hypothesis.evidence)
 
 
-def _band(each: Hypothesis) -> tuple[float | None, float | None]:
+def _band(hypothesis: Hypothesis) -> tuple[float | None, float | None]:
     """The ends of its size's band, as `CellFinding.band`."""
-    if each.size is None or each.sigma is None:
+    if hypothesis.size is None or hypothesis.sigma is None:
         return None, None
-    return max(each.size - BAND_SIGMAS * each.sigma, 0.0), each.size + BAND_SIGMAS * each.sigma
+    return max(hypothesis.size - BAND_SIGMAS * hypothesis.sigma, 0.0), hypothesis.size + BAND_SIGMAS * hypothesis.sigma
 
 
 def trip_cause(cause: Cause) -> TripCause:
     """Return a cause as the alarm of the trip carries it."""
     others = tuple(
-        PossibleCause(each.code, each.message.message, each.cell, each.pack, each.confidence) for each in cause.others
+        PossibleCause(other.code, other.message.message, other.cell, other.pack, other.confidence)
+        for other in cause.others
     )
     return TripCause(
         cause.code,
@@ -333,9 +351,9 @@ def cause_from_json(body: dict[str, Any] | None) -> Cause | None:
         return None
     parts = {
         "trip": None if body["trip"] is None else condition_of(body["trip"]),
-        "same": [rendered_from_json(each) for each in body["same"]],
-        "evidence": [rendered_from_json(each) for each in body["evidence"]],
-        "others": [OtherCause(**_named(each)) for each in body["others"]],
+        "same": [rendered_from_json(same) for same in body["same"]],
+        "evidence": [rendered_from_json(evidence) for evidence in body["evidence"]],
+        "others": [OtherCause(**_named(other)) for other in body["others"]],
     }
     return Cause(**_named(body) | parts)
 
@@ -347,17 +365,17 @@ def _named(body: dict[str, Any]) -> dict[str, Any]:
     return kept | {"code": condition_of(body["code"]), "message": message}
 
 
-def _message(each: Hypothesis) -> Message:
+def _message(hypothesis: Hypothesis) -> Message:
     """Return a cause with its place."""
-    name, (cell, pack) = condition(each.code), each.place
+    name, (cell, pack) = condition(hypothesis.code), hypothesis.place
     if cell is not None:
-        size = None if each.size is None else size_of(each.code, each.size)
+        size = None if hypothesis.size is None else size_of(hypothesis.code, hypothesis.size)
         if size is None:
             return Message("cause-at-cell", cause=name, cell=Cell(cell))
         return Message("cause-of-size", cause=name, cell=Cell(cell), size=size)
     return name if pack is None else Message("cause-in-pack", cause=name, pack=Pack(pack))
 
 
-def _other(each: Hypothesis, share: float, segments: Sequence[int]) -> OtherCause:
-    cell, pack = each.place
-    return OtherCause(each.code, sentence(_message(each), segments), cell, pack, round(share, 3))
+def _other(hypothesis: Hypothesis, share: float, segments: Sequence[int]) -> OtherCause:
+    cell, pack = hypothesis.place
+    return OtherCause(hypothesis.code, sentence(_message(hypothesis), segments), cell, pack, round(share, 3))

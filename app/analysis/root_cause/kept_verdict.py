@@ -35,7 +35,7 @@ def keep_verdict(
     Raises:
         SessionError: the file cannot take it.
     """
-    rows = [asdict(each) for each in (*before, verdict)][-MOST_KEPT:]
+    rows = [asdict(kept) for kept in (*before, verdict)][-MOST_KEPT:]
     write_note(path, _key(group), rows, t_wall_ns=t_wall_ns, who=None)
 
 

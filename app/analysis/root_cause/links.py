@@ -88,11 +88,11 @@ def _bus(recording: SessionStretch) -> Iterator[Hypothesis]:
     bus, line = recording.bus, recording.line
     if not bus.times_s:
         return
-    known = {*bus.master_period_s, *([] if bus.charger_id is None else [bus.charger_id])}
-    foreign = {can_id: times for can_id, times in bus.times_s.items() if can_id not in known}
+    known_ids = {*bus.master_period_s, *([] if bus.charger_id is None else [bus.charger_id])}
+    foreign = {can_id: times for can_id, times in bus.times_s.items() if can_id not in known_ids}
     for can_id, times in foreign.items():
         per_s = np.bincount(np.floor(times - times[0]).astype(int))
-        if (per_s > FLOOD_PER_S).any() and can_id & 0x1FFFFFFF < min(each & 0x1FFFFFFF for each in known):
+        if (per_s > FLOOD_PER_S).any() and can_id & 0x1FFFFFFF < min(can_id & 0x1FFFFFFF for can_id in known_ids):
             at_s = float(times[0] + np.flatnonzero(per_s > FLOOD_PER_S)[0])
             evidence = (Message("seen-can-flood", identifier=f"{can_id:X}", n=int(per_s.max())),)
             yield Hypothesis("can-babbling-node", at_s, 80.0, evidence)

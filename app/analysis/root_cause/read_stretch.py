@@ -33,16 +33,16 @@ _CODE_V = 1e-4
 
 def read_stretch(session: SessionFile, from_s: float, to_s: float) -> SessionStretch:
     """Return what a session holds between two unix times."""
-    found: dict[str, list[FieldSamples]] = defaultdict(list)
+    samples_of: dict[str, list[FieldSamples]] = defaultdict(list)
     battery, is_team = session.battery, session.loaded_battery.has_memory_map
     in_turns = session.loaded_battery.mapping is not None
     for piece in session.fields((*_FIELDS, IS_NEW) if in_turns else _FIELDS, from_s, to_s):
         for name, samples in piece.items():
-            found[name].append(samples)
-    time_s = np.concatenate([samples.time_s for samples in found["v"] or found["i_fs"]] or [np.empty(0)])
+            samples_of[name].append(samples)
+    time_s = np.concatenate([samples.time_s for samples in samples_of["v"] or samples_of["i_fs"]] or [np.empty(0)])
 
     def table(name: str, width: int = 1) -> FloatArray:
-        return _onto(time_s, found[name], width)
+        return _onto(time_s, samples_of[name], width)
 
     def column(name: str) -> FloatArray:
         return table(name)[:, 0]
@@ -60,7 +60,7 @@ def read_stretch(session: SessionFile, from_s: float, to_s: float) -> SessionStr
         charger_state=_whole(column("charger.state")),
         charger_flags=_whole(column("charger.flags")),
         fan_duty=column("charger.fan_duty"),
-        boards=_boards(found, battery.n_segments),
+        boards=_boards(samples_of, battery.n_segments),
         line=_line(session, from_s, to_s),
         bus=_bus(session, from_s, to_s, (image or default_image()) if is_team else None),
         events=read_events(session, from_s, to_s),
@@ -68,7 +68,7 @@ def read_stretch(session: SessionFile, from_s: float, to_s: float) -> SessionStr
         start_s=session.info.started_wall_ns / 1e9,
         bits={name: k for k, name in enumerate(STATUS_FLAGS)},
         segments=battery.segments,
-        is_together=not in_turns or _share_new(found[IS_NEW]) > AT_ONCE,
+        is_together=not in_turns or _share_new(samples_of[IS_NEW]) > AT_ONCE,
     )
 
 
@@ -89,14 +89,14 @@ def _onto(time_s: FloatArray, parts: Sequence[FieldSamples], width: int) -> Floa
     return latest_at(time_s, own_s, values)
 
 
-def _boards(found: dict[str, list[FieldSamples]], n_packs: int) -> Boards:
+def _boards(samples: dict[str, list[FieldSamples]], n_packs: int) -> Boards:
     """A row for each round of the slow windows, which bring every board once; none of a battery without the master."""
-    last = [part.time_s for part in found[f"slave[{n_packs - 1}].str"]]
+    last = [part.time_s for part in samples[f"slave[{n_packs - 1}].str"]]
     time_s = np.concatenate(last) if last else np.empty(0)
 
     def columns(name: str, element: int) -> FloatArray:
         of_packs = [
-            _onto(time_s, _element(found[f"slave[{pack}].{name}"], element), 1)[:, 0] for pack in range(n_packs)
+            _onto(time_s, _element(samples[f"slave[{pack}].{name}"], element), 1)[:, 0] for pack in range(n_packs)
         ]
         return np.array(of_packs).T if len(time_s) else np.empty((0, n_packs))
 
@@ -113,10 +113,10 @@ def _boards(found: dict[str, list[FieldSamples]], n_packs: int) -> Boards:
 
 def _element(parts: Sequence[FieldSamples], element: int) -> list[FieldSamples]:
     """One element where it arrived: a field may be cut where a slow window ends."""
-    known = [np.isfinite(part.values[:, element]) for part in parts]
+    are_finite = [np.isfinite(part.values[:, element]) for part in parts]
     return [
         FieldSamples(part.time_s[rows], part.values[rows, element : element + 1])
-        for part, rows in zip(parts, known, strict=True)
+        for part, rows in zip(parts, are_finite, strict=True)
     ]
 
 
@@ -154,9 +154,9 @@ def _bus(session: SessionFile, from_s: float, to_s: float, tables: bytes | None)
 
 def read_events(session: SessionFile, from_s: float, to_s: float) -> list[Trigger]:
     """Return what was reported between two unix times; both times of a trigger are unix time."""
-    found = []
+    triggers = []
     for event in session.events():
         at_s = session.unix_s(event["t_mono_ns"])
         if from_s <= at_s <= to_s:
-            found.append(trigger_of_event(event, at_s, at_s))
-    return found
+            triggers.append(trigger_of_event(event, at_s, at_s))
+    return triggers

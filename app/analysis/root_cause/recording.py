@@ -74,8 +74,8 @@ class SessionStretch(Stretch):
 
     def bit(self, name: str) -> FloatArray:
         """(n,) 1 or 0, NaN where not received."""
-        known = self.flags != UNKNOWN
-        return np.where(known, self.flags >> self.bits[name] & 1, np.nan)
+        is_known = self.flags != UNKNOWN
+        return np.where(is_known, self.flags >> self.bits[name] & 1, np.nan)
 
     def near(self, from_s: float, to_s: float) -> slice:
         """Samples between two unix times, both included."""

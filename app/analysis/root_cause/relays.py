@@ -70,9 +70,9 @@ def _tries(recording: SessionStretch, load: np.ndarray, zero_a: float) -> list[f
     if amps.size < 4 * width:
         return []
     flows = np.convolve(np.nan_to_num(amps), np.ones(width) / width, "same")
-    known = np.convolve(np.isnan(amps), np.ones(width), "same") < 0.5
+    is_measured = np.convolve(np.isnan(amps), np.ones(width), "same") < 0.5
     around = np.maximum(np.roll(flows, int(1.6 * width)), np.roll(flows, -int(1.6 * width)))
-    rows = np.flatnonzero(known & (flows > TRY_A) & (np.abs(around) < 0.4 * flows))
+    rows = np.flatnonzero(is_measured & (flows > TRY_A) & (np.abs(around) < 0.4 * flows))
     return [] if not rows.size else [float(recording.time_s[rows[int(flows[rows].argmax())]])]
 
 
@@ -137,10 +137,10 @@ def current_hypotheses(recording: SessionStretch, model: CellModel) -> Iterator[
 def _resistance(recording: SessionStretch, usual_ohm: float) -> float:
     """Of the median cell, by what its voltage does when the current moves; the cell file's where it hardly moves."""
     step_a, step_v = recording.steady_a[3:] - recording.steady_a[:-3], recording.median_v[3:] - recording.median_v[:-3]
-    known = np.isfinite(step_a) & np.isfinite(step_v) & (np.abs(step_a) > 5.0) & (np.abs(step_a) < 200.0)
-    if known.sum() < 50:
+    is_usable = np.isfinite(step_a) & np.isfinite(step_v) & (np.abs(step_a) > 5.0) & (np.abs(step_a) < 200.0)
+    if is_usable.sum() < 50:
         return usual_ohm
-    return float(np.clip(np.median(-step_v[known] / step_a[known]), 2e-4, 2e-2))
+    return float(np.clip(np.median(-step_v[is_usable] / step_a[is_usable]), 2e-4, 2e-2))
 
 
 def _offset(recording: SessionStretch, load: np.ndarray, amps: np.ndarray) -> Iterator[Hypothesis]:
