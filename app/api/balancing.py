@@ -144,8 +144,8 @@ def _curves(course: dict[str, list[float]], time_h: np.ndarray) -> dict[str, lis
     times = course["time_h"]
 
     def at(values: list[float]) -> list[float | None]:
-        found = np.interp(time_h, times, values)
-        return [float(value) if t <= times[-1] else None for t, value in zip(time_h, found, strict=True)]
+        interpolated = np.interp(time_h, times, values)
+        return [float(value) if t <= times[-1] else None for t, value in zip(time_h, interpolated, strict=True)]
 
     spread = [high - low for low, high in zip(course["soc_min"], course["soc_max"], strict=True)]
     return {

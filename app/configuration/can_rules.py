@@ -84,15 +84,15 @@ def _lengths(image: bytes, messages: Sequence[CanMessage], answers: set[int | No
 
 
 def _charger(image: bytes, tx: Sequence[TxMessage], rx: Sequence[RxMessage]) -> Iterator[ConfigIssue]:
-    known = {
+    reason_of = {
         elcon.COMMAND_ID | CAN_ID_EXTENDED: Message("charger-command-length"),
         elcon.STATUS_ID | CAN_ID_EXTENDED: Message("charger-status-length"),
     }
     messages: list[CanMessage] = [*tx, *rx]
-    used = [m for m in messages if m.length and wire_id(m) in known]
+    used = [m for m in messages if m.length and wire_id(m) in reason_of]
     for message in used:
         if message.length != CAN_DATA_BYTES:
-            why = known[wire_id(message)]
+            why = reason_of[wire_id(message)]
             yield finding("error", "length", image, _about(message, "len"), message.index, "8 byte", why)
     if used and (rate := bit_rate(CONFIG["can_brp"].unpack(image)[0])) not in CHARGER_BIT_RATES:
         why = Message("charger-bit-rates", rate=Quantity(rate / 1000, "kbit/s"))
@@ -127,11 +127,11 @@ def _timing(
 
 
 def _timeout(image: bytes, received: RxMessage, measured_period_s: Mapping[int, float]) -> Iterator[ConfigIssue]:
-    period_ms, known = measured_period_s.get(wire_id(received), 0.0) * 1000, Message("received-on-bus")
+    period_ms, source = measured_period_s.get(wire_id(received), 0.0) * 1000, Message("received-on-bus")
     if wire_id(received) == elcon.STATUS_ID | CAN_ID_EXTENDED:
-        period_ms, known = CHARGER_STATUS_MS, Message("of-charger")
+        period_ms, source = CHARGER_STATUS_MS, Message("of-charger")
     if period_ms and received.timeout_ms <= period_ms:
-        limit = Message("more-than-period", period=Quantity(period_ms, "ms", 0), known=known)
+        limit = Message("more-than-period", period=Quantity(period_ms, "ms", 0), known=source)
         why = Message("lost-between-frames")
         yield finding("error", "timeout", image, "can_rx_msg_timeout", received.index, limit, why)
 

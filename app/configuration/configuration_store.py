@@ -36,8 +36,8 @@ class ConfigurationStore:
     def versions(self, name: str) -> list[int]:
         """The versions of a name, newest first."""
         pattern = re.compile(re.escape(_checked(name)) + r"@(\d+)\.json")
-        found = (pattern.fullmatch(path.name) for path in self._versions.glob("*.json"))
-        return sorted((int(match[1]) for match in found if match), reverse=True)
+        matches = (pattern.fullmatch(path.name) for path in self._versions.glob("*.json"))
+        return sorted((int(match[1]) for match in matches if match), reverse=True)
 
     def load(self, name: str, version: int | None = None) -> SavedConfiguration:
         """Return a profile, without a version the newest.

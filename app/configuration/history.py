@@ -137,16 +137,16 @@ class ConfigHistory:
 
     def records(self) -> list[Record]:
         """Return all records, oldest first; lines that are none are left out and make the next one not genuine."""
-        found: list[Record] = []
+        records: list[Record] = []
         intents: dict[int, int] = {}  # number: place
         for record in self._read():  # without the lock, under which a record may wait for the disk
             if (place := intents.pop(record.number, None)) is not None:
-                found[place] = replace(record, is_genuine=record.is_genuine and found[place].is_genuine)
+                records[place] = replace(record, is_genuine=record.is_genuine and records[place].is_genuine)
                 continue
             if record.result == BEGUN:
-                intents[record.number] = len(found)
-            found.append(record)
-        return found
+                intents[record.number] = len(records)
+            records.append(record)
+        return records
 
     def record(self, number: int) -> Record | None:
         """Return one record, None where there is none."""

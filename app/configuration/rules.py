@@ -91,11 +91,11 @@ def review(image: bytes, context: Context) -> list[ConfigIssue]:
     Raises:
         DecodeError: it is not 420 bytes long.
     """
-    found = [_refused(image, error) for error in check(image)]
-    if not found:  # the rest is judged on values that can be
-        found = [*_cell(image, context.cell), *_current(image, context.cell), *_fans_and_line(image)]
-        found += can_findings(image, context.measured_period_s or {})
-    return sorted(found, key=lambda f: (f.level != "error", f.error.offset))
+    issues = [_refused(image, error) for error in check(image)]
+    if not issues:  # the rest is judged on values that can be
+        issues = [*_cell(image, context.cell), *_current(image, context.cell), *_fans_and_line(image)]
+        issues += can_findings(image, context.measured_period_s or {})
+    return sorted(issues, key=lambda f: (f.level != "error", f.error.offset))
 
 
 def review_change(before: bytes, after: bytes, context: Context, stored: bytes | None = None) -> list[ConfigIssue]:
@@ -108,30 +108,30 @@ def review_change(before: bytes, after: bytes, context: Context, stored: bytes |
         stored: what the EEPROM holds, where that is known: a limit that goes back to it needs no new reason.
     """
     standing = {_identity(f) for f in review(before, context)}
-    found = [f.stands() if _identity(f) in standing else f for f in review(after, context)]
+    issues = [f.stands() if _identity(f) in standing else f for f in review(after, context)]
     brp = CONFIG["can_brp"]
     if before[brp.offset] != after[brp.offset]:
         why = Message("bus-has-to-change")
-        found.append(
+        issues.append(
             finding("warning", "bit-rate", after, "can_brp", 0, Message("as-in-force", value=before[brp.offset]), why)
         )
-    asked = {f.error.field for f in found if f.needs_reason}
-    return [*found, *(f for f in _loosened(before, after, stored) if f.error.field not in asked)]
+    asked = {f.error.field for f in issues if f.needs_reason}
+    return [*issues, *(f for f in _loosened(before, after, stored) if f.error.field not in asked)]
 
 
 def _loosened(before: bytes, after: bytes, stored: bytes | None) -> Iterator[ConfigIssue]:
     """Limits of the protection by which the master would trip later than now, and than what it would start with."""
     for name, is_upper in PROTECTION.items():
-        known = [_Values(image)[name] for image in (before, stored) if image is not None]
-        loosest, wanted = (max if is_upper else min)(known), _Values(after)[name]
+        values = [_Values(image)[name] for image in (before, stored) if image is not None]
+        loosest, wanted = (max if is_upper else min)(values), _Values(after)[name]
         if (wanted > loosest) if is_upper else (wanted < loosest):
             limit = Message("as-in-force", value=Quantity(_Values(before)[name], CONFIG[name].unit))
             yield finding("notice", "looser", after, name, 0, limit, Message("protects-later"))
 
 
-def _identity(found: ConfigIssue) -> tuple[object, ...]:
-    error = found.error
-    return found.code, error.field, error.element, error.value
+def _identity(issue: ConfigIssue) -> tuple[object, ...]:
+    error = issue.error
+    return issue.code, error.field, error.element, error.value
 
 
 def _cell(image: bytes, cell: CellModel) -> Iterator[ConfigIssue]:
@@ -267,7 +267,7 @@ def allowed_ranges(image: bytes, context: Context) -> dict[str, Range]:
 @lru_cache(maxsize=8)
 def _ranges(image: bytes, context: Context) -> tuple[tuple[str, Range], ...]:
     standing = _errors(image, context)
-    found = []
+    ranges = []
     for field in CONFIG_FIELDS:
         if field.count != 1 or field.unit == BIT_MASK or field.minimum is None or field.maximum is None:
             continue
@@ -277,17 +277,17 @@ def _ranges(image: bytes, context: Context) -> tuple[tuple[str, Range], ...]:
         def is_allowed(raw: int, field: Field = field, others: frozenset[Error] = others) -> bool:
             return _errors(with_raw(image, field.name, raw), context) <= others
 
-        known = (raw for raw in (field.unpack(image)[0], field.default) if isinstance(raw, int))
-        inside = next(filter(is_allowed, known), None)
+        numbers = (raw for raw in (field.unpack(image)[0], field.default) if isinstance(raw, int))
+        inside = next(filter(is_allowed, numbers), None)
         if inside is not None:
             low, high = (_last_allowed(inside, end, is_allowed) for end in (field.minimum, field.maximum))
-            found.append((field.name, (low, high)))
-    return tuple(found)
+            ranges.append((field.name, (low, high)))
+    return tuple(ranges)
 
 
 def _errors(image: bytes, context: Context) -> frozenset[Error]:
     return frozenset(
-        (found.code, found.error.field, found.error.element) for found in review(image, context) if found.blocks
+        (issue.code, issue.error.field, issue.error.element) for issue in review(image, context) if issue.blocks
     )
 
 

@@ -49,7 +49,7 @@ class Rejected(AppError):
 
     def __init__(self, findings: list[ConfigIssue]) -> None:
         self.findings = findings
-        super().__init__(Message("list", shown=tuple(found.message for found in findings)))
+        super().__init__(Message("list", shown=tuple(issue.message for issue in findings)))
 
 
 class ReasonRequired(AppError):
@@ -57,7 +57,7 @@ class ReasonRequired(AppError):
 
     def __init__(self, findings: list[ConfigIssue]) -> None:
         self.findings = findings
-        super().__init__(Message("reason-needed", findings=tuple(found.message for found in findings)))
+        super().__init__(Message("reason-needed", findings=tuple(issue.message for issue in findings)))
 
 
 class Busy(NotNow):
@@ -219,13 +219,13 @@ class ConfigurationWriter:
             # Check the draft against the limits of its fields and the rules, and the accumulator's state
             stored = None if self.stored is None else self.stored.image
             findings = review_change(before, wanted, self._context(), stored)
-            if errors := [found for found in findings if found.blocks]:
+            if errors := [issue for issue in findings if issue.blocks]:
                 raise Rejected(errors)
             changes = difference(before, wanted)
             if dry_run or not changes:
                 return Written(before, wanted, changes, findings, self._block_reason(changes), written=False)
             self._require_same_map()
-            if not draft.reason.strip() and (asked := [found for found in findings if found.needs_reason]):
+            if not draft.reason.strip() and (asked := [issue for issue in findings if issue.needs_reason]):
                 raise ReasonRequired(asked)
             self._require_rest(changes)
 

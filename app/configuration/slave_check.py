@@ -92,8 +92,8 @@ def read_slave(
     _require_rest(master, pack)
     samples: list[list[float]] = [[] for _ in range(CELLS_PER_PACK)]
     for _ in range(SAMPLES):
-        for found, value in zip(samples, _sample(master, pack, quantity), strict=True):
-            found += [] if value is None else [value]
+        for readings, value in zip(samples, _sample(master, pack, quantity), strict=True):
+            readings += [] if value is None else [value]
         sleep(PERIOD_S)
     _require_rest(master, pack)
     return [_averaged(pack * CELLS_PER_PACK + i, values) for i, values in enumerate(samples)]
@@ -243,8 +243,8 @@ class SlaveCheckLog:
     def checks(self, pack: int | None = None, quantity: QuantityName | None = None) -> list[SlaveCheck]:
         """Return the checks, newest first; lines that are none are left out."""
         with self._lock:
-            found = [check for line in self._file.lines() if (check := _parse(line)) is not None]
-        return [check for check in reversed(found) if pack in (None, check.pack) and quantity in (None, check.quantity)]
+            kept = [check for line in self._file.lines() if (check := _parse(line)) is not None]
+        return [check for check in reversed(kept) if pack in (None, check.pack) and quantity in (None, check.quantity)]
 
 
 def _parse(line: bytes) -> SlaveCheck | None:

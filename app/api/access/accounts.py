@@ -92,15 +92,15 @@ class Accounts:
     @property
     def has_chief(self) -> bool:
         """Somebody may manage them."""
-        return any(each.role == "chief" for each in self._read().accounts.values())
+        return any(account.role == "chief" for account in self._read().accounts.values())
 
     def all(self) -> list[Account]:
         """Return the accounts by name."""
-        return sorted(self._read().accounts.values(), key=lambda each: each.name)
+        return sorted(self._read().accounts.values(), key=lambda account: account.name)
 
     def tokens(self) -> list[Token]:
         """Return the tokens, newest first; ended ones, too."""
-        return sorted(self._read().tokens.values(), key=lambda each: -each.made_s)
+        return sorted(self._read().tokens.values(), key=lambda token: -token.made_s)
 
     def find(self, name: str) -> Account | None:
         """Return an account by its name, whatever its case."""
@@ -117,8 +117,8 @@ class Accounts:
 
     def verify_token(self, secret: str, now_s: float) -> Token | None:
         """Return the token that this is, if it has not ended."""
-        found = self._read().tokens.get(_digest(secret))
-        return found if found is not None and now_s < found.ends_s else None
+        token = self._read().tokens.get(_digest(secret))
+        return token if token is not None and now_s < token.ends_s else None
 
     def put(self, name: str, role: Role, password: str | None, *, is_first: bool = False) -> Account:
         """Add an account or change it; without a password it keeps the one that it has.
@@ -145,7 +145,7 @@ class Accounts:
 
         def change(held: _Held) -> Account:
             before = held.accounts.get(_folded(name))
-            if is_first and (before is not None or any(each.role == "chief" for each in held.accounts.values())):
+            if is_first and (before is not None or any(account.role == "chief" for account in held.accounts.values())):
                 raise ChiefNeeded(Message("chief-manages"))
             if hashed is None and before is None:
                 raise ConfigError("password", Message("not-given"), Message("field-required"))
@@ -198,10 +198,10 @@ class Accounts:
         """Take a token away; False where there is none."""
 
         def change(held: _Held) -> bool:
-            found = [digest for digest, each in held.tokens.items() if each.id == token_id]
-            for digest in found:
+            digests = [digest for digest, token in held.tokens.items() if token.id == token_id]
+            for digest in digests:
                 del held.tokens[digest]
-            return bool(found)
+            return bool(digests)
 
         return self._change(change)
 
@@ -211,8 +211,8 @@ class Accounts:
             changed = replace(held, accounts=dict(held.accounts), tokens=dict(held.tokens))
             result = change(changed)
             lists = {
-                "accounts": [asdict(each) for each in changed.accounts.values()],
-                "tokens": [asdict(each) for each in changed.tokens.values()],
+                "accounts": [asdict(account) for account in changed.accounts.values()],
+                "tokens": [asdict(token) for token in changed.tokens.values()],
             }
             replace_file(self._path, json.dumps(lists, indent=1).encode(), is_private=True)
         return result
@@ -238,14 +238,18 @@ class Accounts:
 
 def _parse(content: bytes) -> _Held:
     lists = parse_object(content)
-    accounts = [checked(Account(**each)) for each in lists["accounts"]]
-    tokens = [checked(Token(**each)) for each in lists["tokens"]]
-    return _Held({_folded(each.name): each for each in accounts}, {each.digest: each for each in tokens})
+    accounts = [checked(Account(**values)) for values in lists["accounts"]]
+    tokens = [checked(Token(**values)) for values in lists["tokens"]]
+    return _Held({_folded(account.name): account for account in accounts}, {token.digest: token for token in tokens})
 
 
 def _needs_chief(held: _Held, before: Account | None) -> None:
     """Whoever was the last chief stays one."""
-    if before is not None and before.role == "chief" and all(each.role != "chief" for each in held.accounts.values()):
+    if (
+        before is not None
+        and before.role == "chief"
+        and all(account.role != "chief" for account in held.accounts.values())
+    ):
         raise ConfigError("role", before.name, Message("last-chief"))
 
 

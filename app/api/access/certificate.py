@@ -61,10 +61,10 @@ def given_certificate(certificate: Path, key: Path) -> Certificate:
         ConfigError: the file cannot be read, or is no certificate.
     """
     try:
-        found = x509.load_pem_x509_certificate(certificate.read_bytes())
+        parsed = x509.load_pem_x509_certificate(certificate.read_bytes())
     except (OSError, ValueError) as error:
         raise ConfigError("tls_cert", certificate, _reason(error)) from error
-    return _described(found, certificate, key, is_own=False)
+    return _described(parsed, certificate, key, is_own=False)
 
 
 def own_certificate(folder: Path, addresses: Sequence[str], now_s: float) -> Certificate:
@@ -109,19 +109,19 @@ def _names(addresses: Sequence[str]) -> list[str]:
 def _read(certificate: Path, key: Path) -> x509.Certificate | None:
     """The certificate, None where there is none or the key is not its own."""
     try:
-        found = x509.load_pem_x509_certificate(certificate.read_bytes())
+        parsed = x509.load_pem_x509_certificate(certificate.read_bytes())
         private = serialization.load_pem_private_key(key.read_bytes(), None)
     except (OSError, ValueError, TypeError):
         return None
-    return found if private.public_key() == found.public_key() else None
+    return parsed if private.public_key() == parsed.public_key() else None
 
 
-def _is_good(found: x509.Certificate, now: datetime) -> bool:
-    return found.not_valid_before_utc <= now < found.not_valid_after_utc - RENEWED_BEFORE
+def _is_good(certificate: x509.Certificate, now: datetime) -> bool:
+    return certificate.not_valid_before_utc <= now < certificate.not_valid_after_utc - RENEWED_BEFORE
 
 
-def _names_of(found: x509.Certificate) -> list[str]:
-    names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+def _names_of(certificate: x509.Certificate) -> list[str]:
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return [*map(str, names.get_values_for_type(x509.DNSName)), *map(str, names.get_values_for_type(x509.IPAddress))]
 
 
@@ -159,10 +159,10 @@ def _general_name(name: str) -> x509.GeneralName:
         return x509.DNSName(name)
 
 
-def _described(found: x509.Certificate, certificate: Path, key: Path, *, is_own: bool) -> Certificate:
-    digest = hashlib.sha256(found.public_bytes(serialization.Encoding.DER)).hexdigest().upper()
+def _described(parsed: x509.Certificate, certificate: Path, key: Path, *, is_own: bool) -> Certificate:
+    digest = hashlib.sha256(parsed.public_bytes(serialization.Encoding.DER)).hexdigest().upper()
     fingerprint = ":".join(digest[at : at + 2] for at in range(0, len(digest), 2))
-    return Certificate(certificate, key, fingerprint, found.not_valid_after_utc.timestamp(), is_own)
+    return Certificate(certificate, key, fingerprint, parsed.not_valid_after_utc.timestamp(), is_own)
 
 
 def _reason(error: Exception) -> Message:

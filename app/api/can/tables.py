@@ -136,11 +136,11 @@ def _prescaler(wanted: int) -> int:
 @router.get("", response_model=CanTablesOut, dependencies=[NEEDS_MASTER])
 def read(trace: CanTracePart, in_force: InForcePart, live: LivePart, response: Response) -> dict[str, Any]:
     """The tables in force, with the names of what their bytes are; `assumed` while only the defaults are known."""
-    known = in_force.image()
-    image = known or default_image()
+    active = in_force.image()
+    image = active or default_image()
     response.headers["ETag"] = f'"{image_hash(image)}"'
     tables = tables_json(image, live.can_rx_active, measured_messages(trace))
-    return tables | {"hash": image_hash(image), "assumed": known is None}
+    return tables | {"hash": image_hash(image), "assumed": active is None}
 
 
 @router.put("", responses={200: {"model": WriteResultOut}}, dependencies=[NEEDS_MASTER])

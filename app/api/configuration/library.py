@@ -74,7 +74,7 @@ def _profile_json(profile: SavedConfiguration) -> dict[str, Any]:
 @router.get("/profiles", response_model=ProfilesOut)
 def profiles(profiles: ProfilesPart) -> dict[str, Any]:
     """The profiles, each with its newest version and the numbers of all."""
-    found: list[dict[str, Any]] = []
+    listed: list[dict[str, Any]] = []
     broken: list[str] = []
     for name in profiles.names():
         try:
@@ -82,8 +82,8 @@ def profiles(profiles: ProfilesPart) -> dict[str, Any]:
         except (ConfigError, NoSavedConfiguration) as error:
             broken.append(f"{name}: {error}")
             continue
-        found.append(_profile_json(profile) | {"name": name, "versions": profiles.versions(name)})
-    return {"profiles": found, "broken": broken}
+        listed.append(_profile_json(profile) | {"name": name, "versions": profiles.versions(name)})
+    return {"profiles": listed, "broken": broken}
 
 
 @router.get("/profiles/{name}", response_class=Response)
@@ -116,7 +116,7 @@ def save_profile(
     comment = comment if body.comment is None else body.comment
     saved = profiles.save(name, image, comment=comment, who=user.name, converted_from=converted_from)
     events.note("info", "profile-saved", Message("profile-saved", profile=name, version=saved.version), user.name)
-    return _profile_json(saved) | {"findings": [finding_json(found) for found in rules.review(image)]}
+    return _profile_json(saved) | {"findings": [finding_json(issue) for issue in rules.review(image)]}
 
 
 @router.delete("/profiles/{name}", status_code=204)
@@ -130,7 +130,7 @@ def delete_profile(name: Name, events: EventsPart, profiles: ProfilesPart, user:
 def source(name: Reference, config_sources: ConfigSourcesPart, rules: RulesPart) -> dict[str, Any]:
     """A configuration by the name of its source, in units and in raw counts, and what the rules say about it."""
     image = config_sources.image(name)
-    return config_json(image) | {"findings": [finding_json(found) for found in rules.review(image)]}
+    return config_json(image) | {"findings": [finding_json(issue) for issue in rules.review(image)]}
 
 
 @router.get("/compare", response_model=ComparisonOut)

@@ -80,7 +80,7 @@ def read(
     etag = quoted(configuration.show(image))
     if OCTETS in request.headers.get("accept", ""):
         return Response(image, media_type=OCTETS, headers={"ETag": etag})
-    findings = [finding_json(found) for found in rules.review(image)]
+    findings = [finding_json(issue) for issue in rules.review(image)]
     body = config_json(image) | {
         "stored_hash": in_force.stored_hash(),
         "age_s": in_force.age_s(),
@@ -160,7 +160,7 @@ def write_response(configuration: ConfigurationWriter, written: Written, *, dry_
         "dry_run": dry_run,
         "verified": not dry_run,  # without a difference it was read and found equal
         "hash": image_hash(written.image),
-        "warnings": [finding_json(found) for found in written.findings],
+        "warnings": [finding_json(issue) for issue in written.findings],
         "block_reason": rendered_or_none(written.block_reason),
     }
     etag = quoted(configuration.show(shown))

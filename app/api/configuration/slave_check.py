@@ -100,8 +100,8 @@ def checks(
     cursor: CursorQuery = None,
 ) -> dict[str, Any]:
     """The checks that were kept, newest first."""
-    found = slave_checks.checks(pack, quantity)
-    shown, following = page_of(found, lambda check: (check.number, ""), limit, cursor)
+    kept = slave_checks.checks(pack, quantity)
+    shown, following = page_of(kept, lambda check: (check.number, ""), limit, cursor)
     return {"checks": [_check_json(check) for check in shown], "next_cursor": following}
 
 
@@ -148,10 +148,12 @@ def _check_message(body: SlaveCheckIn, verdict: SlaveVerdict) -> Message:
     compared = [cell for cell in verdict.cells if cell.error is not None]
     largest = max(compared, key=lambda cell: abs(cell.error or 0.0))
     cells = tuple(cell % CELLS_PER_PACK + 1 for cell in verdict.out)
-    found = Message("out-of-tolerance", cells=cells) if cells else Message("in-tolerance")
+    message = Message("out-of-tolerance", cells=cells) if cells else Message("in-tolerance")
     error = _signed(largest.error or 0.0, unit)
     quantity = Message("quantity-voltage") if body.quantity == "voltage" else Message("quantity-temperature")
-    return Message("slave-checked", pack=Pack(body.pack), quantity=quantity, n=len(compared), error=error, found=found)
+    return Message(
+        "slave-checked", pack=Pack(body.pack), quantity=quantity, n=len(compared), error=error, found=message
+    )
 
 
 def _signed(error: float, unit: str) -> str:

@@ -94,9 +94,9 @@ def _frame_json(item: CanItem, name: str | None) -> dict[str, Any]:
 def measured_messages(trace: CanTrace) -> list[Cyclic]:
     """What the bus monitor measured of every id, as a message that comes again and again."""
     return [
-        Cyclic(can_id & ~CAN_ID_EXTENDED, bool(can_id & CAN_ID_EXTENDED), len(known.latest.data), known.period_s)
-        for can_id, known in trace.by_id().items()
-        if known.period_s
+        Cyclic(can_id & ~CAN_ID_EXTENDED, bool(can_id & CAN_ID_EXTENDED), len(traced.latest.data), traced.period_s)
+        for can_id, traced in trace.by_id().items()
+        if traced.period_s
     ]
 
 
@@ -125,9 +125,9 @@ def bus_json(
         for can_id in sorted(seen.keys() | tables.keys())
     ]
     load = sum(
-        worst_case_bits(len(known.latest.data), bool(can_id & CAN_ID_EXTENDED)) / known.period_s / rate
-        for can_id, known in seen.items()
-        if known.period_s and now_ns - known.latest.t_mono_ns < RECENT_NS
+        worst_case_bits(len(traced.latest.data), bool(can_id & CAN_ID_EXTENDED)) / traced.period_s / rate
+        for can_id, traced in seen.items()
+        if traced.period_s and now_ns - traced.latest.t_mono_ns < RECENT_NS
     )
     can = None if snapshot is None else snapshot.links.can
     return {
@@ -154,11 +154,11 @@ def bus_json(
 
 
 def _id_json(
-    can_id: int, known: TracedId | None, message: TxMessage | RxMessage | None, cyclic: Cyclic | None, now_ns: int
+    can_id: int, traced: TracedId | None, message: TxMessage | RxMessage | None, cyclic: Cyclic | None, now_ns: int
 ) -> dict[str, Any]:
-    item = None if known is None else known.latest
+    item = None if traced is None else traced.latest
     age_s = None if item is None else (now_ns - item.t_mono_ns) / 1e9
-    period_s = None if known is None else known.period_s
+    period_s = None if traced is None else traced.period_s
     configured_s = None if cyclic is None else cyclic.period_s
     sender = "voltwall" if item is not None and item.sent else "master" if isinstance(message, TxMessage) else "other"
     is_late = False
@@ -172,22 +172,22 @@ def _id_json(
         **({} if message is None else {"name": message_name(message)}),
         "direction": None if item is None else "tx" if item.sent else "rx",
         "sender": sender,
-        "count": 0 if known is None else known.count,
+        "count": 0 if traced is None else traced.count,
         "age_s": age_s,
         "period_ms": _ms(period_s),
         "configured_ms": _ms(configured_s),
         "late": is_late,
         "data": None if item is None else item.data.hex(),
-        "changed": 0 if known is None else known.changed,
+        "changed": 0 if traced is None else traced.changed,
         "values": [] if item is None or message is None else _values(message, item.data),
     }
 
 
 def _values(message: TxMessage | RxMessage, data: bytes) -> list[dict[str, Any]]:
-    found = ((signal, decode(signal, data)) for signal in signals(message))
+    decoded = ((signal, decode(signal, data)) for signal in signals(message))
     return [
         {"name": signal.name, "value": value[0], "unit": signal.unit, "text": value[1]}
-        for signal, value in found
+        for signal, value in decoded
         if value is not None
     ]
 
@@ -205,11 +205,11 @@ def message_names(image: bytes) -> dict[int, str]:
 def traced_json(trace: CanTrace, limit: int, names: Mapping[int, str]) -> dict[str, Any]:
     """The newest frames and one entry an id, with their names by id."""
 
-    def entry(known: TracedId) -> dict[str, Any]:
-        frame = _frame_json(known.latest, names.get(known.latest.can_id))
-        return frame | {"count": known.count, "period_s": known.period_s, "changed": known.changed}
+    def entry(traced: TracedId) -> dict[str, Any]:
+        frame = _frame_json(traced.latest, names.get(traced.latest.can_id))
+        return frame | {"count": traced.count, "period_s": traced.period_s, "changed": traced.changed}
 
     return {
         "frames": [_frame_json(item, names.get(item.can_id)) for item in trace.latest(limit)],
-        "by_id": [entry(known) for _, known in sorted(trace.by_id().items())],
+        "by_id": [entry(traced) for _, traced in sorted(trace.by_id().items())],
     }

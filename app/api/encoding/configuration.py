@@ -68,17 +68,17 @@ def change_json(change: Change) -> dict[str, Any]:
     }
 
 
-def finding_json(found: ConfigIssue) -> dict[str, Any]:
+def finding_json(issue: ConfigIssue) -> dict[str, Any]:
     """One thing that the rules say."""
-    error = found.error
+    error = issue.error
     return {
-        "level": found.level,
-        "code": found.code,
-        "standing": found.is_standing,
+        "level": issue.level,
+        "code": issue.code,
+        "standing": issue.is_standing,
         "field": error.field,
         "element": error.element,
         "value": error.value,
-        "limit": rendered(found.limit),
-        "why": rendered(found.why),
-        "message": rendered(found.message),
+        "limit": rendered(issue.limit),
+        "why": rendered(issue.why),
+        "message": rendered(issue.message),
     }

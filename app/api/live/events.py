@@ -46,8 +46,8 @@ def events(
 ) -> dict[str, Any]:
     """The event log, newest first; `after`: only those with a larger id."""
     up_to = None if cursor is None else place_of(cursor)[0] - 1
-    found = events.store.query(after, limit + 1, severity, cell, up_to)
-    shown, following = page_of(found, lambda event: (event.id, ""), limit, cursor)
+    page = events.store.query(after, limit + 1, severity, cell, up_to)
+    shown, following = page_of(page, lambda event: (event.id, ""), limit, cursor)
     return {"events": [_event_json(event) for event in shown], "next_cursor": following}
 
 

@@ -89,13 +89,13 @@ async def upload(
     except BaseException:
         imports.discard(path)
         raise
-    found = await asyncio.to_thread(imports.inspect, number, path)
+    inspected = await asyncio.to_thread(imports.inspect, number, path)
     return {
-        "id": found.id,
-        "filename": found.filename,
-        "is_can": found.is_can,
-        "columns": list(found.columns),
-        "guessed": None if found.guessed is None else asdict(found.guessed),
+        "id": inspected.id,
+        "filename": inspected.filename,
+        "is_can": inspected.is_can,
+        "columns": list(inspected.columns),
+        "guessed": None if inspected.guessed is None else asdict(inspected.guessed),
     }
 
 
@@ -107,10 +107,10 @@ def _profile(body: ReadingIn, imports: ImportsPart) -> ImportMapping:
 @router.post("/imports/{upload_id}/preview", response_model=PreviewOut)
 def preview(upload_id: int, body: PreviewIn, imports: ImportsPart, user: UserDep) -> dict[str, Any]:
     """Say what is in an upload, and what its first rows become; nothing is imported."""
-    found = imports.preview(upload_id, _profile(body, imports), body.pick_units, dbc=body.dbc)
-    rows = found.understood
+    table = imports.preview(upload_id, _profile(body, imports), body.pick_units, dbc=body.dbc)
+    rows = table.understood
     understood = None if rows is None else asdict(rows) | {"notes": [*map(rendered, rows.notes)]}
-    return asdict(found) | {"understood": understood, "error": rendered_or_none(found.error)}
+    return asdict(table) | {"understood": understood, "error": rendered_or_none(table.error)}
 
 
 @router.post("/imports/{upload_id}", status_code=202, response_model=ImportStateOut)

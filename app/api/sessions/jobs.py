@@ -42,7 +42,7 @@ def overlay_at(
     """
     with SessionFile(path) as file:
         table = lap_table(file, source, counter)
-        return overlay_laps(file, [each.lap for each in table.laps], laps, signal, points, along)
+        return overlay_laps(file, [lap.lap for lap in table.laps], laps, signal, points, along)
 
 
 def export_at(

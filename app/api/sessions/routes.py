@@ -127,7 +127,7 @@ def sessions(
     shown, following = page_of(infos, lambda info: (info.started_wall_ns, info.id), limit, cursor)
     return {
         "sessions": [session_json(info, recording) for info in shown],
-        "unreadable": [unreadable_json(each) for each in (problems if cursor is None else ())],
+        "unreadable": [unreadable_json(problem) for problem in (problems if cursor is None else ())],
         "next_cursor": following,
     }
 
@@ -199,7 +199,7 @@ def markers(
 ) -> dict[str, Any]:
     """The markers of a session, in the order in which they were made."""
     with catalogue.open(session_id) as file:
-        shown, following = page_of(file.markers(), lambda each: (each.id, ""), limit, cursor, newest_first=False)
+        shown, following = page_of(file.markers(), lambda marker: (marker.id, ""), limit, cursor, newest_first=False)
     return {"markers": [marker_json(marker) for marker in shown], "next_cursor": following}
 
 
@@ -229,14 +229,14 @@ def series(
     with catalogue.open(session_id) as file:
         filled = file.filled()
         try:
-            found = file.series(signal, t_from, t_to, points)
+            samples = file.series(signal, t_from, t_to, points)
         except UnknownSignal as error:
             raise invalid("signal", error.name, error.reason) from error
     body = {
         "signals": {
-            name: {"unit": s.unit, "time": s.time_s, "min": s.minimum, "max": s.maximum} for name, s in found.items()
+            name: {"unit": s.unit, "time": s.time_s, "min": s.minimum, "max": s.maximum} for name, s in samples.items()
         },
-        "gaps": sorted({gap for s in found.values() for gap in s.gaps}),
+        "gaps": sorted({gap for s in samples.values() for gap in s.gaps}),
         "filled": [span for span in filled if span[1] >= (t_from or 0) and span[0] <= (t_to or MAX_UNIX_S)],
     }
     return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")

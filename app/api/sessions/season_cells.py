@@ -119,9 +119,9 @@ def season_now(
         (source, sorted(ids), car), lambda: workers.run(LIMITS, overviews_at, source, ids, car)
     )
     lacking = [info for info in closed if info.id not in car_of and source.may_hold(info)]
-    found = [session_of(info, car_of[info.id]) for info in chosen if info.id in car_of]
+    sessions = [session_of(info, car_of[info.id]) for info in chosen if info.id in car_of]
     return Season(
-        [session for session in found if car in ("", session.car)],
+        [session for session in sessions if car in ("", session.car)],
         len(car_of),
         len(lacking) if season.is_building else 0,
         season.builds,
@@ -184,12 +184,12 @@ def season_changes(
     """What `voltwall season estimate` changed: a set of results against another; by default the newest two."""
     results = Results(settings.data)
     sets = results.sets()
-    names = [each.id for each in sets]
+    names = [estimate_set.id for estimate_set in sets]
     new = results.find(after) if after else (sets[0] if sets else None)
-    others = [each for each in sets if each != new]
+    others = [estimate_set for estimate_set in sets if estimate_set != new]
     old = results.find(before) if before else (others[0] if others else None)
-    found = changes([] if old is None else results.read_all(old), results.read_all(new) if new else [])
-    return SeasonChanges(names, new, old, found)
+    changed = changes([] if old is None else results.read_all(old), results.read_all(new) if new else [])
+    return SeasonChanges(names, new, old, changed)
 
 
 @router.put("/sessions/{session_id}/tags")

@@ -166,7 +166,7 @@ def copies(settings: SettingsPart, followers: FollowersPart) -> dict[str, Any]:
     """Sessions of the recorders that are followed (`--recorder`), and which stretches of them are not here yet."""
     return {
         "order": followers.order,
-        "recorders": [asdict(each) | {"error": rendered_or_none(each.error)} for each in followers.states()],
+        "recorders": [asdict(state) | {"error": rendered_or_none(state.error)} for state in followers.states()],
         "copies": [copy.state() for copy in SessionCopy.all_in(settings.data / "sessions")],
     }
 

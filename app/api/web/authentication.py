@@ -131,8 +131,8 @@ class Authentication:
             now + SESSION_S,
         )
         with self._lock:
-            self._logins = {t: each for t, each in self._logins.items() if self._is_good(each, now)}
-            same_role = [t for t, each in self._logins.items() if each.user.role == user.role]
+            self._logins = {t: login for t, login in self._logins.items() if self._is_good(login, now)}
+            same_role = [t for t, login in self._logins.items() if login.user.role == user.role]
             for oldest in same_role[: len(same_role) - MAX_SESSIONS + 1]:
                 self._logins.pop(oldest)
             self._logins[_digest(token)] = made
@@ -152,21 +152,21 @@ class Authentication:
         """Return who is logged in by cookie, and how long ago each was last used [s]."""
         now = self._clock.monotonic_s()
         with self._lock:
-            return [(each, now - each.used_s) for each in self._logins.values() if self._is_good(each, now)]
+            return [(login, now - login.used_s) for login in self._logins.values() if self._is_good(login, now)]
 
     def login_of(self, token: str | None) -> Login | None:
         """Return the login that a cookie stands for."""
-        found = self._logins.get(_digest(token)) if token else None
-        return found if found is not None and self._is_good(found, self._clock.monotonic_s()) else None
+        login = self._logins.get(_digest(token)) if token else None
+        return login if login is not None and self._is_good(login, self._clock.monotonic_s()) else None
 
     def end_login(self, login_id: str) -> None:
         """Log somebody out."""
         with self._lock:
-            self._logins = {token: each for token, each in self._logins.items() if each.id != login_id}
+            self._logins = {token: login for token, login in self._logins.items() if login.id != login_id}
 
     def _is_good(self, login: Login, now_s: float) -> bool:
         token_id, wall_s = login.user.token_id, self._clock.wall_s()
-        if token_id and not any(each.id == token_id and wall_s < each.ends_s for each in self.accounts.tokens()):
+        if token_id and not any(token.id == token_id and wall_s < token.ends_s for token in self.accounts.tokens()):
             return False
         is_theirs = login.stamp == self._stamp(login.user.name)
         return is_theirs and now_s < login.ends_s and now_s - login.used_s < self.settings.idle_minutes * 60.0

@@ -218,11 +218,11 @@ def asyncapi(openapi: dict[str, Any]) -> dict[str, Any]:
 
 def _schemas_of(name: str, schemas: dict[str, Any]) -> dict[str, Any]:
     """A schema and all that it names."""
-    found: dict[str, Any] = {}
+    used: dict[str, Any] = {}
     waiting = [name]
     while waiting:
-        each = waiting.pop()
-        if each not in found:
-            found[each] = schemas[each]
-            waiting += re.findall(re.escape(SCHEMA_REF) + r"(\w+)", str(schemas[each]))
-    return found
+        node = waiting.pop()
+        if node not in used:
+            used[node] = schemas[node]
+            waiting += re.findall(re.escape(SCHEMA_REF) + r"(\w+)", str(schemas[node]))
+    return used

@@ -91,7 +91,9 @@ def _people(authentication: Authentication) -> PeopleOut:
         TokenOut(id=t.id, name=t.name, role=t.role, made_by=t.made_by, made=t.made_s, ends=t.ends_s)
         for t in accounts.tokens()
     ]
-    return PeopleOut(accounts=[AccountOut(name=each.name, role=each.role) for each in accounts.all()], tokens=tokens)
+    return PeopleOut(
+        accounts=[AccountOut(name=account.name, role=account.role) for account in accounts.all()], tokens=tokens
+    )
 
 
 @router.get("/accounts")
@@ -167,7 +169,7 @@ def make_token(body: TokenIn, authentication: AuthenticationPart, user: UserDep)
 def revoke_token(token_id: Name, authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
     """Take a token away."""
     _need_chief(user)
-    token = next((each.name for each in authentication.accounts.tokens() if each.id == token_id), "")
+    token = next((token.name for token in authentication.accounts.tokens() if token.id == token_id), "")
     with authentication.log.changed(user.name, f"token {token} ({token_id}): revoked"):
         if not authentication.accounts.revoke_token(token_id):
             raise not_found("token", token_id)
@@ -180,25 +182,25 @@ def logins(request: Request, authentication: AuthenticationPart, user: UserDep) 
     this = authentication.login_of(authentication.token_of(request.headers))
     return [
         LoginOut(
-            id=each.id,
-            name=each.user.name,
-            role=each.user.role,
-            address=each.address,
-            agent=each.agent,
-            since=each.since_s,
+            id=login.id,
+            name=login.user.name,
+            role=login.user.role,
+            address=login.address,
+            agent=login.agent,
+            since=login.since_s,
             idle_s=round(idle_s, 1),
-            is_this=this is not None and each.id == this.id,
+            is_this=this is not None and login.id == this.id,
         )
-        for each, idle_s in authentication.logins()
-        if user.role == "chief" or each.user == user
+        for login, idle_s in authentication.logins()
+        if user.role == "chief" or login.user == user
     ]
 
 
 @router.delete("/logins/{login_id}", status_code=204)
 def end_login(login_id: Name, authentication: AuthenticationPart, user: UserDep) -> None:
     """Log out: oneself elsewhere; a chief whomever."""
-    found = [each for each, _ in authentication.logins() if each.id == login_id]
-    if not found or not (user.role == "chief" or found[0].user == user):
+    matches = [login for login, _ in authentication.logins() if login.id == login_id]
+    if not matches or not (user.role == "chief" or matches[0].user == user):
         raise not_found("login", login_id)
-    with authentication.log.changed(user.name, f"login of {found[0].user.name}: ended"):
+    with authentication.log.changed(user.name, f"login of {matches[0].user.name}: ended"):
         authentication.end_login(login_id)

@@ -246,7 +246,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def on_validation(_: Request, error: RequestValidationError) -> JSONResponse:
-        found = error.errors()[:MOST_ERRORS]
+        invalid = error.errors()[:MOST_ERRORS]
         errors = [
             {
                 "field": _shown(_place(e)),
@@ -254,10 +254,10 @@ def install(app: FastAPI) -> None:
                 "limit": rendered(validation_text(e)),
                 "message": rendered(validation_text(e)),
             }
-            for e in found
+            for e in invalid
         ]
-        each = [Message("of-source", source=_shown(_place(e)), reason=validation_text(e)) for e in found]
-        detail = reduce(lambda first, second: Message("also", first=first, second=second), each)
+        messages = [Message("of-source", source=_shown(_place(e)), reason=validation_text(e)) for e in invalid]
+        detail = reduce(lambda first, second: Message("also", first=first, second=second), messages)
         return Problem(422, "invalid", detail, errors=errors).response()
 
     @app.exception_handler(Exception)

@@ -42,8 +42,8 @@ def find_file(root: Traversable, path: str) -> Path | None:
     """Return the file under the root that a URL path names, None where there is none."""
     folder = Path(str(root))
     try:
-        found = folder.joinpath(path).resolve()
-        return found if path and found.is_relative_to(folder.resolve()) and found.is_file() else None
+        file = folder.joinpath(path).resolve()
+        return file if path and file.is_relative_to(folder.resolve()) and file.is_file() else None
     except (OSError, ValueError):  # no name that a file can have
         return None
 
@@ -53,10 +53,10 @@ def serve_front_end(app: FastAPI, root: Traversable, page_name: str = "index.htm
 
     @app.get("/{path:page}", include_in_schema=False)
     def page(path: str) -> Response:
-        if found := find_file(root, path):
+        if file := find_file(root, path):
             kept = "public, max-age=31536000, immutable" if path.startswith(f"{_UNCHANGING}/") else "no-cache"
-            media_type = _MEDIA_TYPES.get(found.suffix) or guess_type(found.name)[0]
-            return FileResponse(found, headers={"Cache-Control": kept}, media_type=media_type)
+            media_type = _MEDIA_TYPES.get(file.suffix) or guess_type(file.name)[0]
+            return FileResponse(file, headers={"Cache-Control": kept}, media_type=media_type)
         if path.startswith(f"{_UNCHANGING}/"):
             raise not_found("file", path)
         index = find_file(root, page_name)

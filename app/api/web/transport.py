@@ -107,12 +107,12 @@ class TlsTransport(UpperTransport):
         if not self.is_secured:
             self._tls.do_handshake()
             self.is_secured = True
-        found: list[bytes] = []
+        records: list[bytes] = []
         with contextlib.suppress(ssl.SSLWantReadError):
             while record := self._tls.read(RECORD):
-                found.append(record)
+                records.append(record)
             self.has_ended = True
-        return found
+        return records
 
     def _send(self) -> None:
         if self._outgoing.pending:
@@ -138,5 +138,5 @@ class TlsTransport(UpperTransport):
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
         """Return the TLS objects, or what the transport of the network knows."""
-        known = {"sslcontext": self._context, "ssl_object": self._tls}
-        return known[name] if name in known else self._network.get_extra_info(name, default)
+        own = {"sslcontext": self._context, "ssl_object": self._tls}
+        return own[name] if name in own else self._network.get_extra_info(name, default)
