@@ -63,24 +63,24 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the usage and what is wrong, and exit with 2."""
         if wrong := _INVALID_CHOICE.search(message):
-            known = [each.strip("' ") for each in wrong[2].split(",")]
+            choices = [choice.strip("' ") for choice in wrong[2].split(",")]
             message = message.replace(": invalid choice: ", ": unknown ", 1)
-            meant = did_you_mean(wrong[1], known) or "."
+            meant = did_you_mean(wrong[1], choices) or "."
             message = message.replace(f" (choose from {wrong[2]})", meant, 1)
-            message += f" Use one of {', '.join(known)}."
+            message += f" Use one of {', '.join(choices)}."
         elif flags := _UNRECOGNIZED.search(message):
             message = f"unknown {flags[1]}{did_you_mean(flags[2].partition('=')[0], self._flags())}"
         super().error(message)
 
     def _flags(self) -> list[str]:
         """Every flag of this parser and of those below it."""
-        found: list[str] = []
+        flags: list[str] = []
         for action in self._actions:
-            found += action.option_strings
+            flags += action.option_strings
             if isinstance(action, argparse._SubParsersAction):
                 for below in action.choices.values():
-                    found += below._flags()
-        return found
+                    flags += below._flags()
+        return flags
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -96,7 +96,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         if only is None or name == only:
             importlib.import_module(f"{__package__}.commands.{name}").add_arguments(command)
             if name in EXAMPLES:
-                lines = "\n".join(f"  voltwall {each}" for each in EXAMPLES[name])
+                lines = "\n".join(f"  voltwall {example}" for example in EXAMPLES[name])
                 command.epilog = "\n\n".join(filter(None, (command.epilog, f"examples:\n{lines}")))
     return parser
 

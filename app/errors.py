@@ -185,9 +185,9 @@ def validation_text(error: Mapping[str, Any]) -> Text:
     return str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
 
 
-def unknown_name(name: str, known: Sequence[str]) -> Message:
+def unknown_name(name: str, names: Sequence[str]) -> Message:
     """Return that a name is unknown, with the known ones and the one that was probably meant."""
-    meant = closest(name, known)
+    meant = closest(name, names)
     if meant is None:
-        return Message("unknown-name", names=tuple(known))
-    return Message("unknown-name-but", meant=meant, names=tuple(known))
+        return Message("unknown-name", names=tuple(names))
+    return Message("unknown-name-but", meant=meant, names=tuple(names))

@@ -102,11 +102,15 @@ def run(args: argparse.Namespace) -> int:
         case _ if args.json:
             people = [{"name": account.name, "role": account.role} for account in accounts.all()]
             names = ("id", "name", "role", "made_by")
-            tokens = [{n: getattr(each, n) for n in names} | {"ends": _day(each.ends_s)} for each in accounts.tokens()]
+            tokens = [
+                {n: getattr(token, n) for n in names} | {"ends": _day(token.ends_s)} for token in accounts.tokens()
+            ]
             print(json.dumps({"accounts": people, "tokens": tokens}, indent=2))
         case _:
-            rows = [(each.name, each.role, "", "", "") for each in accounts.all()]
-            rows += [(each.name, each.role, each.id, _day(each.ends_s), each.made_by) for each in accounts.tokens()]
+            rows = [(account.name, account.role, "", "", "") for account in accounts.all()]
+            rows += [
+                (token.name, token.role, token.id, _day(token.ends_s), token.made_by) for token in accounts.tokens()
+            ]
             print_table(("name", "role", "token", "until", "made by"), rows)
     return 0
 
@@ -147,8 +151,8 @@ def _show_log(folder: Path, *, as_json: bool) -> int:
     for record in records:
         print(json.dumps(_json(record)) if as_json else _line(record))
     wrong = [record.number for record in records if not record.is_genuine]
-    found = f"not genuine: {', '.join(map(str, wrong))}" if wrong else "all signatures right"
-    print(f"{len(records)} records; {found}", file=sys.stderr)
+    verdict = f"not genuine: {', '.join(map(str, wrong))}" if wrong else "all signatures right"
+    print(f"{len(records)} records; {verdict}", file=sys.stderr)
     return NOT_GENUINE if wrong else 0
 
 

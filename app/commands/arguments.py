@@ -90,11 +90,11 @@ def read_recording(path: Path, args: argparse.Namespace) -> Recording:
     from app.estimation.recording.current_means import has_current_means, with_voltage_means
     from app.sources.recordings.dataset import load_recording, map_of, parse_map
 
-    found = load_recording(
+    recording = load_recording(
         path, parse_map(map_of(args.map, path)), charge_positive=args.charge_positive, period_s=args.period
     )
-    has_means = has_current_means(found) if args.current_means == "auto" else args.current_means == "yes"
-    return with_voltage_means(found) if has_means else found
+    has_means = has_current_means(recording) if args.current_means == "auto" else args.current_means == "yes"
+    return with_voltage_means(recording) if has_means else recording
 
 
 def data_folder(args: argparse.Namespace) -> Path:
@@ -114,7 +114,9 @@ def catalogue(args: argparse.Namespace) -> Catalogue:
 
     folder = data_folder(args)
     if getattr(args, "data", None) is not None and not folder.exists():
-        siblings = [each.name for each in folder.parent.iterdir() if each.is_dir()] if folder.parent.is_dir() else []
+        siblings = (
+            [sibling.name for sibling in folder.parent.iterdir() if sibling.is_dir()] if folder.parent.is_dir() else []
+        )
         meant = closest(folder.name, siblings)
         there = Message("no-such-folder-but", meant=str(folder.parent / meant)) if meant else Message("no-such-folder")
         raise ConfigError("--data", folder, there)

@@ -157,10 +157,10 @@ def _line(study: Study, circuit: str, done: BalancingRun) -> str:
         f"{circuit:20}{done.hours:8.2f}{done.max_degc:7.1f} degC{left:8.3f} %{within:9.3f} %"
         f"{done.balancing_loss_wh:9.2f} Wh  {done.stopped_by or planned}"
     )
-    known = thesis_figures(study, circuit)
-    if known is None:
+    published = thesis_figures(study, circuit)
+    if published is None:
         return line
-    return f"{line}\n{'  in the thesis':20}{known[0]:8.2f}{known[1]:7.1f} degC{known[2]:8.3f} %"
+    return f"{line}\n{'  in the thesis':20}{published[0]:8.2f}{published[1]:7.1f} degC{published[2]:8.3f} %"
 
 
 def _document(study: Study, runs: dict[str, BalancingRun]) -> dict[str, object]:

@@ -107,25 +107,25 @@ def _list(args: argparse.Namespace) -> int:
     from app.battery.library import bundled_profiles, load_part, load_profile
     from app.battery.table_reader import ProfileError
 
-    found: list[dict[str, object]] = []
+    listed: list[dict[str, object]] = []
     for name in bundled_profiles():
         try:
             battery = load_profile(name).profile.battery
         except ProfileError:
             load_part(name)
-            found.append({"profile": name, "name": None})
+            listed.append({"profile": name, "name": None})
             continue
         numbers = {"segments": battery.n_segments, "cells": battery.n_cells, "sensors": battery.n_sensors}
-        found.append({"profile": name, "name": battery.name, **numbers})
+        listed.append({"profile": name, "name": battery.name, **numbers})
     if args.json:
-        print(json.dumps(found, indent=2))
+        print(json.dumps(listed, indent=2))
         return 0
     rows = []
-    for each in found:
+    for row in listed:
         text = "a part, to include in a profile"
-        if each["name"] is not None:
-            text = f"{each['name']}: {each['segments']} segments, {each['sensors']} temperature sensors"
-        rows.append((str(each["profile"]), text))
+        if row["name"] is not None:
+            text = f"{row['name']}: {row['segments']} segments, {row['sensors']} temperature sensors"
+        rows.append((str(row["profile"]), text))
     print_table((), rows)
     return 0
 
@@ -186,8 +186,8 @@ def _show_serial(source: SerialMapping) -> None:
         checksum = getattr(part, "checksum", None)
         request = f", asked for every {part.poll_s:g} s" if part.poll else ""
         print(f"  {part.name}: {'no checksum' if checksum is None else checksum.kind}{request}")
-        for each in part.fields:
-            print(f"    {each.name}: {each.count} {each.kind}, raw * {each.scale:g} + {each.offset:g}")
+        for field in part.fields:
+            print(f"    {field.name}: {field.count} {field.kind}, raw * {field.scale:g} + {field.offset:g}")
 
 
 def _in_words(entry: CellSignals) -> str:
@@ -214,7 +214,7 @@ def _check(args: argparse.Namespace) -> int:
 
     document = load_part(args.profile)
     errors, profile = errors_of(document)
-    found = [_entry("error", error.file, error.line, error.path, _of_field(error)) for error in errors]
+    entries = [_entry("error", error.file, error.line, error.path, _of_field(error)) for error in errors]
     n_errors, n_warnings = len(errors), 0
     if profile is not None:
         warnings = _of_cell(profile.battery.cell, profile.file)
@@ -229,16 +229,16 @@ def _check(args: argparse.Namespace) -> int:
         for warning in warnings:
             kind = "error" if warning.is_error else "warning"
             text = f"{warning.field}: {render(warning.what)}"
-            found.append(_entry(kind, warning.file, warning.line, warning.field, text))
+            entries.append(_entry(kind, warning.file, warning.line, warning.field, text))
         n_errors += sum(warning.is_error for warning in warnings)
         n_warnings = len(warnings) - (n_errors - len(errors))
     code = 2 if n_errors else int(bool(n_warnings))
     if args.json:
-        print(json.dumps(found, indent=2))
+        print(json.dumps(entries, indent=2))
         return code
-    for each in found:
-        place = each["file"] if each["line"] is None else f"{each['file']}:{each['line']}"
-        print(f"{place}: {each['kind']}: {each['text']}")
+    for entry in entries:
+        place = entry["file"] if entry["line"] is None else f"{entry['file']}:{entry['line']}"
+        print(f"{place}: {entry['kind']}: {entry['text']}")
     cells = "" if profile is None or errors else f"{profile.battery.n_cells} cells, "
     print(f"{cells}{n_errors} errors, {n_warnings} warnings")
     return code
@@ -282,7 +282,7 @@ def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argpar
     except (OSError, ValueError) as error:
         raise ConfigError("log", args.log, getattr(error, "strerror", None) or str(error)) from error
     warnings = serial_issues(battery, mapping, file, capture)
-    if capture is not None and not args.json and not any(each.is_error for each in warnings):
+    if capture is not None and not args.json and not any(warning.is_error for warning in warnings):
         print("\n".join(shown_values(battery, mapping, capture)))
     return warnings
 

@@ -79,12 +79,12 @@ def run(args: argparse.Namespace) -> int:
     definitions, files = (definitions_of(args.dbc), args.dbc) if args.dbc else _bundled(frames)
     _print_oddities(definitions)
     draft = ProfileDraft(definitions, (), frames, "")
-    found = draft.survey
-    _print_messages(found, with_signals=args.signals)
+    survey = draft.survey
+    _print_messages(survey, with_signals=args.signals)
     folder = Path() if args.out is None else args.out.parent
     names = tuple(_relative(file, folder) for file in files)
     confirmed = {f"state.{name}": Choice(is_taken=True) for name in STATES} if args.with_states else {}
-    inferred = infer_profile(found, frames, args.name or files[0].stem, names, confirmed)
+    inferred = infer_profile(survey, frames, args.name or files[0].stem, names, confirmed)
     if inferred is None:
         print(render(Message("infer-nothing")))
         return 1
@@ -132,15 +132,15 @@ def _print_oddities(definitions: Definitions) -> None:
         print(f"... and {len(definitions.oddities) - _MOST_ODDITIES} more: voltwall battery check tells all")
 
 
-def _print_messages(found: BusSurvey, with_signals: bool) -> None:
-    messages = found.definitions.by_id()
-    if not found.n_frames:
+def _print_messages(survey: BusSurvey, with_signals: bool) -> None:
+    messages = survey.definitions.by_id()
+    if not survey.n_frames:
         print(f"{len(messages)} messages in the DBC; without --log or --can nothing is known of their values")
         return
-    summary = f"{len(found.received)} of {len(messages)} messages received"
-    print(f"{found.n_frames} frames in {found.duration_s:.1f} s; {summary}")
+    summary = f"{len(survey.received)} of {len(messages)} messages received"
+    print(f"{survey.n_frames} frames in {survey.duration_s:.1f} s; {summary}")
     print(f"{'id':>10}  {'message':32} {'signals':>7} {'frames':>8} {'Hz':>8}")
-    for can_id, received in sorted(found.received.items()):
+    for can_id, received in sorted(survey.received.items()):
         message = received.message
         print(
             f"{_id(can_id):>10}  {message.name:32} {len(message.signals):>7} {len(received.group.frames):>8}"
@@ -150,11 +150,11 @@ def _print_messages(found: BusSurvey, with_signals: bool) -> None:
             values = received.signal(signal.name)
             if values is not None:
                 print(f"{'':12}{signal.name}: {values.low:.6g} to {values.high:.6g} {signal.unit}")
-    if found.unknown:
-        most = sorted(found.unknown.items(), key=lambda each: -each[1])[:8]
+    if survey.unknown:
+        most = sorted(survey.unknown.items(), key=lambda item: -item[1])[:8]
         print(
             f"not in the DBC: {', '.join(f'{_id(i)} ({n})' for i, n in most)}"
-            + (", ..." if len(found.unknown) > 8 else "")
+            + (", ..." if len(survey.unknown) > 8 else "")
         )
 
 
@@ -168,17 +168,17 @@ def _reading_of(key: str, running: CurrentValue | None) -> str:
 
     if running is None:
         return ""
-    known = [each for each in running.values if each is not None]
-    if not known:
+    values = [value for value in running.values if value is not None]
+    if not values:
         return ", not measured"
     if running.raw is not None:
-        return f", now {running.raw} {running.text}".rstrip() + f": {'yes' if known[0] else 'no'}"
+        return f", now {running.raw} {running.text}".rstrip() + f": {'yes' if values[0] else 'no'}"
     if key == "soc":
-        return f", now {100 * known[0]:.4g} %"
+        return f", now {100 * values[0]:.4g} %"
     unit = LINE_UNITS.get(key.partition(".")[0], "")
     if len(running.values) > 1:
-        return f", now {min(known):.4g} to {max(known):.4g} {unit} of {len(known)}"
-    return f", now {known[0]:.5g} {unit}"
+        return f", now {min(values):.4g} to {max(values):.4g} {unit} of {len(values)}"
+    return f", now {values[0]:.5g} {unit}"
 
 
 def _print_summary(inferred: InferredProfile, running: dict[str, CurrentValue]) -> None:
@@ -194,7 +194,7 @@ def _print_summary(inferred: InferredProfile, running: dict[str, CurrentValue]) 
         print(f"  {key}: {title(line.chosen)}{reads}{'' if line.is_taken else '  (to confirm)'}")
         for reason in line.chosen.reasons:
             print(f"    {render(reason)}")
-        others = [title(each) for each in line.candidates if title(each) != title(line.chosen)]
+        others = [title(candidate) for candidate in line.candidates if title(candidate) != title(line.chosen)]
         if others:
             print(f"    or: {', '.join(others)}")
     for question in inferred.questions:
@@ -210,10 +210,10 @@ def definitions_of(files: Iterable[Path]) -> Definitions:
     """
     from app.sources.dbc.dbc_file import load_definitions
 
-    found = Definitions(())
+    definitions = Definitions(())
     for file in files:
-        found = found.joined(load_definitions(existing("dbc", file)))
-    return found
+        definitions = definitions.joined(load_definitions(existing("dbc", file)))
+    return definitions
 
 
 def log_frames(path: Path) -> Frames:

@@ -30,24 +30,24 @@ def run(args: argparse.Namespace) -> int:
             "capture", args.capture or args.serial, getattr(error, "strerror", None) or str(error)
         ) from error
     print(f"{len(data)} bytes", file=sys.stderr)
-    known = fitting(data, _bundled())
-    if known is not None:
-        print(f"the bundled profile {known} fits: its checksums hold. Set your cells in it.", file=sys.stderr)
-        write_out(load_profile(known).text, args.out)
+    mapping_name = fitting(data, _bundled())
+    if mapping_name is not None:
+        print(f"the bundled profile {mapping_name} fits: its checksums hold. Set your cells in it.", file=sys.stderr)
+        write_out(load_profile(mapping_name).text, args.out)
         return 0
-    found = propose(data)
-    if found is None:
+    proposed = propose(data)
+    if proposed is None:
         print("nothing in it comes again and again: another speed or parity, or nobody asks? (--baud, --parity, --ask)")
         return 1
-    if isinstance(found, ProposedLine):
-        print(f"{found.seen} lines of {found.columns} columns", file=sys.stderr)
+    if isinstance(proposed, ProposedLine):
+        print(f"{proposed.seen} lines of {proposed.columns} columns", file=sys.stderr)
     else:
-        checksum = "no checksum (to confirm)" if found.checksum is None else found.checksum.kind
-        print(f"{found.seen} frames of {found.length} bytes, {checksum}", file=sys.stderr)
-    if found.voltages is None:
+        checksum = "no checksum (to confirm)" if proposed.checksum is None else proposed.checksum.kind
+        print(f"{proposed.seen} frames of {proposed.length} bytes, {checksum}", file=sys.stderr)
+    if proposed.voltages is None:
         print("no numbers in it look like cell voltages (to confirm)", file=sys.stderr)
-    write_out(profile_text(found, args.name or "serial", args.baud), args.out)
-    return 0 if found.voltages is not None else 1
+    write_out(profile_text(proposed, args.name or "serial", args.baud), args.out)
+    return 0 if proposed.voltages is not None else 1
 
 
 def _read(args: argparse.Namespace) -> bytes:
@@ -86,9 +86,9 @@ def _bundled() -> dict[str, SerialMapping]:
     from app.battery.table_reader import ProfileError
     from app.sources.loaded_battery import load_battery
 
-    found: dict[str, SerialMapping] = {}
+    mappings: dict[str, SerialMapping] = {}
     for name in bundled_profiles():
         with contextlib.suppress(ProfileError):  # a part
             mapping = load_battery(name).serial
-            found |= {} if mapping is None else {name: mapping}
-    return found
+            mappings |= {} if mapping is None else {name: mapping}
+    return mappings

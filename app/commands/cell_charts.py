@@ -29,9 +29,9 @@ def check_picture_name(path: Path) -> None:
         from matplotlib.backend_bases import FigureCanvasBase
     except ImportError as exc:
         raise DatasetError(str(path), "drawing needs the extra: pip install voltwall[plot]") from exc
-    known = sorted(FigureCanvasBase.get_supported_filetypes())
-    if path.suffix.lower().removeprefix(".") not in known:
-        raise DatasetError(str(path), f"a picture's name ends in one of .{', .'.join(known)}")
+    formats = sorted(FigureCanvasBase.get_supported_filetypes())
+    if path.suffix.lower().removeprefix(".") not in formats:
+        raise DatasetError(str(path), f"a picture's name ends in one of .{', .'.join(formats)}")
     if not path.parent.is_dir():
         raise DatasetError(str(path), "its folder does not exist")
 
@@ -101,17 +101,17 @@ def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
     figure.savefig(path, dpi=110)
 
 
-def draw_identification(path: Path, found: Identification) -> None:
+def draw_identification(path: Path, identification: Identification) -> None:
     """Draw OCV, the drop at 1C over SOC at 25 degC, and what is left of the voltage in every recording.
 
     Raises:
         DatasetError: matplotlib is not installed, or the ending of the name is no picture format.
         OSError: the file cannot be written.
     """
-    model = found.model
+    model = identification.model
     subtitle = f"{model.capacity_ah:.4g} Ah, {model.n_rc} lags; open loop {1e3 * model.fit_voltage_rms_v:.1f} mV RMS"
     subtitle += f", up to {model.fit_current_max_a:.3g} A"
-    figure, axes = new_figure(path, 2 + len(found.parts), model.name, subtitle)
+    figure, axes = new_figure(path, 2 + len(identification.parts), model.name, subtitle)
     soc = np.linspace(0.0, 1.0, 201)
     axes[0].plot(100.0 * soc, model.ocv.voltage(soc), color=MODEL, linewidth=1.4)
     axes[0].set_ylabel("OCV / V")
@@ -123,7 +123,7 @@ def draw_identification(path: Path, found: Identification) -> None:
     axes[1].set_ylabel("drop / mV")
     axes[1].set_ylim(0.0, 4e3 * float(np.median(drop_v)) + 1e-3)
     limit = 5e3 * max(model.fit_voltage_rms_v, 1e-3)
-    for axis, part in zip(axes[2:], found.parts, strict=True):
+    for axis, part in zip(axes[2:], identification.parts, strict=True):
         pick = slice(None, None, -(-part.rows // POINTS_LIMIT))
         label = f"{part.name}: {1e3 * part.voltage_rms_v:.1f} mV RMS, up to {part.current_max_a:.3g} A"
         axis.plot(
@@ -146,6 +146,6 @@ def draw_identification(path: Path, found: Identification) -> None:
 
 def _shown(values: FloatArray, least: float) -> tuple[float, float]:
     """Return symmetric limits that show all but the rarest values."""
-    known = np.abs(values[np.isfinite(values)])
-    reach = max(1.3 * float(np.percentile(known, 99.8)), least) if known.size else least
+    finite = np.abs(values[np.isfinite(values)])
+    reach = max(1.3 * float(np.percentile(finite, 99.8)), least) if finite.size else least
     return -reach, reach

@@ -230,11 +230,14 @@ def _of_record(record: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 def _profiles(service: ConfigService, args: argparse.Namespace) -> int:
     if args.what == "list":
-        found = service.json("/profiles")["profiles"]
+        profiles = service.json("/profiles")["profiles"]
         if args.json:
-            print(json.dumps(found, indent=2))
+            print(json.dumps(profiles, indent=2))
             return 0
-        rows = [(f"{each['name']}@{each['version']}", each["hash"], each["comment"] or "") for each in found]
+        rows = [
+            (f"{profile['name']}@{profile['version']}", profile["hash"], profile["comment"] or "")
+            for profile in profiles
+        ]
         print_table(("profile", "hash", "comment"), rows)
         return 0
     if args.name is None:
@@ -282,8 +285,8 @@ def _print_changes(changes: list[dict[str, Any]]) -> None:
 
 
 def _changes(changes: list[dict[str, Any]]) -> list[str]:
-    found = []
+    lines = []
     for change in changes:
         element = "" if change["element"] is None else f"[{change['element']}]"
-        found.append(f"{change['field']}{element}: {change['from']} -> {change['to']} {change['unit']}".rstrip())
-    return found
+        lines.append(f"{change['field']}{element}: {change['from']} -> {change['to']} {change['unit']}".rstrip())
+    return lines

@@ -152,8 +152,8 @@ def segments(text: str) -> tuple[int, int]:
     """Read segments in series x cells in series in each, as `8x12`."""
     from app.battery.fields import MOST_CELLS  # here: numpy comes with it
 
-    found = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
-    n, in_series = (int(part) for part in found.groups()) if found else (0, 0)
+    match = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
+    n, in_series = (int(part) for part in match.groups()) if match else (0, 0)
     if not 1 <= n * in_series <= MOST_CELLS:
         raise argparse.ArgumentTypeError(f"{text!r} is not SEGMENTSxCELLS, as 8x12, with 1 to {MOST_CELLS} cells")
     return n, in_series

@@ -173,18 +173,18 @@ def _print_report(report: dict[str, Any]) -> None:
 def _print_power(report: dict[str, Any]) -> None:
     """Print the summary."""
     print(f"  state of power at the last row, bands hold the truth in {100 * report['power_coverage']:.0f} % of cases:")
-    for each in report["power"]:
+    for row in report["power"]:
         print(
-            f"    {each['direction']:9} {each['horizon_s']:2g} s {each['last_w']:8.1f} W "
-            f"({each['last_low_w']:.1f} to {each['last_high_w']:.1f}), along the recording {each['least_w']:.1f} to "
-            f"{each['largest_w']:.1f} W{_beyond(each['beyond_measured_frac'])}"
+            f"    {row['direction']:9} {row['horizon_s']:2g} s {row['last_w']:8.1f} W "
+            f"({row['last_low_w']:.1f} to {row['last_high_w']:.1f}), along the recording {row['least_w']:.1f} to "
+            f"{row['largest_w']:.1f} W{_beyond(row['beyond_measured_frac'])}"
         )
     limits, measured_a = report["power_limits"], report["power_measured_current_max_a"]
     if limits["discharge_max_a"] is None or limits["charge_max_a"] is None:
         print("    the cell file names no largest current: only voltage, charge and temperature limit")
     if measured_a is None:
         print("    the cell file does not say up to which current it was measured")
-    elif any(each["beyond_measured_frac"] for each in report["power"]):
+    elif any(row["beyond_measured_frac"] for row in report["power"]):
         measured = f"currents (up to {measured_a:.3g} A, less for longer) or temperatures"
         print(f"    extrapolated where marked: beyond the {measured} that the cell file was measured with")
 

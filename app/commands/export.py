@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         choices=tuple(FORMATS),
-        help="\n".join(f"{name:8} {meaning_of(each)}" for name, each in FORMATS.items())
+        help="\n".join(f"{name:8} {meaning_of(export_format)}" for name, export_format in FORMATS.items())
         + "\n(default: from the file ending of --out)",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write, - for standard output")
@@ -67,7 +67,9 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         AppError: the session, a signal, the format or a time is not there or not understood.
     """
-    name = args.format or next((n for n, each in FORMATS.items() if args.out.name.endswith(each.suffix)), None)
+    name = args.format or next(
+        (n for n, export_format in FORMATS.items() if args.out.name.endswith(export_format.suffix)), None
+    )
     if name is None:
         raise ConfigError("out", args.out.name, Message("export-ending"))
     is_piped = args.out == STANDARD_OUTPUT

@@ -99,7 +99,7 @@ def run_filter(
     received = steps.copy()  # a gap counts as one usual step: the rest is bridged
     received[list(gaps)] = recording.usual_step_s
     time_s, drawn_as = (
-        np.concatenate(([0.0], np.cumsum(each))) for each in (received, received * np.nan_to_num(current))
+        np.concatenate(([0.0], np.cumsum(step))) for step in (received, received * np.nan_to_num(current))
     )
     unheard, learning, table = np.full(1, np.nan), LearningRun(estimator), np.empty((N_OUT, len(steps)))
     samples = received, steps, current, voltages, learnt_from, temperatures
@@ -112,7 +112,7 @@ def run_filter(
                 offset.interrupt()
         for k in range(rows.start, rows.stop) if first_minutes.is_keeping else ():
             first_minutes.keep(float(received[k]), float(current[k]), voltages[k], temperatures[k])
-        table[:, rows] = learning.step([each[rows] for each in samples]).numbers[:, :, 0]
+        table[:, rows] = learning.step([sample[rows] for sample in samples]).numbers[:, :, 0]
         if first_minutes.is_keeping:
             first_minutes.again(learning.factor, learning.judge()[1] <= RESISTANCE_SIGMA_MAX, restart)
         if offset is not None:
@@ -169,13 +169,13 @@ def outside_notes(recording: Recording, cell: CellModel) -> list[str]:
     """Say where the recording leaves what the cell file knows."""
     notes = []
     temperature = recording.temperature_degc
-    known = temperature[np.isfinite(temperature)]
-    if known.size == 0:
+    finite = temperature[np.isfinite(temperature)]
+    if finite.size == 0:
         notes.append(f"no temperature: {DEFAULT_TEMPERATURE_DEGC:g} degC taken")
-    elif float(error := cell.drop_error(known[[known.argmin(), known.argmax()]]).max()) > TEMPERATURE_ERROR_NOTED:
+    elif float(error := cell.drop_error(finite[[finite.argmin(), finite.argmax()]]).max()) > TEMPERATURE_ERROR_NOTED:
         seen = cell.measured_degc
         notes.append(
-            f"warning: {known.min():.0f} to {known.max():.0f} degC, the cell was measured from {seen[0]:.0f} to "
+            f"warning: {finite.min():.0f} to {finite.max():.0f} degC, the cell was measured from {seen[0]:.0f} to "
             f"{seen[-1]:.0f} degC: resistances may be off by {100.0 * error:.0f} %"
         )
     largest_a = float(np.abs(recording.current_a).max())
@@ -193,13 +193,13 @@ def gaps_of(recording: Recording, capacity_ah: float) -> dict[int, Gap]:
     minute = ((recording.time_s - recording.time_s[0]) // SHORT_GAP_S).astype(np.intp)
     n_rows = np.bincount(minute)
     slow_a = float(np.std((np.bincount(minute, current) / np.maximum(n_rows, 1))[n_rows > 0]))
-    found = {}
+    gaps = {}
     for k in np.flatnonzero(steps > GAP_STEPS * recording.usual_step_s).tolist():
         around = np.abs(recording.time_s - recording.time_s[k]) < SHORT_GAP_S / 2.0
         ends_a = float(current[k - 1]), float(current[k])
         mean_a, spread_a = float(np.mean(current[around])), float(np.std(current[around]))
-        found[k] = bridge_gap(float(steps[k]), ends_a, Around(mean_a, spread_a, slow_a, usual_a), capacity_ah)
-    return found
+        gaps[k] = bridge_gap(float(steps[k]), ends_a, Around(mean_a, spread_a, slow_a, usual_a), capacity_ah)
+    return gaps
 
 
 def gap_notes(recording: Recording, capacity_ah: float) -> list[str]:

@@ -64,45 +64,45 @@ def run(args: argparse.Namespace) -> int:
         [read_recording(path, args) for path in paths] for paths in (args.ocv, args.pulses, args.drive)
     )
     with Progress(args.out.stem) as progress:
-        found = identify(slow, pulses, drives, args.rc, args.name or args.out.stem, progress)
-    save_cell(found.model, args.out)
+        identification = identify(slow, pulses, drives, args.rc, args.name or args.out.stem, progress)
+    save_cell(identification.model, args.out)
     if args.plot is not None:
-        draw_identification(args.plot, found)
+        draw_identification(args.plot, identification)
     read_notes = [(r.source, note) for r in (*slow, *pulses, *drives) for note in r.notes]
     if args.json:
-        print(json.dumps(_report(found, read_notes, args.out)))
+        print(json.dumps(_report(identification, read_notes, args.out)))
     else:
-        _print_report(found, read_notes, args.out)
+        _print_report(identification, read_notes, args.out)
     return 0
 
 
-def _report(found: Identification, read_notes: list[tuple[str, str]], out: Path) -> dict[str, object]:
-    parts = [{k: v for k, v in vars(part).items() if k not in ("soc", "residual_v")} for part in found.parts]
+def _report(identification: Identification, read_notes: list[tuple[str, str]], out: Path) -> dict[str, object]:
+    parts = [{k: v for k, v in vars(part).items() if k not in ("soc", "residual_v")} for part in identification.parts]
     for part in parts:
         low, high = part["temperature_range_degc"]
         part["temperature_range_degc"] = None if math.isnan(low) else [low, high]
         if math.isnan(part["voltage_rms_v"]):
             part["voltage_rms_v"] = None
-    model, evidence = found.model, found.model.evidence
+    model, evidence = identification.model, identification.model.evidence
     return {
         "cell": str(out),
         "capacity_ah": model.capacity_ah,
-        "counted_ah": found.counted_ah,
-        "tau_s": list(found.tau_s),
+        "counted_ah": identification.counted_ah,
+        "tau_s": list(identification.tau_s),
         "surface": asdict(model.surface) if model.surface else None,
         "sigma": dict(evidence.sigma) if evidence else {},
         "has_ocv": evidence is None or evidence.has_ocv,
-        "next_test": found.next_test,
+        "next_test": identification.next_test,
         "fit_voltage_rms_v": model.fit_voltage_rms_v,
         "parts": parts,
-        "notes": [f"{source}: {note}" for source, note in read_notes] + list(found.notes),
-        "warnings": list(found.warnings),
+        "notes": [f"{source}: {note}" for source, note in read_notes] + list(identification.notes),
+        "warnings": list(identification.warnings),
     }
 
 
-def _print_report(found: Identification, read_notes: list[tuple[str, str]], out: Path) -> None:
-    model, surface = found.model, found.model.surface
-    for warning in found.warnings:
+def _print_report(identification: Identification, read_notes: list[tuple[str, str]], out: Path) -> None:
+    model, surface = identification.model, identification.model.surface
+    for warning in identification.warnings:
         print(f"warning: {warning}")
     print(f"{out}: {model.capacity_ah:.4g} Ah")
     if surface is not None and model.evidence is not None:
@@ -113,7 +113,7 @@ def _print_report(found: Identification, read_notes: list[tuple[str, str]], out:
             shown = f"{100.0 * share:.0f} %" if is_share else f"{share / (1e3 if name.endswith('j_mol') else 1.0):.2g}"
             print(f"  {text}: {value:.3g} {unit}+- {shown}")
     print("  open-loop voltage error")
-    for part in found.parts:
+    for part in identification.parts:
         kind = "drive" if part.is_drive else "pulses"
         low, high = (100.0 * soc for soc in part.soc_range)
         print(
@@ -122,10 +122,10 @@ def _print_report(found: Identification, read_notes: list[tuple[str, str]], out:
         )
     for source, note in read_notes:
         print(f"  note: {source}: {note}")
-    for note in found.notes:
+    for note in identification.notes:
         print(f"  note: {note}")
-    if found.next_test is not None:
-        print(f"  would help most: {found.next_test}")
+    if identification.next_test is not None:
+        print(f"  would help most: {identification.next_test}")
 
 
 def _numbers(surface: SurfaceModel) -> Iterator[tuple[str, float, str, str]]:

@@ -136,7 +136,7 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
         expectations = Expectations(text, session.battery)
         chosen = filter_name or expectations.filter_name or DEFAULT_FILTER
         pipeline = _pipeline(session, chosen, cell_name or expectations.cell_name)
-        judged = [each.text for each in judged_by(session, cell_name or expectations.cell_name)]
+        judged = [message.text for message in judged_by(session, cell_name or expectations.cell_name)]
         with Progress(path.stem) as progress:
             verdicts = prove(session, expectations, pipeline, progress)
     failed = sum(not verdict.held for verdict in verdicts)

@@ -82,7 +82,7 @@ def _add_query(actions: Actions) -> None:
     """Declare the action."""
     text = "run an SQL query or a named query on the season data"
     query = new_action(actions, "query", text, answer_question)
-    lines = "\n".join(f"  {each.name:16} {each.meaning}{parameters_of(each)}" for each in questions())
+    lines = "\n".join(f"  {question.name:16} {question.meaning}{parameters_of(question)}" for question in questions())
     tables = "Tables: sessions, laps, cells, events, samples; columns: docs/reference/season-lake.md."
     query.epilog = f"{tables}\n\nNamed queries:\n{lines}"
     query.add_argument(
@@ -223,9 +223,9 @@ def answer_question(args: argparse.Namespace) -> int:
 
     if args.question is None:
         if getattr(args, "json", False):
-            print(json.dumps([asdict(each) for each in questions()], indent=2))
+            print(json.dumps([asdict(question) for question in questions()], indent=2))
         else:
-            print_table((), [(each.name, each.meaning + parameters_of(each)) for each in questions()])
+            print_table((), [(question.name, question.meaning + parameters_of(question)) for question in questions()])
         return 0
     if args.show and (question := find_question(args.question)) is not None:
         print(question.sql, end="")
@@ -289,20 +289,20 @@ def show_report(args: argparse.Namespace) -> int:
     return 0
 
 
-def _print_car(found: SeasonOverview, segments: Sequence[int]) -> None:
-    print(f"{found.car}: {found.sessions} sessions, {found.charge_ah:.0f} Ah passed")
-    for group in found.groups:
+def _print_car(overview: SeasonOverview, segments: Sequence[int]) -> None:
+    print(f"{overview.car}: {overview.sessions} sessions, {overview.charge_ah:.0f} Ah passed")
+    for group in overview.groups:
         print("accumulator" if group.pack is None else f"pack {group.pack + 1}")
         for name, unit in QUANTITIES.items():
-            if name == "resistance" and not found.is_absolute:
+            if name == "resistance" and not overview.is_absolute:
                 unit = "of the median cell"
             _print_trend(name.replace("_", " "), getattr(group, name), unit)
-    for each in found.cells[:SHOWN]:
-        if each.reasons:
-            print(f"{short_place(each.cell, segments):6} {'; '.join(reason.text for reason in each.reasons)}")
-            _print_trend("resistance", each.resistance_trend, "of the median cell")
-            _print_trend("capacity", each.capacity_trend, "of the median cell")
-            _print_trend("self discharge", each.self_discharge_trend, "a day beyond the median cell", 3)
+    for cell in overview.cells[:SHOWN]:
+        if cell.reasons:
+            print(f"{short_place(cell.cell, segments):6} {'; '.join(reason.text for reason in cell.reasons)}")
+            _print_trend("resistance", cell.resistance_trend, "of the median cell")
+            _print_trend("capacity", cell.capacity_trend, "of the median cell")
+            _print_trend("self discharge", cell.self_discharge_trend, "a day beyond the median cell", 3)
 
 
 def _print_trend(name: str, trend: SeasonTrend | None, unit: str, digits: int = 2) -> None:

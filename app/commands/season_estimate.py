@@ -80,13 +80,13 @@ def estimate(args: argparse.Namespace) -> int:
     with open_engine(args.engine, args.processes) as engine:
         outcome = estimate_season(sessions, wanted, args.filter, results, engine, _show_progress, args.again)
     old = [] if before is None or before == after else results.read_all(before)
-    known = {info.id for info in sessions}
-    found = changes(old, [result for result in results.read_all(after) if result["session"] in known])
+    session_ids = {info.id for info in sessions}
+    changed = changes(old, [result for result in results.read_all(after) if result["session"] in session_ids])
     failed = {f"file {k}": str(error) for k, error in enumerate(problems, 1)} | outcome.failed
     if args.json:
-        _print_json(after, before, outcome, failed, found)
+        _print_json(after, before, outcome, failed, changed)
     else:
-        _print_changes(found)
+        _print_changes(changed)
         print(
             f"{len(outcome.estimated)} estimated in {outcome.took_s:.1f} s, {outcome.processor_s:.1f} s of processor; "
             f"{len(outcome.kept)} were there, {len(failed)} failed; in {results.folder / after.id}"
@@ -103,8 +103,8 @@ def _sessions(folder: Path) -> tuple[list[SessionInfo], Sequence[SessionError]]:
     if not folder.is_dir():
         raise ConfigError("DIR", str(folder), "a folder")
     inside = folder / "sessions"
-    found, problems = Catalogue(inside if inside.is_dir() else folder).survey()
-    return [info for info in reversed(found) if info.is_closed], problems
+    sessions, problems = Catalogue(inside if inside.is_dir() else folder).survey()
+    return [info for info in reversed(sessions) if info.is_closed], problems
 
 
 def _chosen(name: str, field: str, filter_name: str) -> tuple[EstimateSet, str | None]:
@@ -129,7 +129,7 @@ def _print_json(
     before: EstimateSet | None,
     outcome: Outcome,
     failed: dict[str, str],
-    found: list[EstimateChange],
+    changes: list[EstimateChange],
 ) -> None:
     shown = {
         "set": {"id": after.id, **asdict(after)},
@@ -139,21 +139,24 @@ def _print_json(
         "failed": failed,
         "took_s": outcome.took_s,
         "processor_s": outcome.processor_s,
-        "changes": [asdict(each) for each in found],
+        "changes": [asdict(change) for change in changes],
     }
     print(json.dumps(shown, indent=2, allow_nan=False))
 
 
-def _print_changes(found: list[EstimateChange]) -> None:
+def _print_changes(changes: list[EstimateChange]) -> None:
     rows = [
         (
-            each.session,
-            *(scaled(soc, 100, 2) for soc in (each.soc_recorded, each.soc_before, each.soc_after, each.soc_rms)),
-            *(scaled(factor, 1, 3) for factor in (each.resistance_before, each.resistance_after)),
-            *(scaled(ah, 1, 3) for ah in (each.capacity_before_ah, each.capacity_after_ah)),
-            *(scaled(volt, 1e3, 2) for volt in (each.innovation_before_v, each.innovation_after_v)),
+            change.session,
+            *(
+                scaled(soc, 100, 2)
+                for soc in (change.soc_recorded, change.soc_before, change.soc_after, change.soc_rms)
+            ),
+            *(scaled(factor, 1, 3) for factor in (change.resistance_before, change.resistance_after)),
+            *(scaled(ah, 1, 3) for ah in (change.capacity_before_ah, change.capacity_after_ah)),
+            *(scaled(volt, 1e3, 2) for volt in (change.innovation_before_v, change.innovation_after_v)),
         )
-        for each in found
+        for change in changes
     ]
     pairs = [f"{what} {when}" for what in ("resistance", "Ah", "mV") for when in ("before", "after")]
     heads = ("session", "SOC % recorded", "SOC % before", "SOC % after", "apart", *pairs)

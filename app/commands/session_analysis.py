@@ -89,9 +89,13 @@ def show_report(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(asdict(report), indent=2))
     else:
-        found = report.findings
-        print(found.headline.text)
-        parts = (("Why", found.why), ("What limited", found.limited), ("What to look at", found.recommended_checks))
+        findings = report.findings
+        print(findings.headline.text)
+        parts = (
+            ("Why", findings.why),
+            ("What limited", findings.limited),
+            ("What to look at", findings.recommended_checks),
+        )
         for title, sentences in parts:
             if not sentences:
                 continue
@@ -114,32 +118,32 @@ def show_comparison(args: argparse.Namespace) -> int:
     from app.analysis.report.report import compare_sessions
 
     with _opened(args, args.session) as session, _opened(args, args.other) as other:
-        found = compare_sessions(session, other)
+        comparison = compare_sessions(session, other)
     if args.json:
         shown = {
-            "a": found.a.figures,
-            "b": found.b.figures,
-            "cells": [asdict(cell) for cell in found.cells],
-            "judged": {"a": _texts(found.a.judged), "b": _texts(found.b.judged)},
-            "unlike": _texts(found.unlike),
+            "a": comparison.a.figures,
+            "b": comparison.b.figures,
+            "cells": [asdict(cell) for cell in comparison.cells],
+            "judged": {"a": _texts(comparison.a.judged), "b": _texts(comparison.b.judged)},
+            "unlike": _texts(comparison.unlike),
         }
         print(json.dumps(shown, indent=2))
         return 0
     rows = []
-    for name, a in found.a.figures.items():
-        b = found.b.figures[name]
+    for name, a in comparison.a.figures.items():
+        b = comparison.b.figures[name]
         rows.append((name, _figure(a), _figure(b), "" if a is None or b is None else f"{b - a:+.5g}"))
-    print_table(("", found.a.id, found.b.id, "difference"), rows, "<>>>")
-    for cell in found.cells:
+    print_table(("", comparison.a.id, comparison.b.id, "difference"), rows, "<>>>")
+    for cell in comparison.cells:
         place = short_place(cell.cell, session.battery.segments)
         print(f"cell {place}: resistance {100 * cell.change:+.1f} % against the others")
-    for text in _texts(found.unlike):
+    for text in _texts(comparison.unlike):
         print(text)
     return 0
 
 
 def _texts(findings: Sequence[RenderedMessage]) -> list[str]:
-    return [each.text for each in findings]
+    return [finding.text for finding in findings]
 
 
 def _figure(value: float | None) -> str:
@@ -195,19 +199,19 @@ def _print_laps(table: LapTable, start_s: float, segments: Sequence[int]) -> Non
     rows = [
         (
             str(lap_number),
-            f"{each.lap.start_s - start_s:.1f}",
-            f"{each.lap.duration_s:.2f}",
-            scaled(each.energy_out_wh, 1, 1),
-            scaled(each.energy_in_wh, 1, 1),
-            scaled(each.power_mean_w, 1e-3, 2),
-            scaled(each.power_max_w, 1e-3, 1),
-            scaled(each.soc_used, 100, 2),
-            scaled(each.temperature_rise_k, 1, 1),
-            _cell(each.temperature_max_cell, each.temperature_max_degc, 0, "degC", segments),
-            _cell(each.weakest_cell, each.voltage_min_v, 3, "V", segments),
-            _notes(each.lap),
+            f"{lap.lap.start_s - start_s:.1f}",
+            f"{lap.lap.duration_s:.2f}",
+            scaled(lap.energy_out_wh, 1, 1),
+            scaled(lap.energy_in_wh, 1, 1),
+            scaled(lap.power_mean_w, 1e-3, 2),
+            scaled(lap.power_max_w, 1e-3, 1),
+            scaled(lap.soc_used, 100, 2),
+            scaled(lap.temperature_rise_k, 1, 1),
+            _cell(lap.temperature_max_cell, lap.temperature_max_degc, 0, "degC", segments),
+            _cell(lap.weakest_cell, lap.voltage_min_v, 3, "V", segments),
+            _notes(lap.lap),
         )
-        for lap_number, each in enumerate(table.laps, 1)
+        for lap_number, lap in enumerate(table.laps, 1)
     ]
     print_table([*heads, "hottest", "lowest cell", "driver"], rows, ">>>>>>>>><<<")
     if len(table.drivers) > 1 or any(driver.driver for driver in table.drivers):

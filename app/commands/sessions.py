@@ -140,8 +140,8 @@ def _show(session: SessionFile, in_use: bool, as_json: bool) -> None:
     for name, value in facts.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
             print(f"{name}:")
-            for each in value:
-                print(printable("  " + "  ".join(str(part) for part in each.values() if part is not None)))
+            for element in value:
+                print(printable("  " + "  ".join(str(part) for part in element.values() if part is not None)))
         elif isinstance(value, list):
             print(printable(f"{name}: {' '.join(value)}"))
         else:
@@ -167,13 +167,13 @@ def list_markers(args: argparse.Namespace) -> int:
     from app.sessions.reading.reader import SessionFile
 
     with SessionFile(find_session(args, args.session)) as session:
-        found = _marker_facts(session)
+        markers = _marker_facts(session)
     if args.json:
-        print(json.dumps(found, indent=2))
+        print(json.dumps(markers, indent=2))
     else:
-        for each in found:
-            who = f" ({each['who']})" if each["who"] else ""
-            print(f"{each['at_s']:>10} s  {each['time']}  {each['kind']}: {each['text']}{who}")
+        for marker in markers:
+            who = f" ({marker['who']})" if marker["who"] else ""
+            print(f"{marker['at_s']:>10} s  {marker['time']}  {marker['kind']}: {marker['text']}{who}")
     return 0
 
 
@@ -200,7 +200,7 @@ def check_sessions(args: argparse.Namespace) -> int:
             print(_verdict(checked[-1]))
     if args.json:
         print(json.dumps(checked, indent=2))
-    return int(bool(unreadable) or any(each["problems"] for each in checked))
+    return int(bool(unreadable) or any(session["problems"] for session in checked))
 
 
 def _checked(path: Path, on_read: Callable[[int, int], None]) -> dict[str, Any]:
@@ -213,8 +213,8 @@ def _checked(path: Path, on_read: Callable[[int, int], None]) -> dict[str, Any]:
 
 def _verdict(checked: dict[str, Any]) -> str:
     problems = "; ".join(checked["problems"])
-    found = coloured(problems, RED) if problems else coloured("sound", GREEN)
-    return f"{checked['id']}: {checked['state']}, {found}"
+    verdict = coloured(problems, RED) if problems else coloured("sound", GREEN)
+    return f"{checked['id']}: {checked['state']}, {verdict}"
 
 
 def _repair(path: Path, target: Path) -> int:
@@ -245,13 +245,13 @@ def prune_sessions(args: argparse.Namespace) -> int:
     if args.older_than is None and args.keep_gb is None:
         raise ConfigError("prune", "(nothing)", "say --older-than DAYS, --keep-gb GB or both")
     sessions = catalogue(args)
-    found = sessions.expired(
+    expired = sessions.expired(
         Clock().wall_ns(),
         older_than_s=None if args.older_than is None else args.older_than * 86400,
         keep_bytes=None if args.keep_gb is None else round(args.keep_gb * 1e9),
     )
-    facts = [_facts(info) | {"deleted": args.yes} for info in found]
-    for info in found:
+    facts = [_facts(info) | {"deleted": args.yes} for info in expired]
+    for info in expired:
         if args.yes:
             sessions.delete(info.id)
         if not args.json:

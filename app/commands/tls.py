@@ -66,20 +66,20 @@ class Renewal:
         settings, own = self._settings, self._certificate
         try:
             if own.is_own:
-                found = own_certificate(
+                certificate = own_certificate(
                     settings.data, (), now_s
                 )  # other networks' addresses are in it from the next start
             else:
-                found = given_certificate(own.certificate, own.key)
-            if found.fingerprint == own.fingerprint:
+                certificate = given_certificate(own.certificate, own.key)
+            if certificate.fingerprint == own.fingerprint:
                 return
-            context_of(found)  # whether key and certificate belong together, before the one in use is touched
-            self._context.load_cert_chain(found.certificate, found.key, password=lambda: "")
+            context_of(certificate)  # whether key and certificate belong together, before the one in use is touched
+            self._context.load_cert_chain(certificate.certificate, certificate.key, password=lambda: "")
         except (ConfigError, OSError) as error:
             log.warning("certificate: %s", error)
             return
-        own.take(found)
-        self._tell(Message("certificate-renewed", fingerprint=found.fingerprint))
+        own.take(certificate)
+        self._tell(Message("certificate-renewed", fingerprint=certificate.fingerprint))
 
     async def keep(self) -> None:
         """Look each hour, for ever."""
