@@ -190,7 +190,7 @@ def _fault(why: Message, segments: tuple[int, ...]) -> AlarmCondition:
         value.value if isinstance(value, Quantity) else None,
         limit.value if isinstance(limit, Quantity) else None,
         value.unit if isinstance(value, Quantity) else "",
-        tuple(each for pack in packs if isinstance(pack, Pack) for each in _cells_of(pack.pack, segments))
+        tuple(cell for pack in packs if isinstance(pack, Pack) for cell in _cells_of(pack.pack, segments))
         if isinstance(packs, tuple)
         else (),
     )
@@ -245,14 +245,14 @@ def _indices(is_so: BoolArray) -> tuple[int, ...]:
 def _findings(snapshot: Snapshot) -> Iterator[AlarmCondition]:
     """Every kind of finding once, with all its cells; a missing voltage has an alarm of its own."""
     for code in _FINDINGS:
-        found = [each for each in snapshot.findings if each.code == code]
-        if found:
-            worst = max(found, key=lambda each: each.size or 0.0)
-            cells = (worst.cell, *(each.cell for each in found if each is not worst))
+        findings = [finding for finding in snapshot.findings if finding.code == code]
+        if findings:
+            worst = max(findings, key=lambda finding: finding.size or 0.0)
+            cells = (worst.cell, *(finding.cell for finding in findings if finding is not worst))
             value, unit = worst.size, worst.unit
             if value is not None and unit == "ohm":
                 value, unit = 1000 * value, "mohm"
-            yield AlarmCondition("warning", condition(code, len(found)), worst.cell, value, None, unit, cells)
+            yield AlarmCondition("warning", condition(code, len(findings)), worst.cell, value, None, unit, cells)
 
 
 _FINDINGS: tuple[FindingCode, ...] = (

@@ -23,8 +23,8 @@ def is_judged(alarm: Alarm, snapshot: Snapshot) -> bool:
         return has_limits(snapshot) and total.voltage_v is not None
     if code == "pack-voltage-high":
         pack = alarm.message.args.get("pack")
-        known = [each.voltage_v is not None for each in snapshot.packs]
-        return has_limits(snapshot) and (known[pack.pack] if isinstance(pack, Pack) else all(known))
+        has_voltage = [pack.voltage_v is not None for pack in snapshot.packs]
+        return has_limits(snapshot) and (has_voltage[pack.pack] if isinstance(pack, Pack) else all(has_voltage))
     if code in ("cell-overtemperature", "cell-overtemperature-near", "cell-undertemperature"):
         degc = snapshot.cells.temperature_degc
         return has_limits(snapshot) and _has_values(alarm, degc, total.temperature_max_degc)
@@ -70,7 +70,7 @@ def _is_link_known(code: str, snapshot: Snapshot) -> bool:
 def _are_slaves_known(alarm: Alarm, snapshot: Snapshot) -> bool:
     """Every pack that it names has a voltage, and a status where the source reports any."""
     packs = alarm.message.args.get("packs")
-    named = [snapshot.packs[each.pack] for each in packs if isinstance(each, Pack)] if isinstance(packs, tuple) else []
+    named = [snapshot.packs[pack.pack] for pack in packs if isinstance(pack, Pack)] if isinstance(packs, tuple) else []
     has_status = snapshot.age_s.slaves is not None
     is_known = all(pack.min_v is not None and (not has_status or pack.slave_status is not None) for pack in named)
     return is_recent(snapshot) and is_known

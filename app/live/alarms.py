@@ -190,22 +190,22 @@ class FindingChanges:
         if snapshot.findings is self._last:
             return []
         self._last = snapshot.findings
-        now: dict[tuple[str, int], Finding] = {(each.code, each.cell): each for each in snapshot.findings}
+        now: dict[tuple[str, int], Finding] = {(finding.code, finding.cell): finding for finding in snapshot.findings}
         made = [
-            _finding_event(snapshot, each, each.message, ended=False)
-            for key, each in now.items()
+            _finding_event(snapshot, finding, finding.message, ended=False)
+            for key, finding in now.items()
             if key not in self._standing
         ]
         ended = [
-            _finding_event(snapshot, each, Message("finding-ended", finding=each.message), ended=True)
-            for key, each in self._standing.items()
+            _finding_event(snapshot, finding, Message("finding-ended", finding=finding.message), ended=True)
+            for key, finding in self._standing.items()
             if key not in now
         ]
         self._standing = now
         return made + ended
 
 
-def _finding_event(snapshot: Snapshot, found: Finding, message: Message, *, ended: bool) -> Event:
-    code = "finding-ended" if ended else f"finding-{found.code}"
+def _finding_event(snapshot: Snapshot, finding: Finding, message: Message, *, ended: bool) -> Event:
+    code = "finding-ended" if ended else f"finding-{finding.code}"
     severity: Severity = "info" if ended else "warning"
-    return Event(snapshot.t_wall_ns, severity, code, message, found.cell, found.size, None, found.unit)
+    return Event(snapshot.t_wall_ns, severity, code, message, finding.cell, finding.size, None, finding.unit)

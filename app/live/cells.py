@@ -46,16 +46,16 @@ def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Asse
 
 def with_findings(cells: Cells, findings: Iterable[Finding]) -> Cells:
     """Cells whose resistance and joint [ohm] are those of their findings: the verdict on a trip is more than theirs."""
-    found = [(each, each.size) for each in findings if each.code in RESISTING and each.size is not None]
-    if not found:
+    sizes = [(finding, finding.size) for finding in findings if finding.code in RESISTING and finding.size is not None]
+    if not sizes:
         return cells
     resistance_ohm, joint_ohm = cells.resistance_ohm.copy(), cells.joint_excess_ohm.copy()
     is_loose = np.zeros(joint_ohm.shape, bool) if cells.joint_loose is None else cells.joint_loose.copy()
     usual_ohm = np.nanmedian(resistance_ohm) if np.isfinite(resistance_ohm).any() else np.nan
-    for each, size_ohm in found:
-        resistance_ohm[each.cell] = np.fmax(resistance_ohm[each.cell], usual_ohm + size_ohm)
-        if each.code == "joint-resistance-high":
-            joint_ohm[each.cell], is_loose[each.cell] = size_ohm, True
+    for finding, size_ohm in sizes:
+        resistance_ohm[finding.cell] = np.fmax(resistance_ohm[finding.cell], usual_ohm + size_ohm)
+        if finding.code == "joint-resistance-high":
+            joint_ohm[finding.cell], is_loose[finding.cell] = size_ohm, True
     return replace(cells, resistance_ohm=resistance_ohm, joint_excess_ohm=joint_ohm, joint_loose=is_loose)
 
 
@@ -90,5 +90,5 @@ def packs_of(battery: Battery, cells: Cells, slave_status: tuple[int | None, ...
         np.fmax.reduceat(temperatures_degc, starts),
         np.fmin.reduceat(temperatures_degc, starts),
     )
-    known = ([None if math.isnan(value) else value for value in column.tolist()] for column in columns)
-    return tuple(map(Pack, *known, slave_status))
+    lists = ([None if math.isnan(value) else value for value in column.tolist()] for column in columns)
+    return tuple(map(Pack, *lists, slave_status))

@@ -19,10 +19,10 @@ def start_estimator(
     by_voltage, variance = estimator.state_mean[0], estimator.state_cov[:, 0, 0]
     soc, sigma = np.full((2, *voltages_v.shape), np.nan)
     master_soc = measured.master.soc
-    known = [] if master_soc is None else [(np.full_like(soc, master_soc), np.full_like(soc, MASTER_SOC_SIGMA))]
+    starts = [] if master_soc is None else [(np.full_like(soc, master_soc), np.full_like(soc, MASTER_SOC_SIGMA))]
     if remembered is not None:
-        known.append(remembered.at(measured, estimator.capacity()[0], estimator.tuning))
-    for known_soc, known_sigma in known:
+        starts.append(remembered.at(measured, estimator.capacity()[0], estimator.tuning))
+    for known_soc, known_sigma in starts:
         agrees = np.abs(known_soc - by_voltage) < 3.0 * np.sqrt(variance + known_sigma**2)
         soc, sigma = np.where(agrees, known_soc, soc), np.where(agrees, known_sigma, sigma)
     estimator.start(voltages_v, degc, current_a, soc, sigma)

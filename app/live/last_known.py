@@ -11,8 +11,8 @@ from app.telemetry.fields import Part, history_fields
 from app.telemetry.last_known import LastCells, LastKnown, LastNumber, LastOfAccumulator, LastOfCells, LastOfPack
 from app.telemetry.measurement import BLANK_S, STALE_S
 
-_TOTALS = tuple(each.name for each in fields(LastOfAccumulator))
-_OF_PACK = tuple(each.name for each in fields(LastOfPack))
+_TOTALS = tuple(field.name for field in fields(LastOfAccumulator))
+_OF_PACK = tuple(field.name for field in fields(LastOfPack))
 _PART: dict[str, Part] = dict.fromkeys((*_TOTALS, *_OF_PACK), "voltage")
 _PART |= {name: part for name, _, part in history_fields(Accumulator)}
 _PART |= {name: "temperature" for name in _OF_PACK if name.startswith("temperature")}

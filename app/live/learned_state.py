@@ -112,16 +112,16 @@ def _arrays(state: LearnedState) -> dict[str, ArrayLike]:
 
 def _counted(file: Mapping[str, FloatArray]) -> MasterCount:
     """The master's count; older versions saved none."""
-    stored = ((each.name, file.get(f"count_{each.name}")) for each in fields(MasterCount))
-    known: dict[str, Any] = {name: value.item() for name, value in stored if value is not None}
-    return MasterCount(**known)
+    stored = ((field.name, file.get(f"count_{field.name}")) for field in fields(MasterCount))
+    values: dict[str, Any] = {name: value.item() for name, value in stored if value is not None}
+    return MasterCount(**values)
 
 
 def _watch_arrays(watch: CellWatchMemory | None) -> dict[str, FloatArray]:
     """What `CellWatch` remembers, as arrays; findings as JSON in one array of a text."""
     if watch is None:
         return {}
-    text = json.dumps([asdict(each) for each in watch.findings])
+    text = json.dumps([asdict(finding) for finding in watch.findings])
     arrays: dict[str, FloatArray] = {"findings": np.array(text)}
     if watch.loose is not None:
         arrays["loose_ohm"] = np.array((watch.loose.excess_ohm, watch.loose.sigma_ohm))
@@ -154,10 +154,10 @@ def _watched(file: Mapping[str, FloatArray], n_cells: int) -> CellWatchMemory | 
     """
     if "findings" not in file:
         return None
-    found = [_finding(each) for each in json.loads(str(file["findings"]))]
+    findings = [_finding(finding) for finding in json.loads(str(file["findings"]))]
     loose = LooseJoints(*file["loose_ohm"]) if "loose_ohm" in file else None
     charge = None
     if "charge_at" in file and file["charge_mean"].shape == (STATES, n_cells):
         time_s, evidence_s, soc = file["charge_at"].tolist()
         charge = ChargeMemory(time_s, evidence_s, soc, file["charge_mean"], file["charge_cov"])
-    return CellWatchMemory(file["joint_baseline_ohm"], loose, charge, tuple(found))
+    return CellWatchMemory(file["joint_baseline_ohm"], loose, charge, tuple(findings))

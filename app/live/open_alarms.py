@@ -42,14 +42,14 @@ def _packs(alarm: Alarm) -> list[int]:
     """The packs that its message names."""
     packs = alarm.message.args.get("packs")
     named = (alarm.message.args.get("pack"), *(packs if isinstance(packs, tuple) else ()))
-    return [each.pack for each in named if isinstance(each, Pack)]
+    return [argument.pack for argument in named if isinstance(argument, Pack)]
 
 
 def save_open_alarms(path: Path, alarms: Iterable[Alarm]) -> None:
     """Replace the file as a whole; a full disk is logged and costs only this."""
     try:
         replace_file(
-            path, orjson.dumps({"alarms": [asdict(each) for each in alarms]}, option=orjson.OPT_SERIALIZE_NUMPY)
+            path, orjson.dumps({"alarms": [asdict(alarm) for alarm in alarms]}, option=orjson.OPT_SERIALIZE_NUMPY)
         )
     except OSError as error:
         log.warning("%s was not saved: %s", path, error.strerror or error)
@@ -65,7 +65,7 @@ def _alarm(stored: dict[str, Any]) -> Alarm:
         if cause is None
         else TripCause(
             **_possible(cause) | {name: cause[name] for name in _JUDGED},
-            others=tuple(PossibleCause(**_possible(each)) for each in cause["others"]),
+            others=tuple(PossibleCause(**_possible(other)) for other in cause["others"]),
         ),
     }
     return checked(Alarm(**stored | changed))

@@ -143,10 +143,10 @@ class Pipeline:
     @property
     def charge(self) -> RememberedCharge | None:
         """What is known of the SOC of the cells, to go on from after a restart."""
-        known, measured = self._estimates, self._stepped
-        if known is None or measured is None:
+        estimates, measured = self._estimates, self._stepped
+        if estimates is None or measured is None:
             return None
-        return RememberedCharge(measured.t_wall_ns, known.soc, known.soc_sigma, MasterCount.of(measured))
+        return RememberedCharge(measured.t_wall_ns, estimates.soc, estimates.soc_sigma, MasterCount.of(measured))
 
     def mark_lap(self, ago_s: float = 0.0) -> None:
         """The car crosses the line now, or did so long ago [s]. From any thread."""
@@ -182,21 +182,21 @@ class Pipeline:
             start_estimator(estimator, measured, current_a, self._remembered)
             return estimator
 
-        found = self._first_minutes.again(predictor.factors_in_use, predictor.learned.has_resistance, restart)
-        if found is not None:
-            self._estimator, self._estimates = found
+        restarted = self._first_minutes.again(predictor.factors_in_use, predictor.learned.has_resistance, restart)
+        if restarted is not None:
+            self._estimator, self._estimates = restarted
 
     def _power_limits(self) -> Limits:
         """Limits of the configuration or of the profile; the cell's own where one is missing."""
-        known = self._limits
-        if known is None:
+        given = self._limits
+        if given is None:
             return Limits()
         limits = {
-            "v_min_v": known.cell_voltage_min_v,
-            "v_max_v": known.cell_voltage_max_v,
-            "discharge_max_a": max(known.discharge_max_a, MIN_CURRENT_LIMIT_A),
-            "charge_max_a": max(-known.discharge_min_a, MIN_CURRENT_LIMIT_A),
-            "temperature_max_degc": known.temperature_max_degc,
+            "v_min_v": given.cell_voltage_min_v,
+            "v_max_v": given.cell_voltage_max_v,
+            "discharge_max_a": max(given.discharge_max_a, MIN_CURRENT_LIMIT_A),
+            "charge_max_a": max(-given.discharge_min_a, MIN_CURRENT_LIMIT_A),
+            "temperature_max_degc": given.temperature_max_degc,
         }
         return Limits(**{name: limit for name, limit in limits.items() if not np.isnan(limit)})
 

@@ -257,13 +257,13 @@ class Predictor:
             branches = np.zeros((self.cell.n_rc, len(estimates.soc)))
         states = OperatingPoint(estimates.soc, branches, temperatures_degc)
         load_a = current_a if self._load_a is None else self._load_a
-        known = self.learned
+        learned = self.learned
         of_cells = CellKnowledge(
             estimates.soc_sigma,
-            known.resistance_factor,
-            known.resistance_sigma,
-            known.capacity_ah,
-            known.capacity_sigma_ah / known.capacity_ah,
+            learned.resistance_factor,
+            learned.resistance_sigma,
+            learned.capacity_ah,
+            learned.capacity_sigma_ah / learned.capacity_ah,
             self._heat.cooling_w,
         )
         self._forecast.begin(states, of_cells)
@@ -278,10 +278,10 @@ class Predictor:
                 temperatures_degc,
                 pace * mean_a,
                 soc,
-                capacity_ah=known.capacity_ah,
-                resistance_factor=known.resistance_factor,
-                capacity_sigma_ah=known.capacity_sigma_ah,
-                resistance_sigma=known.resistance_sigma,
+                capacity_ah=learned.capacity_ah,
+                resistance_factor=learned.resistance_factor,
+                capacity_sigma_ah=learned.capacity_sigma_ah,
+                resistance_sigma=learned.resistance_sigma,
                 loss_current_a=pace * loss_a,
                 v_min_v=limits.v_min_v,
                 branch_a=branches,
@@ -333,12 +333,12 @@ class Predictor:
         self._joints = self._watch.joints
         self.findings = self._found()
         tracker = self._capacities.tracker
-        self.learned = known = self._learned()
-        self._offset.use_capacity(float(known.capacity_ah.mean()))
+        self.learned = learned = self._learned()
+        self._offset.use_capacity(float(learned.capacity_ah.mean()))
         self._capacity_ah = tracker.capacity_ah()
-        capacity_ah = np.where(known.has_capacity, known.capacity_ah, np.nan)
-        resistance_factor = np.where(known.has_resistance, known.resistance_factor, np.nan)
-        self._health = state_of_health(capacity_ah, known.capacity_sigma_ah, tracker.nominal_ah, resistance_factor)
+        capacity_ah = np.where(learned.has_capacity, learned.capacity_ah, np.nan)
+        resistance_factor = np.where(learned.has_resistance, learned.resistance_factor, np.nan)
+        self._health = state_of_health(capacity_ah, learned.capacity_sigma_ah, tracker.nominal_ah, resistance_factor)
         self._laps.judge()
 
     def _found(self) -> tuple[Finding, ...]:
@@ -352,7 +352,7 @@ class Predictor:
         self, assessment: Assessment, load_a: float, driven_a: float, temperatures_degc: FloatArray
     ) -> Prediction:
         nearest = min(assessment.to_trip, key=lambda trip: trip.seconds, default=None)
-        energy, known = assessment.energy, assessment.learned
+        energy, learned = assessment.energy, assessment.learned
         measured_a = self.cell.fit_current_max_a or None
         unknown = cells_unknown(self._unknown_cells)
         temperatures = beyond_temperatures(self.cell, temperatures_degc)
@@ -368,7 +368,7 @@ class Predictor:
             energy_left_high_wh=None if energy is None else energy.high_wh,
             energy_left_cell=None if energy is None else energy.cell,
             energy_left_beyond_measured=is_beyond,
-            counted_with=None if known is None else _counted_with(known),
+            counted_with=None if learned is None else _counted_with(learned),
             laps=assessment.laps,
             target=assessment.target,
             coverage=COVERAGE,
@@ -388,13 +388,13 @@ def _watched_before(learned_before: LearnedCells | None) -> CellWatchMemory | No
     return learned_before.watch or CellWatchMemory(learned_before.joint_baseline_ohm)
 
 
-def _counted_with(known: Learned) -> CountedWith:
+def _counted_with(learned: Learned) -> CountedWith:
     """How many cells are counted with what was learned of them, and how far those lie from the cell file on average."""
-    capacity, resistance = known.has_capacity, known.has_resistance
-    share = known.capacity_ah / known.nominal_ah
+    capacity, resistance = learned.has_capacity, learned.has_resistance
+    share = learned.capacity_ah / learned.nominal_ah
     return CountedWith(
         capacity_cells=int(capacity.sum()),
         capacity_factor=float(share[capacity].mean()) if capacity.any() else None,
         resistance_cells=int(resistance.sum()),
-        resistance_factor=float(known.resistance_factor[resistance].mean()) if resistance.any() else None,
+        resistance_factor=float(learned.resistance_factor[resistance].mean()) if resistance.any() else None,
     )

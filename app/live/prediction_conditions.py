@@ -48,11 +48,11 @@ def power_held(power: StatePower | None, temperatures: Message | None) -> Messag
 
 def beyond_temperatures(cell: CellModel, temperatures_degc: FloatArray) -> Message | None:
     """All of it: the cells' temperatures, where those that the cell file was measured at are too far from them."""
-    known = temperatures_degc[np.isfinite(temperatures_degc)]
-    if not is_beyond_temperatures(cell, known):
+    finite = temperatures_degc[np.isfinite(temperatures_degc)]
+    if not is_beyond_temperatures(cell, finite):
         return None
     low, high = (Quantity(float(cell.measured_degc[end]), "degC", 0) for end in (0, -1))
-    furthest = float(known[cell.drop_error(known).argmax()])
+    furthest = float(finite[cell.drop_error(finite).argmax()])
     return Message("beyond-temperatures", low=low, high=high, now=Quantity(furthest, "degC", 0))
 
 

@@ -37,7 +37,7 @@ class Trend:
         cells, t_ns = snapshot.cells, snapshot.t_mono_ns
         balancing = np.full(self._n_cells, np.nan) if cells.balancing is None else cells.balancing.astype(np.float64)
         values = np.stack([balancing if name == "balancing" else getattr(cells, name) for name in NAMES])
-        known = ~np.isnan(values)
+        is_known = ~np.isnan(values)
         with self._lock:
             step_s = 0.0 if self._before_ns is None else (t_ns - self._before_ns) / 1e9
             if 0 < step_s <= LONGEST_STEP_S:
@@ -46,8 +46,8 @@ class Trend:
             self._wall_minus_mono_ns = snapshot.t_wall_ns - t_ns
             if self._since_ns is None:
                 self._since_ns = t_ns
-            self._sum += np.where(known, values, 0.0)
-            self._weight += known
+            self._sum += np.where(is_known, values, 0.0)
+            self._weight += is_known
             if (t_ns - self._since_ns) / 1e9 >= EVERY_S:
                 row = self._count % LENGTH
                 self._t_ns[row] = t_ns

@@ -115,7 +115,7 @@ def addresses_of(host: str) -> list[str]:
         return []
     if not listens_on.is_unspecified:
         return [host]
-    found: list[str] = []
+    addresses: list[str] = []
     for probe in _PROBES:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             try:
@@ -124,9 +124,9 @@ def addresses_of(host: str) -> list[str]:
                 continue
             own = out.getsockname()[0]
         address = IPv4Address(own)
-        if not (address.is_loopback or address.is_unspecified) and own not in found:
-            found.append(own)
-    return found
+        if not (address.is_loopback or address.is_unspecified) and own not in addresses:
+            addresses.append(own)
+    return addresses
 
 
 def disk_of(folder: Path) -> dict[str, int] | None:

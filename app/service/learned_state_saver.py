@@ -104,12 +104,12 @@ class LearnedStateSaver:
 
 
 def _findings_of(predictor: Predictor) -> set[tuple[str, int]]:
-    return {(each.code, each.cell) for each in predictor.findings}
+    return {(finding.code, finding.cell) for finding in predictor.findings}
 
 
 def _open(alarms: tuple[Alarm, ...]) -> tuple[object, ...]:
     """What a restart must not lose of alarms; their values change all the time."""
-    return tuple((each.id, each.active, each.acknowledged_by, each.cause) for each in alarms)
+    return tuple((alarm.id, alarm.active, alarm.acknowledged_by, alarm.cause) for alarm in alarms)
 
 
 def learning_pipeline(

@@ -106,6 +106,6 @@ def configure(level: str) -> None:
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s", "%H:%M:%S"))
         root.addHandler(handler)
         atexit.register(handler.end)
-    for each in root.handlers:
-        each.addFilter(RepeatFilter())
+    for output in root.handlers:
+        output.addFilter(RepeatFilter())
     logging.getLogger("can").setLevel(logging.WARNING)

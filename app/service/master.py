@@ -166,19 +166,19 @@ class ConfigurationInForce:
 
     def image(self) -> bytes | None:
         """Return the 420 bytes as last received or read, None before the first time."""
-        return None if (known := self._newest()) is None else known[1]
+        return None if (newest := self._newest()) is None else newest[1]
 
     def age_s(self) -> float | None:
         """Return the seconds since the configuration was received or read."""
-        return None if (known := self._newest()) is None else max(0.0, (self._clock.monotonic_ns() - known[0]) / 1e9)
+        return None if (newest := self._newest()) is None else max(0.0, (self._clock.monotonic_ns() - newest[0]) / 1e9)
 
     def stored_hash(self) -> str | None:
         """Return the hash of what the EEPROM holds, None where it was not read or holds nothing."""
         return None if (stored := self._configuration.stored) is None else image_hash(stored.image)
 
     def _newest(self) -> tuple[int, bytes] | None:
-        known = [each for each in (self._received, self._configuration.last_read) if each is not None]
-        return max(known, key=lambda each: each[0], default=None)
+        images = [image for image in (self._received, self._configuration.last_read) if image is not None]
+        return max(images, key=lambda image: image[0], default=None)
 
 
 def ids_of_others(trace: CanTrace, battery: LoadedBattery, in_force: ConfigurationInForce) -> set[int]:

@@ -74,8 +74,8 @@ class SessionWatch:
         began_ns = self._clock.monotonic_ns()
         try:
             self._recorder.flush()
-            found = self._workers.run(REPORT, causes_without_trip, self._catalogue.path(session_id))
-            self._name(found, is_over=is_over)
+            causes = self._workers.run(REPORT, causes_without_trip, self._catalogue.path(session_id))
+            self._name(causes, is_over=is_over)
         except AppError as error:
             log.info("the running recording was not looked at: %s", error)
         except Exception:  # whatever is wrong with a look, the next one is made
@@ -85,13 +85,13 @@ class SessionWatch:
             self._due_ns = max(self._due_ns, began_ns + round(took_ns / SHARE))
             self._is_looking = False
 
-    def _name(self, found: Sequence[Cause] | None, *, is_over: bool) -> None:
-        if found is None:
+    def _name(self, causes: Sequence[Cause] | None, *, is_over: bool) -> None:
+        if causes is None:
             return
-        before, self._before = self._before, {_place(cause) for cause in found}
+        before, self._before = self._before, {_place(cause) for cause in causes}
         if before is None and not is_over:
             return  # one look ends nothing that was named before a restart
-        named = [cause for cause in found if is_over or _place(cause) in (before or ())]
+        named = [cause for cause in causes if is_over or _place(cause) in (before or ())]
         self._pipeline.name(tuple(trip_cause(cause) for cause in named))
 
 

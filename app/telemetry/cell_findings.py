@@ -38,22 +38,22 @@ class Finding:
     confidence: Annotated[float, Unit("1", "probability that it is so", 3)]
 
 
-def findings_in_words(found: Iterable[CellFinding], sensors: Sensors | None = None) -> tuple[Finding, ...]:
+def findings_in_words(findings: Iterable[CellFinding], sensors: Sensors | None = None) -> tuple[Finding, ...]:
     """Return findings in their words; what is wrong with a temperature sensor is listed once, with its cells.
 
     Args:
-        found: by a watch that was fed with unix times.
+        findings: by a watch that was fed with unix times.
         sensors: of each temperature sensor the cells that it stands for; None: one a cell.
     """
     listed: list[Finding] = []
     named: set[int] = set()  # sensors
-    for each in found:
-        if not each.code.startswith("temperature-sensor") or sensors is None:
-            listed.append(finding_of(each))
+    for finding in findings:
+        if not finding.code.startswith("temperature-sensor") or sensors is None:
+            listed.append(finding_of(finding))
             continue
-        of_cell = [number for number, cells in enumerate(sensors) if each.cell in cells and number not in named]
+        of_cell = [number for number, cells in enumerate(sensors) if finding.cell in cells and number not in named]
         named.update(of_cell)
-        listed += [finding_of(each, _sensor(number, sensors[number])) for number in of_cell[:1]]
+        listed += [finding_of(finding, _sensor(number, sensors[number])) for number in of_cell[:1]]
     return tuple(listed)
 
 
@@ -66,25 +66,25 @@ def _sensor(number: int, cells: tuple[int, ...]) -> Message:
     return Message("sensor-of-cells", sensor=number + 1, first=Cell(cells[0]), last=Cell(cells[-1]), n=len(cells))
 
 
-def finding_of(found: CellFinding, name: Message | None = None) -> Finding:
+def finding_of(finding: CellFinding, name: Message | None = None) -> Finding:
     """Return a finding of a watch that was fed with unix times; `name` takes the place of the cell's name."""
-    low, high = found.band
+    low, high = finding.band
     return Finding(
-        code=found.code,
-        cell=found.cell,
-        message=what_of(found, name),
-        evidence=evidence_of(found),
-        size=_finite(found.size),
-        low=_finite(low) if isfinite(found.size) else None,
+        code=finding.code,
+        cell=finding.cell,
+        message=what_of(finding, name),
+        evidence=evidence_of(finding),
+        size=_finite(finding.size),
+        low=_finite(low) if isfinite(finding.size) else None,
         high=_finite(high),
-        unit=found.unit,
-        since=found.since_s,
-        seen=found.seen_s,
-        current_a=_finite(found.current_a),
-        value=_finite(found.value),
-        usual=_finite(found.usual),
-        neighbours=found.neighbours,
-        confidence=found.confidence,
+        unit=finding.unit,
+        since=finding.since_s,
+        seen=finding.seen_s,
+        current_a=_finite(finding.current_a),
+        value=_finite(finding.value),
+        usual=_finite(finding.usual),
+        neighbours=finding.neighbours,
+        confidence=finding.confidence,
     )
 
 
@@ -99,7 +99,7 @@ _SIZED: Final = (
 )  # their message has no argument but the size
 
 
-def agreeing(found: Iterable[Finding], causes: Sequence[TripCause]) -> tuple[Finding, ...]:
+def agreeing(findings: Iterable[Finding], causes: Sequence[TripCause]) -> tuple[Finding, ...]:
     """Return findings that agree with the verdicts on trips: of a cell that one explains there is that finding alone.
 
     It has the verdict's size, band and confidence; where the judge of the cells has not found it yet, it is added.
@@ -107,25 +107,25 @@ def agreeing(found: Iterable[Finding], causes: Sequence[TripCause]) -> tuple[Fin
     by_time = sorted(causes, key=lambda cause: cause.judged or 0.0)  # the newest counts
     explained = {cause.cell: cause for cause in by_time if cause.cell is not None and cause.code != "unknown"}
     listed: list[Finding] = []
-    for each in found:
-        cause = explained.get(each.cell)
+    for finding in findings:
+        cause = explained.get(finding.cell)
         if cause is None:
-            listed.append(each)
-        elif cause.code == each.code:
-            listed.append(_by_verdict(cause, each))
-    named = {each.cell for each in listed}
+            listed.append(finding)
+        elif cause.code == finding.code:
+            listed.append(_by_verdict(cause, finding))
+    named = {finding.cell for finding in listed}
     left = [cause for cell, cause in explained.items() if cell not in named and cause.code in get_args(FindingCode)]
     return (*listed, *(_by_verdict(cause, None) for cause in left))
 
 
-def _by_verdict(cause: TripCause, known: Finding | None) -> Finding:
+def _by_verdict(cause: TripCause, by_judge: Finding | None) -> Finding:
     """The verdict on a trip as a finding of its cell; `known` by the judge of the cells, None: not found by it."""
     assert cause.cell is not None
     sure = Quantity(100 * cause.confidence, "%", 0)
     by_recording = Message("evidence-verdict", sure=sure)
     since, judged = cause.since or 0.0, cause.judged or 0.0
-    if known is None:
-        known = Finding(
+    if by_judge is None:
+        by_judge = Finding(
             code=cast(FindingCode, cause.code),
             cell=cause.cell,
             message=cause.message,
@@ -142,19 +142,22 @@ def _by_verdict(cause: TripCause, known: Finding | None) -> Finding:
             neighbours=(),
             confidence=cause.confidence,
         )
-    message, evidence = known.message, by_recording if known.size != cause.size else known.evidence.having(sure=sure)
+    message, evidence = (
+        by_judge.message,
+        by_recording if by_judge.size != cause.size else by_judge.evidence.having(sure=sure),
+    )
     size, high = cause.size, cause.high
     if size is not None and high is not None and cause.code in _SIZED:
         nan, sigma = float("nan"), (high - size) / BAND_SIGMAS
-        arguments = (known.code, cause.cell, size, sigma, cause.unit, since, judged, nan, nan, nan, nan, (), nan)
+        arguments = (by_judge.code, cause.cell, size, sigma, cause.unit, since, judged, nan, nan, nan, nan, (), nan)
         message = what_of(CellFinding(*arguments))
     return replace(
-        known,
+        by_judge,
         message=message,
         evidence=evidence,
-        size=known.size if size is None else size,
-        low=known.low if size is None else cause.low,
-        high=known.high if size is None else high,
+        size=by_judge.size if size is None else size,
+        low=by_judge.low if size is None else cause.low,
+        high=by_judge.high if size is None else high,
         confidence=cause.confidence,
     )
 
@@ -175,52 +178,52 @@ def size_of(code: str, size: float) -> Quantity | None:
     return None
 
 
-def what_of(found: CellFinding, name: Message | None = None) -> Message:
+def what_of(finding: CellFinding, name: Message | None = None) -> Message:
     """Return what is wrong, with the cell's name, or another one, and the size."""
-    cell, (low, high) = name or Cell(found.cell), found.band
-    match found.code:
+    cell, (low, high) = name or Cell(finding.cell), finding.band
+    match finding.code:
         case "joint-resistance-high":
-            size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")
+            size, band = _milliohm(finding.size), _span(1000 * low, 1000 * high, "mohm")
             return Message("finding-joint-resistance-high", cell=cell, size=size, band=band)
         case "cell-resistance-high":
-            size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")
+            size, band = _milliohm(finding.size), _span(1000 * low, 1000 * high, "mohm")
             return Message("finding-cell-resistance-high", cell=cell, size=size, band=band)
         case "capacity-low":
-            size, band = _percent(found.size), _span(100 * low, min(100 * high, 100.0), "%")
+            size, band = _percent(finding.size), _span(100 * low, min(100 * high, 100.0), "%")
             return Message("finding-capacity-low", cell=cell, size=size, band=band)
         case "self-discharge-high":
-            size, band = _leak(found.size), _leak_span(low, high)
+            size, band = _leak(finding.size), _leak_span(low, high)
             return Message(
-                "finding-self-discharge-high", cell=cell, size=size, band=band, resistance=_leak_ohm(found.size)
+                "finding-self-discharge-high", cell=cell, size=size, band=band, resistance=_leak_ohm(finding.size)
             )
         case "temperature-sensor-open":
             return Message("finding-temperature-sensor-open", cell=cell)
         case "temperature-sensor-fault":
-            shown, usual = Quantity(found.value, "degC", 0), Quantity(found.usual, "degC", 0)
+            shown, usual = Quantity(finding.value, "degC", 0), Quantity(finding.usual, "degC", 0)
             return Message("finding-temperature-sensor-fault", cell=cell, shown=shown, usual=usual)
         case "cell-voltage-missing":
             return Message("finding-cell-voltage-missing", cell=cell)
         case "cell-voltage-stuck":
-            shown, moved = Quantity(found.value, "V", 3), Quantity(found.size, "V", 2)
+            shown, moved = Quantity(finding.value, "V", 3), Quantity(finding.size, "V", 2)
             return Message("finding-cell-voltage-stuck", cell=cell, shown=shown, moved=moved)
         case "cell-voltage-noisy":
-            return Message("finding-cell-voltage-noisy", cell=cell, size=Quantity(1000 * found.size, "mV", 0))
+            return Message("finding-cell-voltage-noisy", cell=cell, size=Quantity(1000 * finding.size, "mV", 0))
         case "sense-wire-open":
             return Message("finding-sense-wire-open", cell=cell)
         case "cell-imbalance":
-            return Message("finding-cell-imbalance", cell=cell, size=_percent(found.size))
+            return Message("finding-cell-imbalance", cell=cell, size=_percent(finding.size))
         case "external-heating":
-            return Message("finding-external-heating", cell=cell, heat=Quantity(found.size, "W", 0))
+            return Message("finding-external-heating", cell=cell, heat=Quantity(finding.size, "W", 0))
 
 
-def evidence_of(found: CellFinding) -> Message:
+def evidence_of(finding: CellFinding) -> Message:
     """Return its evidence: how long, at which current, against which neighbours, and how sure that is."""
-    lasted, sure = _time(found.evidence_s), Quantity(100 * found.confidence, "%", 0)
-    others = _neighbour_range(found.neighbours)
-    current = Quantity(found.current_a, "A", 0)
-    match found.code:
+    lasted, sure = _time(finding.evidence_s), Quantity(100 * finding.confidence, "%", 0)
+    others = _neighbour_range(finding.neighbours)
+    current = Quantity(finding.current_a, "A", 0)
+    match finding.code:
         case "joint-resistance-high" | "cell-resistance-high":
-            value, usual = _milliohm(found.value), _milliohm(found.usual)
+            value, usual = _milliohm(finding.value), _milliohm(finding.usual)
             return Message(
                 "evidence-resistance",
                 lasted=lasted,

@@ -71,7 +71,7 @@ def _converter(owner: type) -> _Convert | None:
 
     def convert(value: Any, segments: Segments) -> dict[str, Any]:
         values = zip(plan, read(value), strict=True)
-        body = {name: each if change is None else change(each, segments) for (name, change), each in values}
+        body = {name: value if change is None else change(value, segments) for (name, change), value in values}
         for name in left_out:
             if body[name] is None:
                 del body[name]
@@ -98,10 +98,12 @@ def _field_converter(field: Described) -> _Convert | None:
         return None
     element = element_of(kind)
     if element is not None and is_dataclass(element):
-        each = _converter(element)  # type: ignore[arg-type]
-        if each is None:
+        convert_element = _converter(element)  # type: ignore[arg-type]
+        if convert_element is None:
             return None
-        return lambda values, segments: None if values is None else [each(value, segments) for value in values]
+        return lambda values, segments: (
+            None if values is None else [convert_element(value, segments) for value in values]
+        )
     if is_dataclass(kind):
         whole = _converter(kind)  # type: ignore[arg-type]
         return None if whole is None else lambda value, segments: None if value is None else whole(value, segments)

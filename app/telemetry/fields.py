@@ -85,33 +85,33 @@ class Described:
 def described(owner: type) -> tuple[Described, ...]:
     """Return the fields of a dataclass in their order."""
     hints = get_type_hints(owner, include_extras=True)
-    found = []
-    for each in fields(owner):
-        hint = hints[each.name]
+    marked = []
+    for field in fields(owner):
+        hint = hints[field.name]
         if get_origin(hint) is Annotated:
             inner, *marks = get_args(hint)
-            found.append(Described(each.name, inner, tuple(marks)))
+            marked.append(Described(field.name, inner, tuple(marks)))
         else:
-            found.append(Described(each.name, hint, ()))
-    return tuple(found)
+            marked.append(Described(field.name, hint, ()))
+    return tuple(marked)
 
 
 def marked(owner: type, mark: object) -> tuple[str, ...]:
     """Return the names of the fields that carry a mark."""
-    return tuple(each.name for each in described(owner) if mark in each.marks)
+    return tuple(field.name for field in described(owner) if mark in field.marks)
 
 
 def units(owner: type) -> Iterator[tuple[str, Unit]]:
     """Yield the fields that are numbers with a unit."""
-    for each in described(owner):
-        unit: Unit | None = each.mark(Unit)
+    for field in described(owner):
+        unit: Unit | None = field.mark(Unit)
         if unit is not None:
-            yield each.name, unit
+            yield field.name, unit
 
 
 def history_fields(owner: type) -> Iterator[tuple[str, Unit, Part]]:
     """Yield the fields that history keeps, with the part of the measurement that they are as old as."""
-    for each in described(owner):
-        keeping: Kept | None = each.mark(Kept)
+    for field in described(owner):
+        keeping: Kept | None = field.mark(Kept)
         if keeping is not None:
-            yield each.name, each.mark(Unit), keeping.part
+            yield field.name, field.mark(Unit), keeping.part

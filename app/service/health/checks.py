@@ -82,14 +82,14 @@ class Health:
         """Return why nothing is shown or recorded: links, recorder, pipeline. A master that is switched off is one."""
         snapshot = self._live.snapshot
         links = [] if snapshot is None else [link_trouble(name, status) for name, status in snapshot.links.items()]
-        found = [
+        messages = [
             *self._live.silence(),
             *self.stalls(),
             *links,
             self._recorder.status.error,
             self._recorder.start_failure,
         ]
-        return _once(found)
+        return _once(messages)
 
     def stalls(self) -> list[Message]:
         """Return what stands still for good: threads of pipeline, links, recorder.
@@ -99,9 +99,9 @@ class Health:
         return [*self._live.stuck(), *self._links.stuck(), *self._recorder.stuck()]
 
 
-def _once(found: list[Message | None]) -> list[Message]:
+def _once(messages: list[Message | None]) -> list[Message]:
     """Each message once, and the pipeline's silence, whose seconds go on between two readings, once."""
-    each = {
-        message.code if message.code == "no-snapshot-for" else message: message for message in found[::-1] if message
+    message_by_code = {
+        message.code if message.code == "no-snapshot-for" else message: message for message in messages[::-1] if message
     }
-    return [*each.values()][::-1]
+    return [*message_by_code.values()][::-1]

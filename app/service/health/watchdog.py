@@ -44,13 +44,13 @@ async def keep_alive(stalls: Callable[[], Sequence[Message]], environment: Mappi
         return
     was_silent = False
     while True:
-        found = stalls()
-        if found:
-            why = "; ".join(map(render, found))
+        stalled = stalls()
+        if stalled:
+            why = "; ".join(map(render, stalled))
             if not was_silent:
                 log.error("no sign of life to systemd: %s", why)
             notify(f"STATUS={why}", environment)
         else:
             notify("WATCHDOG=1", environment)
-        was_silent = bool(found)
+        was_silent = bool(stalled)
         await asyncio.sleep(every_s)

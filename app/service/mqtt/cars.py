@@ -228,10 +228,10 @@ def _message(document: object) -> dict[str, Any]:
 def _document(topic: str, body: bytes) -> Any:
     """A message as JSON of its topic's kind, None where it is none."""
     try:
-        found = orjson.loads(body)
+        document = orjson.loads(body)
     except orjson.JSONDecodeError:
         return None
-    return found if isinstance(found, list if topic == "alarms" else dict) else None
+    return document if isinstance(document, list if topic == "alarms" else dict) else None
 
 
 def _sent_s(document: Mapping[str, Any]) -> float | None:
@@ -241,14 +241,14 @@ def _sent_s(document: Mapping[str, Any]) -> float | None:
 
 def _last_known(document: object) -> dict[str, Any]:
     """Numbers that have a value and a time."""
-    found = {}
+    values = {}
     for name in _NUMBERS:
         last = document.get(name) if isinstance(document, dict) else None
         if isinstance(last, dict):
             value, time = _number(last.get("value")), _number(last.get("time"))
             if value is not None and time is not None:
-                found[name] = {"value": value, "time": time, "cell": _cell(last.get("cell"))}
-    return found
+                values[name] = {"value": value, "time": time, "cell": _cell(last.get("cell"))}
+    return values
 
 
 def _accumulator(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -281,8 +281,8 @@ def _about(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _alarms(document: list[Any]) -> list[dict[str, Any]]:
-    found = (_alarm(each) for each in document[:MOST_ALARMS] if isinstance(each, dict))
-    return [each for each in found if each is not None]
+    alarms = (_alarm(entry) for entry in document[:MOST_ALARMS] if isinstance(entry, dict))
+    return [alarm for alarm in alarms if alarm is not None]
 
 
 _SHOWN: Mapping[str, Callable[[Any], Any]] = {

@@ -201,9 +201,9 @@ def messages(
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source} | car
     cells, master, ages = plain(snapshot.cells), snapshot.master, plain(snapshot.age_s)
     stale = {part: is_stale(snapshot, part) for part in ages}
-    known = snapshot.last_known
-    last: dict[str, Any] = {} if known is None else plain(known.cells)
-    total = plain(snapshot.accumulator) | {"last_known": None if known is None else plain(known.accumulator)}
+    last_known = snapshot.last_known
+    last: dict[str, Any] = {} if last_known is None else plain(last_known.cells)
+    total = plain(snapshot.accumulator) | {"last_known": None if last_known is None else plain(last_known.accumulator)}
     yield "accumulator", encode(stamp | {"sent": sent, "age_s": ages, "stale": stale} | total)
     for name, part in PER_CELL.items():
         of_cells = {"age_s": ages[part], "stale": stale[part], "values": cells[name], "last_known": last.get(name)}
