@@ -82,8 +82,8 @@ class Live:
         """
         request = urllib.request.Request(f"{self.url}/api/v1/snapshot", headers=self._headers)
         with opener(self._trust).open(request, timeout=TIMEOUT_S) as answer:
-            found: Snapshot = json.loads(answer.read())
-        return found
+            snapshot: Snapshot = json.loads(answer.read())
+        return snapshot
 
     def __enter__(self) -> Live:
         try:

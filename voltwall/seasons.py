@@ -66,13 +66,13 @@ class Season(Closing):
     @property
     def cars(self) -> list[str]:
         """The cars of the lake, by name; answers to `questions` keep them apart, and `car=` asks of one."""
-        found = self._store.query("SELECT DISTINCT car FROM sessions ORDER BY car").rows()
-        return [str(row[0]) for row in found]
+        rows = self._store.query("SELECT DISTINCT car FROM sessions ORDER BY car").rows()
+        return [str(row[0]) for row in rows]
 
     @property
     def questions(self) -> Mapping[str, str]:
         """What the questions that come along answer, by name."""
-        return {each.name: each.meaning for each in questions()}
+        return {question.name: question.meaning for question in questions()}
 
     def build(self, *places: str | Path) -> Mapping[str, str]:
         """Bring the lake up to date with folders of sessions, or session files.

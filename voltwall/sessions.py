@@ -64,10 +64,10 @@ def _brought(url: str, folder: Path, password: str | None, trust: str | None) ->
     """Bring the file of a session into a folder."""
     if (of_service := _OF_SERVICE.match(url)) is not None:
         remote = Remote(of_service["service"], password=password, trust=trust)
-        found = [each for each in remote.sessions() if each.id == of_service["session"]]
-        if not found:
+        sessions = [session for session in remote.sessions() if session.id == of_service["session"]]
+        if not sessions:
             raise SessionNotFound(of_service["session"])
-        return remote.fetch(found[0], folder)
+        return remote.fetch(sessions[0], folder)
     try:
         import fsspec
     except ImportError as error:
@@ -166,14 +166,16 @@ class Session(Closing):
     def table(self, *names: str, start: datetime | float | None = None, end: datetime | float | None = None) -> Table:
         """Return the same as a `Table`; see `to_arrow`."""
         signals = self._file.signals
-        wanted = [each for name in names for each in (signals.names(name) if name in signals.order else [name])]
+        wanted = [
+            wanted_name for name in names for wanted_name in (signals.names(name) if name in signals.order else [name])
+        ]
         chosen = SignalTable(self._file, wanted or None, self._unix_s(start), self._unix_s(end))
-        shown = [k for k, each in enumerate(chosen.signals) if each.field in signals.order]
+        shown = [k for k, signal in enumerate(chosen.signals) if signal.field in signals.order]
         rows = list(chosen.rows())
-        time_s = np.concatenate([np.empty(0), *(each.time_s for each in rows)])
-        values = np.concatenate([np.empty((0, len(shown))), *(each.values[:, shown] for each in rows)])
+        time_s = np.concatenate([np.empty(0), *(row.time_s for row in rows)])
+        values = np.concatenate([np.empty((0, len(shown))), *(row.values[:, shown] for row in rows)])
         columns = [chosen.signals[k] for k in shown]
-        return over_time(time_s, [each.name for each in columns], [each.unit for each in columns], values)
+        return over_time(time_s, [column.name for column in columns], [column.unit for column in columns], values)
 
     @property
     def laps(self) -> list[Lap]:
@@ -181,22 +183,22 @@ class Session(Closing):
         return [
             Lap(
                 number,
-                _utc(each.lap.start_s),
-                _utc(each.lap.end_s),
-                each.lap.driver,
-                each.lap.counts,
-                each.energy_out_wh,
-                each.energy_in_wh,
-                each.power_mean_w,
-                each.power_max_w,
-                each.soc_used,
-                each.temperature_max_degc,
-                each.temperature_max_cell,
-                each.voltage_min_v,
-                each.weakest_cell,
-                each.lap.is_partial,
+                _utc(lap.lap.start_s),
+                _utc(lap.lap.end_s),
+                lap.lap.driver,
+                lap.lap.counts,
+                lap.energy_out_wh,
+                lap.energy_in_wh,
+                lap.power_mean_w,
+                lap.power_max_w,
+                lap.soc_used,
+                lap.temperature_max_degc,
+                lap.temperature_max_cell,
+                lap.voltage_min_v,
+                lap.weakest_cell,
+                lap.lap.is_partial,
             )
-            for number, each in enumerate(lap_table(self._file).laps, 1)
+            for number, lap in enumerate(lap_table(self._file).laps, 1)
         ]
 
     @property
@@ -219,20 +221,20 @@ class Session(Closing):
     @property
     def findings(self) -> list[Finding]:
         """What is wrong with its cells at its end, the surest first, judged by this version; takes seconds."""
-        found = [finding_of(each) for each in cell_findings(self._file)]
+        judged = [finding_of(finding) for finding in cell_findings(self._file)]
         return [
             Finding(
-                each.code,
-                each.cell,
-                each.size,
-                each.low,
-                each.high,
-                each.unit,
-                _utc(each.since),
-                each.confidence,
-                render(each.message, self.segments),
+                finding.code,
+                finding.cell,
+                finding.size,
+                finding.low,
+                finding.high,
+                finding.unit,
+                _utc(finding.since),
+                finding.confidence,
+                render(finding.message, self.segments),
             )
-            for each in found
+            for finding in judged
         ]
 
     def estimate(self, cell: str | Path | None = None, filter: str = "fused") -> Estimate:
@@ -248,9 +250,9 @@ class Session(Closing):
         times: list[FloatArray] = []
         states: list[FloatArray] = []
 
-        def keep(time_s: FloatArray, found: Estimates) -> None:
+        def keep(time_s: FloatArray, estimates: Estimates) -> None:
             times.append(np.array(time_s))
-            states.append(np.hstack([found.soc, found.soc_sigma]))
+            states.append(np.hstack([estimates.soc, estimates.soc_sigma]))
 
         model = cell_of(self._file)[0] if cell is None else load_cell(cell)
         summary = estimate_along(self._file, model, filter, keep)

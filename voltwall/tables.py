@@ -67,7 +67,9 @@ class Table:
     def units(self) -> dict[str, str]:
         """Unit of each column that has one."""
         metadata = {field.name: field.metadata or {} for field in self.arrow.schema}
-        return {name: each[b"unit"].decode() for name, each in metadata.items() if each.get(b"unit")}
+        return {
+            name: metadata_of[b"unit"].decode() for name, metadata_of in metadata.items() if metadata_of.get(b"unit")
+        }
 
     def __len__(self) -> int:
         return int(self.arrow.num_rows)

@@ -23,9 +23,9 @@ def overviews_at(source: SeasonSource, chosen: set[str], car: str) -> tuple[dict
         chosen: ids of sessions.
         car: of this car alone; empty: of all, each by itself.
     """
-    found = source.histories()
-    car_of = {session: history.car for history in found for session in history.sessions}
-    wanted = [history for history in found if car in ("", history.car)]
+    histories = source.histories()
+    car_of = {session: history.car for history in histories for session in history.sessions}
+    wanted = [history for history in histories if car in ("", history.car)]
     return car_of, [overview_of(history, source.battery.segments) for history in _only(wanted, chosen)]
 
 

@@ -95,7 +95,7 @@ class CellHistory:
             for name, value in vars(self).items()
             if isinstance(value, np.ndarray) and len(value) == len(rows) and name != "self_discharge_per_day"
         }
-        return replace(self, sessions=tuple(each for each in self.sessions if each in sessions), **cut)
+        return replace(self, sessions=tuple(session for session in self.sessions if session in sessions), **cut)
 
     def measured(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return what was measured of the modules of then, and its sigmas.
@@ -136,12 +136,12 @@ class SeasonSource:
             ExtraMissing: the extra `season` is not installed.
             QueryFailed: a file of the lake is damaged, or a limit is passed.
         """
-        found = histories_of(SeasonStore(self.lake), self)
+        histories = histories_of(SeasonStore(self.lake), self)
         if not car:
-            return found
-        chosen = [history for history in found if history.car == car]
-        if found and not chosen:
-            raise ConfigError("car", car, Message("one-of", choices=tuple(history.car for history in found)))
+            return histories
+        chosen = [history for history in histories if history.car == car]
+        if histories and not chosen:
+            raise ConfigError("car", car, Message("one-of", choices=tuple(history.car for history in histories)))
         return chosen
 
 
@@ -176,7 +176,7 @@ def _history_of(table: Any, car: str, source: SeasonSource) -> CellHistory:
 
     start_s = column("start_time")[:, 0]
     module, module_now = np.zeros(shape), np.zeros(n_cells)
-    for swap in (each for each in source.swaps if each.is_of(car)):
+    for swap in (swap for swap in source.swaps if swap.is_of(car)):
         is_swapped = np.isin(np.arange(n_cells), swap.cells)
         module += np.outer(start_s >= swap.time_s, is_swapped)
         module_now += is_swapped
@@ -224,8 +224,8 @@ def lost_in_pause(last_soc: FloatArray, first_soc: FloatArray, gap_s: float) -> 
         gap_s: from one rest to the other.
     """
     lost = last_soc - first_soc
-    known = lost[np.isfinite(lost)]
-    if not gap_s >= REST_GAP_S or not known.size or abs(float(np.median(known))) > REST_MOVED_MAX:
+    finite = lost[np.isfinite(lost)]
+    if not gap_s >= REST_GAP_S or not finite.size or abs(float(np.median(finite))) > REST_MOVED_MAX:
         return None
     return lost
 
@@ -243,12 +243,12 @@ def _numbers(column: Any) -> FloatArray:
 def _per_day(lost: FloatArray, days: FloatArray) -> FloatArray:
     """(n_cells,) SOC a day beyond the median cell of each pause, over all pauses."""
     beyond = lost - row_median(lost)[:, None]
-    known = np.isfinite(beyond)
-    spent = np.where(known, days, 0.0).sum(axis=0)
-    return np.where(spent > 0.0, np.where(known, beyond, 0.0).sum(axis=0) / np.maximum(spent, 1e-9), np.nan)
+    is_finite = np.isfinite(beyond)
+    spent = np.where(is_finite, days, 0.0).sum(axis=0)
+    return np.where(spent > 0.0, np.where(is_finite, beyond, 0.0).sum(axis=0) / np.maximum(spent, 1e-9), np.nan)
 
 
 def newest_median(values: FloatArray, n_sessions: int) -> FloatArray:
     """Return (n_cells,) the median of each cell's newest values that are known; NaN where none is."""
     newest = [column[np.isfinite(column)][-n_sessions:] for column in values.T]
-    return np.array([np.median(each) if each.size else np.nan for each in newest])
+    return np.array([np.median(column) if column.size else np.nan for column in newest])

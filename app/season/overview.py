@@ -99,20 +99,20 @@ def overview_of(history: CellHistory, segments: Sequence[int]) -> SeasonOverview
         history.is_absolute,
         float(history.charge_ah[-1]) if len(history.charge_ah) else 0.0,
         groups_of(history, segments),
-        sorted(made, key=lambda each: (-each.score, each.cell)),
+        sorted(made, key=lambda rank: (-rank.score, rank.cell)),
     )
 
 
 def curve_of(history: CellHistory, cell: int, name: str) -> SeasonCurve:
     """Return a quantity of a cell as `CellHistory.measured` names it, with its line from first to last measurement."""
-    measured, measured_sigma = (listed(each[:, cell], 6) for each in history.measured(name))
+    measured, measured_sigma = (listed(series[:, cell], 6) for series in history.measured(name))
     start_s: list[float] = history.start_s.tolist()
-    values, sigmas = (each[:, cell] for each in history.of(name))
-    found = line(history.days, values, sigmas)
-    if found is None:
+    values, sigmas = (series[:, cell] for series in history.of(name))
+    fitted = line(history.days, values, sigmas)
+    if fitted is None:
         return SeasonCurve(start_s, measured, measured_sigma, [], [], [], [])
-    asked = np.linspace(history.days[np.isfinite(values)][0], found.last_day, LINE_POINTS)
-    drawn, reach = found.at(asked)
+    asked = np.linspace(history.days[np.isfinite(values)][0], fitted.last_day, LINE_POINTS)
+    drawn, reach = fitted.at(asked)
     drawn_s, low, high = start_s[0] + asked * DAY_S, drawn - reach, drawn + reach
     return SeasonCurve(start_s, measured, measured_sigma, drawn_s.tolist(), drawn.tolist(), low.tolist(), high.tolist())
 
@@ -120,10 +120,10 @@ def curve_of(history: CellHistory, cell: int, name: str) -> SeasonCurve:
 def _rank(
     cell: int,
     now: tuple[float, float, float],
-    found: tuple[RegressionLine | None, RegressionLine | None, RegressionLine | None],
+    lines: tuple[RegressionLine | None, RegressionLine | None, RegressionLine | None],
 ) -> CellRank:
     resistance, capacity, leak = now
-    r_line, c_line, l_line = (each if each is not None and is_reportable(each) else None for each in found)
+    r_line, c_line, l_line = (fitted if fitted is not None and is_reportable(fitted) else None for fitted in lines)
     shares = (resistance / RESISTANCE_HIGH, capacity / CAPACITY_LOW, leak / SELF_DISCHARGE_HIGH)
     messages: list[Message] = []
     if shares[0] >= REASON_SHARE:
@@ -147,9 +147,9 @@ def _rank(
         number(resistance),
         number(capacity),
         number(leak),
-        trend_of(found[0]),
-        trend_of(found[1]),
-        trend_of(found[2]),
+        trend_of(lines[0]),
+        trend_of(lines[1]),
+        trend_of(lines[2]),
         [sentence(message) for message in messages],
     )
 
@@ -159,5 +159,5 @@ def _percent(fraction: float, digits: int = 1) -> Quantity:
 
 
 def _against(values: FloatArray) -> FloatArray:
-    known = values[np.isfinite(values)]
-    return values / np.median(known) - 1.0 if known.size else values
+    finite = values[np.isfinite(values)]
+    return values / np.median(finite) - 1.0 if finite.size else values

@@ -85,9 +85,9 @@ def season_report(
 
 
 def _car(history: CellHistory, battery: Battery) -> CarReport:
-    found = overview_of(history, battery.segments)
-    weakest = [each.cell for each in found.cells[:CURVES] if each.reasons]
-    return CarReport(found, [cell_of(history, cell) for cell in weakest])
+    overview = overview_of(history, battery.segments)
+    weakest = [cell.cell for cell in overview.cells[:CURVES] if cell.reasons]
+    return CarReport(overview, [cell_of(history, cell) for cell in weakest])
 
 
 def cell_of(history: CellHistory, cell: int) -> SeasonCell:

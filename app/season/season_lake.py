@@ -143,7 +143,7 @@ class SeasonLake:
             return None
         try:
             marks = sorted(Path(self.place).glob(f"car=*/season=*/session=*/{name_of_table(MARK)}"))
-            return [(str(mark), (known := mark.stat()).st_mtime_ns, known.st_size) for mark in marks]
+            return [(str(mark), (stat := mark.stat()).st_mtime_ns, stat.st_size) for mark in marks]
         except OSError:  # one is replaced at this moment
             return None
 

@@ -59,8 +59,8 @@ def line(days: FloatArray, values: FloatArray, sigmas: FloatArray) -> Regression
         from scipy import stats
     except ImportError as error:
         raise ExtraMissing(Message("the-season-lake"), "scipy", "season") from error
-    known = np.isfinite(values) & np.isfinite(sigmas)
-    days, values, sigmas = days[known], values[known], sigmas[known]
+    is_finite = np.isfinite(values) & np.isfinite(sigmas)
+    days, values, sigmas = days[is_finite], values[is_finite], sigmas[is_finite]
     if len(values) < LEAST or days[-1] <= days[0]:
         return None
     passed, freedom = days - days[-1], len(values) - 2
@@ -157,17 +157,17 @@ def groups_of(history: CellHistory, segments: Sequence[int]) -> list[SeasonGroup
     ]
 
 
-def trend_of(found: RegressionLine | None) -> SeasonTrend | None:
+def trend_of(regression: RegressionLine | None) -> SeasonTrend | None:
     """Return a line per month."""
-    if found is None:
+    if regression is None:
         return None
-    months = (found.per_day * MONTH_DAYS, found.low * MONTH_DAYS, found.high * MONTH_DAYS)
-    return SeasonTrend(found.now, *months, found.n, found.is_sure, is_reportable(found))
+    months = (regression.per_day * MONTH_DAYS, regression.low * MONTH_DAYS, regression.high * MONTH_DAYS)
+    return SeasonTrend(regression.now, *months, regression.n, regression.is_sure, is_reportable(regression))
 
 
-def is_reportable(found: RegressionLine) -> bool:
+def is_reportable(regression: RegressionLine) -> bool:
     """Return whether a line says what a month changes: sessions of one day do not."""
-    return max(found.high - found.low, found.high, -found.low) * MONTH_DAYS <= WIDEST
+    return max(regression.high - regression.low, regression.high, -regression.low) * MONTH_DAYS <= WIDEST
 
 
 def _trend(history: CellHistory, values: FloatArray) -> SeasonTrend | None:
@@ -184,5 +184,5 @@ def _range(values: FloatArray) -> FloatArray:
 
 
 def _of_known(values: FloatArray, reduce: Callable[[FloatArray], float]) -> FloatArray:
-    known = [row[np.isfinite(row)] for row in values]
-    return np.array([reduce(row) if row.size >= LEAST_SPREAD else np.nan for row in known])
+    finite = [row[np.isfinite(row)] for row in values]
+    return np.array([reduce(row) if row.size >= LEAST_SPREAD else np.nan for row in finite])

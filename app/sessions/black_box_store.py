@@ -63,9 +63,9 @@ class BlackBoxStore:
         Raises:
             RecordingFailed: the disk does not take it.
         """
-        known = self._rows("SELECT id FROM blackboxes WHERE substr(id, 1, ?) = ?", (_TIME, box.id[:_TIME]))
+        stored = self._rows("SELECT id FROM blackboxes WHERE substr(id, 1, ?) = ?", (_TIME, box.id[:_TIME]))
         row = (
-            known[0][0] if known else box.id,  # an earlier version named the same incident by another code
+            stored[0][0] if stored else box.id,  # an earlier version named the same incident by another code
             round(box.time * 1e9),
             box.session_id,
             box.code,

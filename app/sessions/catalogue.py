@@ -53,28 +53,28 @@ class Catalogue:
             return self._survey()
 
     def _survey(self) -> tuple[Sequence[SessionInfo], Sequence[Unreadable]]:
-        found: list[SessionInfo] = []
+        sessions: list[SessionInfo] = []
         problems: list[Unreadable] = []
         before = load_index(self._folder) if self._known is None else self._known
-        known: Known = {}
+        indexed: Known = {}
         others: dict[str, tuple[FullState, SessionInfo | Unreadable]] = {}
         for path in self._folder.glob(f"*{SUFFIX}") if self._folder.is_dir() else ():
-            info = self._info(path, before, known, others)
+            info = self._info(path, before, indexed, others)
             if isinstance(info, SessionInfo):
-                found.append(info)
+                sessions.append(info)
             else:
                 problems.append(info)
-        self._known, self._others = known, others  # first: where the disk hangs it is asked once
-        if known != before:
-            save_index(self._folder, known)
-        found.sort(key=lambda info: (info.started_wall_ns, info.id), reverse=True)
-        return found, problems
+        self._known, self._others = indexed, others  # first: where the disk hangs it is asked once
+        if indexed != before:
+            save_index(self._folder, indexed)
+        sessions.sort(key=lambda info: (info.started_wall_ns, info.id), reverse=True)
+        return sessions, problems
 
     def _info(
         self,
         path: Path,
         before: Known,
-        known: Known,
+        indexed: Known,
         others: dict[str, tuple[FullState, SessionInfo | Unreadable]],
     ) -> SessionInfo | Unreadable:
         """What there is to say about a session, or why it cannot be read: out of what is known of the same file.
@@ -89,7 +89,7 @@ class Catalogue:
             return NotASession(str(path), error.strerror or str(error))
         row = before.get(path.stem)
         if row is not None and row[0] == state[:2]:
-            known[path.stem] = row
+            indexed[path.stem] = row
             return row[1]
         other = self._others.get(path.stem)
         if other is not None and other[0] == state:
@@ -97,7 +97,7 @@ class Catalogue:
             return other[1]
         info = self._read(path)
         if isinstance(info, SessionInfo) and info.is_closed:
-            known[path.stem] = (state[:2], info)
+            indexed[path.stem] = (state[:2], info)
         elif info is not None and time.time_ns() - max(state) > RESTS_NS:
             others[path.stem] = (state, info)
         return info or NotASession(str(path), Message("workers-busy"))
@@ -151,10 +151,10 @@ class Catalogue:
             return None
         stat = path.stat()
         state = (stat.st_mtime_ns, stat.st_size)
-        known = self._digests.get(session_id)
-        if known is None or known[0] != state:
-            known = self._digests[session_id] = state, sha256(path)
-        return path, known[1]
+        digest = self._digests.get(session_id)
+        if digest is None or digest[0] != state:
+            digest = self._digests[session_id] = state, sha256(path)
+        return path, digest[1]
 
     def delete(self, session_id: str) -> None:
         """Delete a session for ever, readable or not.
@@ -203,7 +203,7 @@ class Catalogue:
 
         What is being recorded or read is never among them.
         """
-        found: list[SessionInfo] = []
+        sessions: list[SessionInfo] = []
         kept_bytes = 0
         for info in self.survey()[0]:
             kept_bytes += info.size_bytes
@@ -211,5 +211,5 @@ class Catalogue:
             is_old = older_than_s is not None and age_s > older_than_s
             is_beyond = keep_bytes is not None and kept_bytes > keep_bytes
             if (is_old or is_beyond) and not is_in_use(info.path):
-                found.insert(0, info)
-        return found
+                sessions.insert(0, info)
+        return sessions

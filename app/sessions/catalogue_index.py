@@ -57,11 +57,11 @@ def load_index(folder: Path) -> Known:
         return {}
 
 
-def save_index(folder: Path, known: Mapping[str, tuple[State, SessionInfo]]) -> None:
+def save_index(folder: Path, indexed: Mapping[str, tuple[State, SessionInfo]]) -> None:
     """Keep it; nothing where the folder takes none."""
     rows = {
         session_id: {"changed_ns": state[0], "bytes": state[1], "info": asdict(info) | {"path": info.path.name}}
-        for session_id, (state, info) in known.items()
+        for session_id, (state, info) in indexed.items()
     }
     with contextlib.suppress(OSError):
         handle, name = tempfile.mkstemp(prefix=INDEX, dir=folder)

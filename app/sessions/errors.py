@@ -40,11 +40,11 @@ class NotASession(SessionError):
 class SchemaTooNew(SessionError):
     """The file's schema is newer than this program."""
 
-    def __init__(self, path: str, found: int, known: int) -> None:
+    def __init__(self, path: str, schema: int, supported: int) -> None:
         self.path = path
-        self.found = found
-        self.known = known
-        super().__init__(Message("schema-too-new", path=path, found=found, known=known))
+        self.schema = schema
+        self.supported = supported
+        super().__init__(Message("schema-too-new", path=path, schema=schema, supported=supported))
 
 
 Unreadable = NotASession | SchemaTooNew

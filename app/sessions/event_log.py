@@ -156,7 +156,7 @@ class EventLog:
             )
         except (sqlite3.Error, TimeoutError) as error:
             raise SessionError(Message("event-log", error=str(error))) from error
-        found = {
+        events = {
             event.id: event
             for event in waiting
             if event.id > after
@@ -164,12 +164,12 @@ class EventLog:
             and severity in (None, event.severity)
             and cell in (None, event.cell)
         } | {row[0]: _logged(row) for row in rows}
-        return sorted(found.values(), key=attrgetter("id"), reverse=True)[:limit]
+        return sorted(events.values(), key=attrgetter("id"), reverse=True)[:limit]
 
     def get(self, event_id: int) -> LoggedEvent | None:
         """Return one event, None where there is none."""
-        found = self.query(event_id - 1, 1, up_to=event_id)
-        return found[0] if found else None
+        events = self.query(event_id - 1, 1, up_to=event_id)
+        return events[0] if events else None
 
     def acknowledge(self, event_id: int, who: str) -> bool:
         """Note who has seen an event; the first one stays. False where there is no such event.

@@ -67,19 +67,19 @@ class LimitedReader:
             return function(text)
         key = (function, tuple(text.items()) if isinstance(text, Mapping) else text)
         with self._lock:
-            known: tuple[Any, Exception | None] | None = self._results.get(key)
-        if known is None:
+            parsed: tuple[Any, Exception | None] | None = self._results.get(key)
+        if parsed is None:
             try:
-                known = self._workers.run(DEFINITIONS, function, text), None
+                parsed = self._workers.run(DEFINITIONS, function, text), None
             except (NotNow, WorkerEnded):  # perhaps not the next time
                 raise
             except Exception as error:  # noqa: BLE001  whatever it is, it is raised each time
-                known = None, error
+                parsed = None, error
             with self._lock:
-                self._results[key] = known
+                self._results[key] = parsed
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
-        if known[1] is not None:
-            raise known[1].with_traceback(None)
-        result: T = known[0]
+        if parsed[1] is not None:
+            raise parsed[1].with_traceback(None)
+        result: T = parsed[0]
         return result

@@ -315,13 +315,13 @@ class ReplayPlayer:
             if cause is not None:
                 replay.pipeline.explain(cause)
 
-    def _set_cause(self, file: SessionFile, at_s: float, found: "Future[TripCause | None]") -> None:
+    def _set_cause(self, file: SessionFile, at_s: float, future: "Future[TripCause | None]") -> None:
         try:
             with SessionFile(file.path, parse=file.parse) as session:
-                found.set_result(self._find_cause(session, at_s))
+                future.set_result(self._find_cause(session, at_s))
         except AppError as error:
             log.warning("the cause of a trip was not looked for: %s", error)
-            found.set_result(None)
+            future.set_result(None)
 
 
 def as_recorded(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> Snapshot:

@@ -62,19 +62,19 @@ class Pacer:
 
         Who takes longer to play than the items lie apart plays slower than asked for; nothing is left out.
         """
-        found: list[Received] = []
+        received: list[Received] = []
         if self.is_paused:
-            return found
+            return received
         hurries = math.isinf(self.speed)
         position_s = self.position_s(now_s)
         while (item := self._next) is not None:
-            if len(found) >= MAX_ITEMS or (not hurries and self._position_of(item) > position_s):
+            if len(received) >= MAX_ITEMS or (not hurries and self._position_of(item) > position_s):
                 break
-            found.append(item)
+            received.append(item)
             self._next = next(self._items, None)
-        if found and (hurries or len(found) >= MAX_ITEMS):
-            self._at_s, self._now_s = max(self._at_s, self._position_of(found[-1])), now_s
-        return found
+        if received and (hurries or len(received) >= MAX_ITEMS):
+            self._at_s, self._now_s = max(self._at_s, self._position_of(received[-1])), now_s
+        return received
 
     def wait_s(self, now_s: float) -> float | None:
         """Return how long nothing will be due, None while paused or finished."""
@@ -87,14 +87,14 @@ class Pacer:
     def step(self) -> list[Received]:
         """Pause and return everything up to and with the next serial frame, or row of a table."""
         self.is_paused = True
-        found: list[Received] = []
+        received: list[Received] = []
         while (item := self._next) is not None:
-            found.append(item)
+            received.append(item)
             self._next = next(self._items, None)
             self._at_s = max(self._at_s, self._position_of(item))
             if not isinstance(item, RecordedCanFrame):
                 break
-        return found
+        return received
 
     def pause(self, now_s: float) -> None:
         """Stand still."""

@@ -81,7 +81,7 @@ class SwapFile:
             raise ConfigError("car", car, Message("one-of", choices=tuple(sorted(cars))))
         of_car = car or (cars[0] if cars else None)
         made = Swap(time_s, tuple(sorted(set(cells))), note, who, of_car)
-        self._change(lambda swaps: [*swaps, replace(made, id=1 + max((each.id for each in swaps), default=0))])
+        self._change(lambda swaps: [*swaps, replace(made, id=1 + max((swap.id for swap in swaps), default=0))])
 
     def remove(self, swap_id: int) -> bool:
         """Take a swap back; False where there is none.

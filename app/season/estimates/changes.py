@@ -73,5 +73,5 @@ def _cells(result: dict[str, Any] | None, name: str) -> FloatArray:
 
 
 def _median(values: FloatArray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else None
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else None

@@ -61,13 +61,13 @@ class Results:
 
     def sets(self) -> list[EstimateSet]:
         """All sets, the newest first."""
-        found = []
+        stored = []
         for path in self.folder.glob(f"*/{_SET}"):
             about = _read(path)
             if about is not None and about.pop("schema", None) == SCHEMA:
                 with suppress(TypeError):  # damaged
-                    found.append((path.stat().st_mtime_ns, EstimateSet(**about)))
-        return [each for _, each in sorted(found, key=lambda pair: (-pair[0], pair[1].id))]
+                    stored.append((path.stat().st_mtime_ns, EstimateSet(**about)))
+        return [estimate_set for _, estimate_set in sorted(stored, key=lambda pair: (-pair[0], pair[1].id))]
 
     def find(self, name: str) -> EstimateSet:
         """Return the newest set whose folder or cell has a name.
@@ -75,11 +75,13 @@ class Results:
         Raises:
             ConfigError: there is none.
         """
-        known = self.sets()
-        for each in known:
-            if name in (each.id, each.cell_name, each.cell_hash):
-                return each
-        raise ConfigError("set", name, ", ".join(each.id for each in known) or "voltwall season estimate makes one")
+        sets = self.sets()
+        for estimate_set in sets:
+            if name in (estimate_set.id, estimate_set.cell_name, estimate_set.cell_hash):
+                return estimate_set
+        raise ConfigError(
+            "set", name, ", ".join(estimate_set.id for estimate_set in sets) or "voltwall season estimate makes one"
+        )
 
     def begin(self, made: EstimateSet) -> None:
         """Make the folder of a set."""
@@ -94,27 +96,27 @@ class Results:
 
     def read(self, made: EstimateSet, session_id: str) -> dict[str, Any] | None:
         """Return the result of a session; None where there is none of this format, or a damaged one."""
-        found = _read(self.folder / made.id / f"{session_id}.json")
-        return found if found is not None and found.get("schema") == SCHEMA else None
+        result = _read(self.folder / made.id / f"{session_id}.json")
+        return result if result is not None and result.get("schema") == SCHEMA else None
 
     def read_all(self, made: EstimateSet) -> list[dict[str, Any]]:
         """Return all results of a set, the oldest session first."""
         names = sorted(path.stem for path in (self.folder / made.id).glob("*.json") if path.name != _SET)
-        found = [result for name in names if (result := self.read(made, name)) is not None]
-        return sorted(found, key=lambda result: (result["start_s"], result["session"]))
+        results = [result for name in names if (result := self.read(made, name)) is not None]
+        return sorted(results, key=lambda result: (result["start_s"], result["session"]))
 
     def has(self, made: EstimateSet, session_id: str, content: str) -> bool:
         """Whether there is a result of a session with this `SessionFile.content_digest`."""
-        found = self.read(made, session_id)
-        return found is not None and found.get("content") == content
+        result = self.read(made, session_id)
+        return result is not None and result.get("content") == content
 
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        result = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) else None
+    return result if isinstance(result, dict) else None
 
 
 def _write(path: Path, body: dict[str, Any]) -> None:

@@ -80,13 +80,13 @@ def estimate_season(
     all_bytes = max(sum(task.info.size_bytes for task in tasks), 1)
     done_bytes = 0
 
-    def settle(task: _Task, found: list[dict[str, Any]] | None, error: str | None) -> None:
+    def settle(task: _Task, estimates: list[dict[str, Any]] | None, error: str | None) -> None:
         nonlocal done_bytes
         done_bytes += task.info.size_bytes
-        if found is None:
+        if estimates is None:
             outcome.failed[task.info.id] = error or "?"
         else:
-            for made, result in zip(task.sets, found, strict=True):
+            for made, result in zip(task.sets, estimates, strict=True):
                 results.write(made, result)
                 outcome.processor_s += result["processor_s"]
             outcome.estimated.append(task.info.id)
@@ -125,8 +125,8 @@ def _run(tasks: Sequence[_Task], engine: Engine, settle: Callable[[_Task, Any, s
                 task = waiting.popleft()
                 running[engine.submit(estimate_session, task.job)] = task
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                found, error = _outcome(future)
-                settle(running.pop(future), found, None if error is None else str(error) or type(error).__name__)
+                results, error = _outcome(future)
+                settle(running.pop(future), results, None if error is None else str(error) or type(error).__name__)
     finally:
         for future in running:
             future.cancel()

@@ -146,17 +146,17 @@ class SessionEstimate:
             self._estimator.step(float(dt_s[0]), 0.0, nothing, temperature_degc[0])
             self._estimator.widen(min(moved, UNKNOWN_SOC))
             dt_s[0] = 0.0
-        found = self._estimator.run(dt_s, current_a, voltage_v, temperature_degc)
+        estimates = self._estimator.run(dt_s, current_a, voltage_v, temperature_degc)
         if self._keep is not None:
-            self._keep(time_s, found)
+            self._keep(time_s, estimates)
         self._last_s = float(time_s[-1])
         self._samples += len(time_s)
         known_a = np.nan_to_num(current_a)
         self._last_a = float(np.sqrt(np.mean(known_a**2)))
         moved_ah = known_a * dt_s / SECONDS_PER_HOUR
         self._moved_ah += (moved_ah[moved_ah > 0.0].sum(), -moved_ah[moved_ah < 0.0].sum())
-        self._take(found.soc, found.soc_sigma, piece.soc[rows], temperature_degc, found.innovation_v)
-        self._regress(dt_s, found.ocv_v, found.voltage_v, voltage_v)
+        self._take(estimates.soc, estimates.soc_sigma, piece.soc[rows], temperature_degc, estimates.innovation_v)
+        self._regress(dt_s, estimates.ocv_v, estimates.voltage_v, voltage_v)
 
     def _take(
         self,
@@ -177,10 +177,10 @@ class SessionEstimate:
     def _regress(self, dt_s: FloatArray, ocv_v: FloatArray, model_v: FloatArray, fresh_voltage_v: FloatArray) -> None:
         y, x = ocv_v - fresh_voltage_v, (ocv_v - model_v) / self._factor
         weight = np.broadcast_to(dt_s[:, None], y.shape)
-        known = np.isfinite(fresh_voltage_v)
-        if not known.all():
-            weight = weight * known
-            y, x = np.where(known, y, 0.0), np.where(known, x, 0.0)
+        is_finite = np.isfinite(fresh_voltage_v)
+        if not is_finite.all():
+            weight = weight * is_finite
+            y, x = np.where(is_finite, y, 0.0), np.where(is_finite, x, 0.0)
         lasted_s = weight.sum(axis=0)
         y -= np.einsum("ij,ij->j", weight, y) / np.maximum(lasted_s, 1e-9)
         x -= np.einsum("ij,ij->j", weight, x) / np.maximum(lasted_s, 1e-9)
@@ -227,5 +227,5 @@ class SessionEstimate:
 
 def _sums(values: FloatArray, power: int) -> FloatArray:
     """(2, ...) sums over the first axis of what was measured, to a power, and how many there were."""
-    known = np.isfinite(values)
-    return np.array([(np.where(known, values, 0.0) ** power).sum(axis=0), known.sum(axis=0)])
+    is_finite = np.isfinite(values)
+    return np.array([(np.where(is_finite, values, 0.0) ** power).sum(axis=0), is_finite.sum(axis=0)])

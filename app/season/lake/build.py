@@ -43,14 +43,14 @@ def session_files(places: Iterable[Path]) -> list[Path]:
 
     A folder is one of sessions, or the data folder of a service.
     """
-    found: list[Path] = []
+    paths: list[Path] = []
     for place in places:
         if place.is_dir():
             folder = place / "sessions" if (place / "sessions").is_dir() else place
-            found += sorted(folder.glob(f"*{SUFFIX}"))
+            paths += sorted(folder.glob(f"*{SUFFIX}"))
         else:
-            found.append(place)
-    return found
+            paths.append(place)
+    return paths
 
 
 def build_lake(
@@ -92,7 +92,7 @@ def build_new(lake: str, data: Path) -> list[Message]:
 def _build(
     lake: LakeFolder, paths: Sequence[Path], *, again: bool, judge_anew: bool, progress: Callable[[int, int, str], None]
 ) -> Built:
-    known = {} if again else states(lake)
+    states_before = {} if again else states(lake)
     built = Built()
     for k, path in enumerate(paths):
         progress(k, len(paths), path.stem)
@@ -104,7 +104,7 @@ def _build(
                     built.not_closed.append(path.stem)
                 elif session.info.metadata.get(UNDATED):
                     built.failed.append((path.stem, Message("season-undated")))
-                elif known.get(where) == state:
+                elif states_before.get(where) == state:
                     built.current.append(path.stem)
                 else:
                     write_session(lake, session, facts_of(session, judge_anew=judge_anew), state)
@@ -146,7 +146,7 @@ def states(lake: LakeFolder) -> dict[Where, str]:
     """Return of every session in a lake that this version has made: the state of its file then."""
     from pyarrow import ArrowInvalid, parquet
 
-    found = {}
+    state_of = {}
     for path in lake.find(f"car=*/season=*/session=*/{MARK}.parquet"):
         parts = [part.partition("=")[2] for part in path.split("/")[-4:-1]]
         try:
@@ -154,5 +154,5 @@ def states(lake: LakeFolder) -> dict[Where, str]:
         except (ArrowInvalid, OSError):  # damaged: made again
             continue
         if metadata.get(VERSION_KEY) == str(LAKE_VERSION).encode():
-            found[Where(*parts)] = metadata.get(STATE_KEY, b"").decode()
-    return found
+            state_of[Where(*parts)] = metadata.get(STATE_KEY, b"").decode()
+    return state_of

@@ -54,9 +54,9 @@ class CellSums:
             self._bled_vs += dt_s @ (volts * np.nan_to_num(piece.balancing))
         for name, (integral, seconds) in self._means.items():
             values = getattr(piece, name)
-            known = np.isfinite(values)
-            integral += dt_s @ np.where(known, values, 0.0)
-            seconds += dt_s @ known
+            is_finite = np.isfinite(values)
+            integral += dt_s @ np.where(is_finite, values, 0.0)
+            seconds += dt_s @ is_finite
         self._add_near(piece, dt_s, limits)
 
     def _add_near(self, piece: SurveyPiece, dt_s: FloatArray, limits: Mapping[str, float]) -> None:

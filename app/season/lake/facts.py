@@ -168,10 +168,10 @@ class _Stretches:
 
     def _add_part(self, part: SurveyPiece) -> None:
         at_s = float(part.time_s[0])
-        config = bisect_right(self._in_force, at_s, key=lambda each: each[0]) - 1
+        config = bisect_right(self._in_force, at_s, key=lambda entry: entry[0]) - 1
         limits = self._in_force[max(config, 0)][1]
         self.whole.sums.add(part, limits)
-        lap = bisect_right(self._laps, at_s, key=lambda each: each.start_s) - 1
+        lap = bisect_right(self._laps, at_s, key=lambda lap: lap.start_s) - 1
         if lap >= 0 and at_s < self._laps[lap].end_s:
             self._of_lap[lap].add(part, limits)
 
@@ -180,11 +180,13 @@ class _Stretches:
         start_s = self._info.started_wall_ns / 1e9
         survey = self.whole.surveyor.result()
         rests = self._of_rests(survey)
-        found = findings.by_cell(None, None)
-        yield from self._stretch(WHOLE, start_s, self._info.duration_s, survey, self.whole, rests, found)
+        finding_of = findings.by_cell(None, None)
+        yield from self._stretch(WHOLE, start_s, self._info.duration_s, survey, self.whole, rests, finding_of)
         for number, (lap, stretch) in enumerate(zip(self._laps, self._of_lap, strict=True), 1):
-            found = findings.by_cell(lap.start_s, lap.end_s)
-            yield from self._stretch(number, lap.start_s, lap.duration_s, stretch.surveyor.result(), stretch, {}, found)
+            finding_of = findings.by_cell(lap.start_s, lap.end_s)
+            yield from self._stretch(
+                number, lap.start_s, lap.duration_s, stretch.surveyor.result(), stretch, {}, finding_of
+            )
 
     def _stretch(
         self,
@@ -194,11 +196,13 @@ class _Stretches:
         survey: Survey,
         stretch: _Stretch,
         rests: Mapping[str, Any],
-        found: Mapping[int, str],
+        finding_of: Mapping[int, str],
     ) -> Iterator[Row]:
         columns = {name: getattr(survey, name) for name in _OF_SURVEY} | stretch.sums.columns() | dict(rests)
         columns["soc_used"] = survey.soc_first - survey.soc_last
-        lists = {name: each.tolist() if isinstance(each, np.ndarray) else each for name, each in columns.items()}
+        lists = {
+            name: column.tolist() if isinstance(column, np.ndarray) else column for name, column in columns.items()
+        }
         begin = _time(start_s)
         cell = 0
         for pack, n_cells in enumerate(self._segments, 1):
@@ -210,9 +214,9 @@ class _Stretches:
                     "cell_in_pack": place,
                     "start_time": begin,
                     "duration_s": duration_s,
-                    "findings": found.get(cell, ""),
+                    "findings": finding_of.get(cell, ""),
                 }
-                row |= {name: each[cell] if isinstance(each, list) else each for name, each in lists.items()}
+                row |= {name: facts[cell] if isinstance(facts, list) else facts for name, facts in lists.items()}
                 row["missing"] = int(row["missing"])
                 yield row
                 cell += 1
@@ -228,7 +232,9 @@ class _Stretches:
                 row |= _rest(name, rest, self._cell)
         stretches = self._rests.stretches
         if stretches:
-            row |= _counted(max(stretches, key=lambda each: float(np.nanmax(np.abs(each.soc_moved), initial=0.0))))
+            row |= _counted(
+                max(stretches, key=lambda stretch: float(np.nanmax(np.abs(stretch.soc_moved), initial=0.0)))
+            )
         return row
 
 
@@ -242,21 +248,23 @@ class _Findings:
             if row["code"].startswith(_FINDING) and row["code"] != _FINDING_ENDED and row["cell"] is not None
         ]
         if judge is not None:
-            self._findings = [(each.since_s, each.cell, each.code) for each in cell_findings(session, judge)]
+            self._findings = [
+                (finding.since_s, finding.cell, finding.code) for finding in cell_findings(session, judge)
+            ]
         kept = [verdicts[-1] for group in incidents_of(session) if (verdicts := kept_verdicts(session, group))]
         tripped = {
             cause.cell: cause for cause in kept if cause.cell is not None and cause.code in get_args(FindingCode)
         }
-        self._findings = [each for each in self._findings if each[1] not in tripped]
+        self._findings = [finding for finding in self._findings if finding[1] not in tripped]
         self._findings += [(cause.since or cause.at, cell, cause.code) for cell, cause in tripped.items()]
 
     def by_cell(self, from_s: float | None, to_s: float | None) -> dict[int, str]:
         """Return the codes of each cell that first came in a range of unix time."""
-        found: dict[int, dict[str, None]] = {}
+        codes_of: dict[int, dict[str, None]] = {}
         for at_s, cell, code in self._findings:
             if (from_s is None or at_s >= from_s) and (to_s is None or at_s < to_s):
-                found.setdefault(cell, {})[code] = None
-        return {cell: " ".join(codes) for cell, codes in found.items()}
+                codes_of.setdefault(cell, {})[code] = None
+        return {cell: " ".join(codes) for cell, codes in codes_of.items()}
 
 
 def _of_session(survey: Survey) -> Row:
@@ -309,7 +317,7 @@ def _lap(number: int, lap: Lap, figures: Any) -> Row:
 
 def _event(session: SessionFile, row: Mapping[str, Any], laps: Sequence[Lap]) -> Row:
     at_s = session.unix_s(row["t_mono_ns"])
-    lap = bisect_right(laps, at_s, key=lambda each: each.start_s)
+    lap = bisect_right(laps, at_s, key=lambda lap: lap.start_s)
     inside = lap > 0 and at_s < laps[lap - 1].end_s
     text = render(message_or_text(row["text"], row.get("message")), session.battery.segments)
     kept = {name: row[name] for name in ("code", "severity", "cell", "value", "limit_value", "unit")}

@@ -41,7 +41,7 @@ class LakeFolder:
         self.root: str = str(root).rstrip("/") or "/"
         if (
             self.is_local
-            and not next(each for each in (Path(self.root), *Path(self.root).parents) if each.exists()).is_dir()
+            and not next(folder for folder in (Path(self.root), *Path(self.root).parents) if folder.exists()).is_dir()
         ):
             raise ConfigError("lake", self.url, Message("a-folder-or-url"))
 

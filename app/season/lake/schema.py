@@ -189,7 +189,8 @@ def arrow_schema(columns: Sequence[LakeColumn], about: dict[str, str] | None = N
         "flag": pa.bool_(),
     }
     fields = [
-        pa.field(each.name, types[each.type], metadata={"unit": each.unit, "meaning": each.meaning}) for each in columns
+        pa.field(column.name, types[column.type], metadata={"unit": column.unit, "meaning": column.meaning})
+        for column in columns
     ]
     return pa.schema(fields, metadata=about)
 

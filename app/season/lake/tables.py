@@ -35,7 +35,9 @@ def write_facts(path: Path, name: str, rows: Sequence[Row], metadata: dict[str, 
 
     columns = TABLES[name]
     schema = arrow_schema(columns, metadata)
-    arrays = [_array(pa, [row.get(each.name) for row in rows], each, schema.field(each.name).type) for each in columns]
+    arrays = [
+        _array(pa, [row.get(column.name) for row in rows], column, schema.field(column.name).type) for column in columns
+    ]
     parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd")
 
 
@@ -61,7 +63,7 @@ def sample_table(session: SessionFile) -> SignalTable:
 
 def layout_of(table: SignalTable) -> str:
     """Return what is the same where two sessions have the same columns in their wide tables."""
-    return hashlib.sha256("\n".join(each.name for each in table.signals).encode()).hexdigest()[:12]
+    return hashlib.sha256("\n".join(signal.name for signal in table.signals).encode()).hexdigest()[:12]
 
 
 def write_samples(path: Path, table: SignalTable, where: Where, metadata: dict[str, str]) -> None:
@@ -73,18 +75,18 @@ def write_samples(path: Path, table: SignalTable, where: Where, metadata: dict[s
     pa = pyarrow_or_error()
     from pyarrow import parquet
 
-    names = [each.name for each in table.signals]
+    names = [signal.name for signal in table.signals]
     fields = [
         *arrow_schema(WHERE),
         pa.field("time", pa.timestamp("us", "UTC"), metadata={"unit": "", "meaning": "when it was recorded"}),
         *(
-            pa.field(each.name, pa.float32(), metadata={"unit": "" if each.unit == "1" else each.unit})
-            for each in table.signals
+            pa.field(signal.name, pa.float32(), metadata={"unit": "" if signal.unit == "1" else signal.unit})
+            for signal in table.signals
         ),
     ]
     schema = pa.schema(fields, metadata=metadata)
     options: dict[str, Any] = {"compression": "zstd", "compression_level": 1}
-    options |= {"use_dictionary": [each.name for each in WHERE], "use_byte_stream_split": names}
+    options |= {"use_dictionary": [field.name for field in WHERE], "use_byte_stream_split": names}
     options |= {"column_encoding": {"time": "DELTA_BINARY_PACKED"}, "write_statistics": ["time"]}
     with parquet.ParquetWriter(path, schema, **options) as writer:
         for times_us, values in _pieces(table):

@@ -42,11 +42,14 @@ class Question:
         Raises:
             ConfigError: it has no such parameter, or a number is none.
         """
-        names = [each.name for each in self.parameters]
+        names = [parameter.name for parameter in self.parameters]
         for name in given:
             if name not in names:
                 raise ConfigError(name, given[name], Message("one-of", choices=tuple(names)))
-        return {each.name: _value(each, given.get(each.name, each.default)) for each in self.parameters}
+        return {
+            parameter.name: _value(parameter, given.get(parameter.name, parameter.default))
+            for parameter in self.parameters
+        }
 
 
 def questions() -> list[Question]:
@@ -57,12 +60,12 @@ def questions() -> list[Question]:
 
 def find_question(name: str) -> Question | None:
     """Return the question of this name, None where there is none."""
-    return next((each for each in questions() if each.name == name), None)
+    return next((question for question in questions() if question.name == name), None)
 
 
 def parameters_of(question: Question) -> str:
     """Return what a command line can set, behind the question's meaning."""
-    return "".join(f"; --set {each.name}={each.default}" for each in question.parameters)
+    return "".join(f"; --set {parameter.name}={parameter.default}" for parameter in question.parameters)
 
 
 def ask(store: SeasonStore, question: str, limits: QueryLimits = QueryLimits(), /, **given: str) -> Answer:  # noqa: B008
@@ -72,19 +75,19 @@ def ask(store: SeasonStore, question: str, limits: QueryLimits = QueryLimits(), 
         ConfigError: there is none of this name, or a parameter is wrong.
         QueryFailed: see `SeasonStore.query`.
     """
-    found = find_question(question)
-    if found is not None:
-        return store.query(found.sql, found.values(given), limits)
+    stored_question = find_question(question)
+    if stored_question is not None:
+        return store.query(stored_question.sql, stored_question.values(given), limits)
     if " " not in question.strip():
-        names = tuple(each.name for each in questions())
+        names = tuple(question.name for question in questions())
         raise ConfigError("question", question, Message("sql-or-one-of", choices=names))
     return store.query(question, given, limits)
 
 
 def json_of(answer: Answer) -> str:
     """Return an answer as JSON: `columns`, `rows` and `is_cut`."""
-    found = {"columns": answer.table.column_names, "rows": answer.rows(), "is_cut": answer.is_cut}
-    return json.dumps(found, default=str)
+    document = {"columns": answer.table.column_names, "rows": answer.rows(), "is_cut": answer.is_cut}
+    return json.dumps(document, default=str)
 
 
 def answer_at(lake: str, question: str, given: Mapping[str, str], limits: QueryLimits, most_mb: int) -> str:
@@ -102,7 +105,7 @@ def answer_at(lake: str, question: str, given: Mapping[str, str], limits: QueryL
 
 def _read(lines: list[str]) -> Question:
     name, meaning = lines[0].removeprefix("-- ").split(": ", 1)
-    parameters = [Parameter(*found.groups()) for line in lines if (found := _PARAMETER.match(line))]
+    parameters = [Parameter(*match.groups()) for line in lines if (match := _PARAMETER.match(line))]
     return Question(
         name, meaning, "\n".join(line for line in lines if not line.startswith("--")) + "\n", tuple(parameters)
     )

@@ -64,7 +64,7 @@ class Answer:
         except (OverflowError, ValueError) as error:
             raise QueryFailed(str(error)) from error
         return [
-            [each.isoformat() if isinstance(each, datetime) else each for each in row]
+            [value.isoformat() if isinstance(value, datetime) else value for value in row]
             for row in zip(*columns, strict=True)
         ]
 
@@ -155,8 +155,8 @@ class SeasonStore:
 
     def _add_view(self, connection: Any, table: str) -> None:
         file = name_of_table(table)
-        found = self._lake.find(f"car=*/season=*/session=*/{file}")
-        if not found:
+        files = self._lake.find(f"car=*/season=*/session=*/{file}")
+        if not files:
             connection.register(table, arrow_schema(columns_of(table)).empty_table())
             return
         rows = self._rows(file)
@@ -199,12 +199,12 @@ def with_parameters(sql: str, parameters: Mapping[str, Value]) -> str:
         ConfigError: one is missing, or a number is none.
     """
 
-    def put(found: re.Match[str]) -> str:
-        name = found["name"]
+    def put(match: re.Match[str]) -> str:
+        name = match["name"]
         if name not in parameters:
             raise ConfigError(name, None, Message("parameter-missing"))
         value = parameters[name]
-        if found["quote"]:
+        if match["quote"]:
             return '"' + str(value).replace('"', '""') + '"'
         if isinstance(value, str):
             if "\\" in value:  # engines differ in how they escape it

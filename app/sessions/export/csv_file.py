@@ -56,8 +56,8 @@ def texts_of(values: FloatArray, scale: float) -> Bytes:
     """The texts of (n, k) counts of one scale, each after a comma; NaN is empty. Each distinct text is made once."""
     decimals = max(0, math.ceil(-math.log10(scale) - 1e-9))  # enough to distinguish one count from the next
     is_known = np.isfinite(values)
-    found, places = _distinct(np.rint(values[is_known] / scale).astype(np.int64))
-    texts = np.array([",", *[f",%.{decimals}f" % value for value in (found * scale).tolist()]], "S")
+    distinct, places = _distinct(np.rint(values[is_known] / scale).astype(np.int64))
+    texts = np.array([",", *[f",%.{decimals}f" % value for value in (distinct * scale).tolist()]], "S")
     text_of = np.zeros(values.shape, np.intp)
     text_of[is_known] = places + 1
     return _bytes(texts[text_of])

@@ -97,9 +97,9 @@ def export(
     """
     if export_format not in FORMATS:
         raise ConfigError("format", export_format, Message("one-of", choices=tuple(FORMATS)))
-    known = NAMES if FORMATS[export_format].has_names else NAMES[:1]
-    if names not in known:
-        raise ConfigError("names", names, Message("one-of", choices=known))
+    shown = NAMES if FORMATS[export_format].has_names else NAMES[:1]
+    if names not in shown:
+        raise ConfigError("names", names, Message("one-of", choices=shown))
     table = SignalTable(
         session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s, names=names, on_progress=on_progress
     )

@@ -74,7 +74,7 @@ def _samples(table: SignalTable) -> dict[StoredSignal, SeriesSamples]:
 def _extent(table: SignalTable, samples: Iterable[SeriesSamples]) -> tuple[tuple[float, float] | None, int]:
     """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up."""
     first, last, rate_hz = [], [], 1
-    for times_us in {id(each.track): each.track.times_us for each in samples}.values():
+    for times_us in {id(sample.track): sample.track.times_us for sample in samples}.values():
         if len(times_us):
             first.append(table.session.unix_s(int(times_us[0]) * 1000))
             last.append(table.session.unix_s(int(times_us[-1]) * 1000))
@@ -93,12 +93,12 @@ def _resampled(
         if signal in _CONSTANT:
             yield table.constant(signal, grid_s)
             continue
-        found = samples.pop(signal)
-        if found.track is not track:
-            track = found.track
+        series = samples.pop(signal)
+        if series.track is not track:
+            track = series.track
             index, is_known = _last_before(table, track.times_us, grid_s)
         values = np.full(len(grid_s), np.nan)
-        values[is_known] = signal.physical(found.counts)[index[is_known]]
+        values[is_known] = signal.physical(series.counts)[index[is_known]]
         yield values
 
 

@@ -53,13 +53,13 @@ def write_mf4(table: SignalTable, path: Path) -> None:
 def _header(table: SignalTable) -> str:
     """The header's comment: car, driver and session, each by our name and by that of ASAM's where it has one."""
     info = table.info
-    known = {"session": info.id, "name": info.name} | {
+    facts = {"session": info.id, "name": info.name} | {
         key: str(info.metadata[key])
         for key in ("driver", "vehicle", "venue", "event", "source")
         if info.metadata.get(key)
     }
-    known |= {theirs: known[ours] for ours, theirs in _PROPERTIES.items() if ours in known}
-    properties = "".join(f"<e name={quoteattr(name)}>{escape(value)}</e>" for name, value in known.items())
+    facts |= {theirs: facts[ours] for ours, theirs in _PROPERTIES.items() if ours in facts}
+    properties = "".join(f"<e name={quoteattr(name)}>{escape(value)}</e>" for name, value in facts.items())
     text = escape(f"voltwall {info.voltwall}, session {info.id}, {info.name}")
     return f"<HDcomment><TX>{text}</TX><common_properties>{properties}</common_properties></HDcomment>"
 
@@ -67,14 +67,14 @@ def _header(table: SignalTable) -> str:
 def _happened(table: SignalTable) -> list[tuple[int, str, str, bool]]:
     """Time since the start [ns], name, text, and whether a person marked it; a lap without a marker is named `lap`."""
     start_ns = table.info.started_mono_ns
-    found = [(line.t_mono_ns - start_ns, line.name, line.text, not line.severity) for line in log_lines(table)]
-    marked = [at_ns for at_ns, name, _, is_marked in found if is_marked and name in ("lap", "laps")]
+    entries = [(line.t_mono_ns - start_ns, line.name, line.text, not line.severity) for line in log_lines(table)]
+    marked = [at_ns for at_ns, name, _, is_marked in entries if is_marked and name in ("lap", "laps")]
     for time_s in table.lap_times_s or ():
         at_ns = table.session.mono_us(time_s) * 1000 - start_ns
         is_inside = (table.t_from_s or 0.0) <= time_s <= (time_s if table.t_to_s is None else table.t_to_s)
-        if is_inside and not any(abs(at_ns - each) <= _SAME_NS for each in marked):
-            found.append((at_ns, "lap", "lap", False))
-    return sorted(found)
+        if is_inside and not any(abs(at_ns - mark_ns) <= _SAME_NS for mark_ns in marked):
+            entries.append((at_ns, "lap", "lap", False))
+    return sorted(entries)
 
 
 def _append(file: Any, signal_type: Any, table: SignalTable, rows: Rows) -> int:

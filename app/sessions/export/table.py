@@ -43,7 +43,7 @@ def export_name(signal: StoredSignal, names: Names, signals: Signals, segments: 
         pack = next(k for k, end in enumerate(ends) if signal.element < end)
         cell = signal.element - ends[pack] + segments[pack]
         return f"pack{pack + 1}_cell{cell + 1}_{_word(signal.field)}"
-    return _word(_INDEX.sub(lambda found: f"_{int(found[1]) + 1:03d}", signal.name))
+    return _word(_INDEX.sub(lambda match: f"_{int(match[1]) + 1:03d}", signal.name))
 
 
 def _is_of_a_cell(signal: StoredSignal, signals: Signals, n_cells: int) -> bool:
@@ -215,7 +215,7 @@ class SignalTable:
         parts = [(tracks[key].times_us[span], tracks[key].instants[span]) for key, span in spans.items()]
         parts = _with_their_samples(parts, [key in of_estimates for key in spans])
         nothing = np.empty(0, np.int64)
-        times_us, instants = (np.concatenate(each) for each in zip((nothing, nothing), *parts, strict=True))
+        times_us, instants = (np.concatenate(columns) for columns in zip((nothing, nothing), *parts, strict=True))
         instants, row_of_sample = np.unique(instants, return_inverse=True)
         row_us = np.full(len(instants), np.iinfo(np.int64).max)
         np.minimum.at(row_us, row_of_sample, times_us)
@@ -256,9 +256,14 @@ def _with_their_samples(parts: Sequence[_Instants], are_estimates: Sequence[bool
     if not len(of_master) or of_master.min() >> 32 == of_master.max() >> 32:
         return list(parts)
     samples = (part for part, is_estimate in zip(parts, are_estimates, strict=True) if not is_estimate)
-    known = {(time_us, instant & _UPTIME): instant for part in samples for time_us, instant in _pairs(part)}
+    instant_of = {(time_us, instant & _UPTIME): instant for part in samples for time_us, instant in _pairs(part)}
     return [
-        (part[0], np.array([known.get((time_us, each & _UPTIME), each) for time_us, each in _pairs(part)], np.int64))
+        (
+            part[0],
+            np.array(
+                [instant_of.get((time_us, instant & _UPTIME), instant) for time_us, instant in _pairs(part)], np.int64
+            ),
+        )
         if is_estimate
         else part
         for part, is_estimate in zip(parts, are_estimates, strict=True)
@@ -305,9 +310,9 @@ def log_lines(table: SignalTable) -> list[LogLine]:
     """Return what happened in the range of a table, in order of time."""
     session = table.session
     lines = [
-        LogLine(each["t_mono_ns"], str(each["severity"]), str(each["code"]), str(each["text"]))
-        for each in session.events()
+        LogLine(event["t_mono_ns"], str(event["severity"]), str(event["code"]), str(event["text"]))
+        for event in session.events()
     ]
-    lines += [LogLine(each.t_mono_ns, "", each.kind, each.text) for each in session.markers()]
+    lines += [LogLine(marker.t_mono_ns, "", marker.kind, marker.text) for marker in session.markers()]
     first_s, last_s = table.t_from_s or 0.0, np.inf if table.t_to_s is None else table.t_to_s
     return sorted(line for line in lines if first_s <= session.unix_s(line.t_mono_ns) <= last_s)

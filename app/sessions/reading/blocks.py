@@ -148,7 +148,9 @@ class BlockReader:
     def _track(self, track_id: int) -> Track:
         query = "SELECT samples, times_us, instants FROM tracks WHERE id = ?"
         ((n, times, instants),) = self._stored.rows(query, (track_id,))
-        times_us, of_master = (unpack_streams([each], "<i8", n)[:, 0].astype(np.int64) for each in (times, instants))
+        times_us, of_master = (
+            unpack_streams([packed], "<i8", n)[:, 0].astype(np.int64) for packed in (times, instants)
+        )
         return Track(times_us, of_master)
 
     def _from_tail(self, wanted: Mapping[str, ElementArray]) -> list[BlockColumn]:
@@ -282,7 +284,7 @@ def in_rows(
                 rows[name] = values[:, wanted[name]]
                 if name == "v" and IS_NEW in wanted:
                     rows[IS_NEW] = (at_us > grid_us[:, None] - period_us).astype(np.float64)[:, wanted[IS_NEW]]
-        is_known = np.any([np.isfinite(each).any(axis=1) for name, each in rows.items() if name != IS_NEW], axis=0)
+        is_known = np.any([np.isfinite(row).any(axis=1) for name, row in rows.items() if name != IS_NEW], axis=0)
         if not is_known.any():
             continue
         track = Track(grid_us[is_known], -grid_us[is_known])

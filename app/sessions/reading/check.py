@@ -41,18 +41,18 @@ def find_problems(stored: StoredSession, on_read: Callable[[int, int], None] | N
         stored: the session.
         on_read: called with how many of its rows are read, and of how many.
     """
-    found: list[str] = []
+    problems: list[str] = []
     try:
-        found += stored.check_pages()
+        problems += stored.check_pages()
         with stored.consistent(), stored.sound():
             read = _Read(stored, on_read)
-            found += _rows_missing(stored)
-            found += _digests(stored, read)
-            found += _frames(stored, read)
-            found += _columns(stored, read)
+            problems += _rows_missing(stored)
+            problems += _digests(stored, read)
+            problems += _frames(stored, read)
+            problems += _columns(stored, read)
     except NotASession as error:
-        found.append(render(error.reason))
-    return found
+        problems.append(render(error.reason))
+    return problems
 
 
 def _rows_missing(stored: StoredSession) -> Iterator[str]:
@@ -143,7 +143,7 @@ def _differences(
     tracks: dict[int, tuple[Any, Any]] = {}
     with_track = "SELECT id, samples, times_us, instants FROM tracks WHERE id >= ? AND id < ?"
     for number, n, times, instants in stored.rows(with_track, (base, base + IDS_PER_CHUNK)):
-        tracks[number] = tuple(unpack_streams([each], "<i8", n)[:, 0] for each in (times, instants))  # type: ignore[assignment]
+        tracks[number] = tuple(unpack_streams([packed], "<i8", n)[:, 0] for packed in (times, instants))  # type: ignore[assignment]
     left = set() if expected is None else set(expected.columns)
     with_columns = "SELECT id, track, ends, data FROM columns WHERE id >= ? AND id < ?"
     for number, track, ends, data in stored.rows(with_columns, (base, base + IDS_PER_CHUNK)):

@@ -202,10 +202,10 @@ class SessionFile:
         n_cells = self.battery.n_cells
         wanted = [self.signals.find(f"{name}[{cell}]") for name in ESTIMATES for cell in range(n_cells)]
         for block in self.blocks(wanted, t_from_s, t_to_s):
-            found = {column.field: column for column in block.columns}
-            if len(found) == len(ESTIMATES):
-                track = found[ESTIMATES[0]].track
-                values = [wanted[0].physical(found[name].counts) for name in ESTIMATES]
+            column_of = {column.field: column for column in block.columns}
+            if len(column_of) == len(ESTIMATES):
+                track = column_of[ESTIMATES[0]].track
+                values = [wanted[0].physical(column_of[name].counts) for name in ESTIMATES]
                 times_ns = track.times_us * 1000
                 uptimes_ms = np.where(track.instants < 0, times_ns // 1_000_000, track.instants & 0xFFFFFFFF)
                 yield from zip(times_ns.tolist(), uptimes_ms.tolist(), *values, strict=True)
@@ -235,9 +235,9 @@ class SessionFile:
             raise ValueError(f"points = {points}: 1..{MAX_POINTS}")
         chosen = [self.signals.find(name) for name in signals]
         result = {}
-        for signal, found in zip(chosen, self.samples(chosen, t_from_s, t_to_s), strict=True):
-            times_s = (found.track.times_us * 1000 + self._offset_ns) / 1e9
-            values = signal.physical(found.counts)
+        for signal, samples in zip(chosen, self.samples(chosen, t_from_s, t_to_s), strict=True):
+            times_s = (samples.track.times_us * 1000 + self._offset_ns) / 1e9
+            values = signal.physical(samples.counts)
             result[signal.name] = reduce_samples(signal.name, signal.unit, times_s, values, points)
         return result
 
@@ -253,12 +253,12 @@ class SessionFile:
         tracks: dict[tuple[int, ...], tuple[Track, Any]] = {}
         samples = []
         for signal in signals:
-            found = parts[signal.field, signal.element]
-            key = tuple(id(column.track) for column, _ in found)
+            columns = parts[signal.field, signal.element]
+            key = tuple(id(column.track) for column, _ in columns)
             if key not in tracks:
-                tracks[key] = joined([column.track for column, _ in found])
+                tracks[key] = joined([column.track for column, _ in columns])
             track, order = tracks[key]
-            samples.append(SeriesSamples(track, found, order))
+            samples.append(SeriesSamples(track, columns, order))
         return samples
 
     def blocks(
@@ -277,7 +277,7 @@ class SessionFile:
         elements: dict[str, set[int]] = defaultdict(set)
         for signal in signals:
             elements[signal.field].add(signal.element)
-        wanted = {name: np.array(sorted(each), np.intp) for name, each in elements.items()}
+        wanted = {name: np.array(sorted(elements_of_field), np.intp) for name, elements_of_field in elements.items()}
         return self._read(wanted, t_from_s, t_to_s, in_rows=in_rows)
 
     def fields(
@@ -296,10 +296,10 @@ class SessionFile:
         for block in self._read(wanted, t_from_s, t_to_s, in_rows=True):
             if self._on_read is not None and t_from_s is t_to_s is None:
                 self._tell(block, self._on_read)
-            found: dict[str, list[BlockColumn]] = defaultdict(list)
+            columns: dict[str, list[BlockColumn]] = defaultdict(list)
             for column in block.columns:
-                found[column.field].append(column)
-            yield {name: self._in_units(parts, *shapes[name]) for name, parts in found.items()}
+                columns[column.field].append(column)
+            yield {name: self._in_units(parts, *shapes[name]) for name, parts in columns.items()}
 
     def _read(
         self, wanted: Mapping[str, ElementArray], t_from_s: float | None, t_to_s: float | None, *, in_rows: bool
@@ -308,14 +308,16 @@ class SessionFile:
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
         mapping = self.loaded_battery.mapping if in_rows else None
         if self.loaded_battery.has_memory_map:
-            return with_whole_totals(lambda each: self._blocks.blocks(each, first_us, last_us), wanted, N_CELLS)
+            return with_whole_totals(
+                lambda elements_of: self._blocks.blocks(elements_of, first_us, last_us), wanted, N_CELLS
+            )
         if mapping is None:
             return self._blocks.blocks(wanted, first_us, last_us)
         blocks = self._blocks.blocks(wanted, first_us - CARRIED_US, last_us)
         return rows_of(blocks, wanted, self.signals, mapping, first_us)
 
     def _tell(self, block: Block, on_read: OnRead) -> None:
-        start_us, end_us = (each // 1000 for each in (self.info.started_mono_ns, self.info.ended_mono_ns or 0))
+        start_us, end_us = (time_ns // 1000 for time_ns in (self.info.started_mono_ns, self.info.ended_mono_ns or 0))
         on_read(min(block.last_us, end_us) - start_us, end_us - start_us)
 
     def _in_units(self, parts: Sequence[BlockColumn], signal: StoredSignal, n_elements: int) -> FieldSamples:

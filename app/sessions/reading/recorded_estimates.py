@@ -32,9 +32,9 @@ class RecordedEstimates:
     def _load(self, unix_s: float) -> None:
         self._from_s, self._to_s = unix_s, unix_s + _PIECE_S
         pieces = [
-            [found[name] for name in _NAMES]
-            for found in self._session.fields(_NAMES, unix_s - _OLDEST_S, self._to_s + 1e-3)
-            if all(name in found for name in _NAMES)
+            [samples[name] for name in _NAMES]
+            for samples in self._session.fields(_NAMES, unix_s - _OLDEST_S, self._to_s + 1e-3)
+            if all(name in samples for name in _NAMES)
         ]
         if not pieces:
             self._time_s = np.empty(0)

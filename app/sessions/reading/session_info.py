@@ -27,9 +27,9 @@ def read_note(stored: StoredSession, key: str) -> Any:
     """Return the value of a key, None where it has none, or the file is older than notes and cannot be changed."""
     if not stored.rows("SELECT 1 FROM sqlite_master WHERE name = 'notes'"):
         return None
-    found = stored.rows("SELECT value FROM notes WHERE key = ? AND length(CAST(value AS BLOB)) <= ?", (key, MOST_BYTES))
+    rows = stored.rows("SELECT value FROM notes WHERE key = ? AND length(CAST(value AS BLOB)) <= ?", (key, MOST_BYTES))
     with stored.sound():
-        return parse_json(found[0][0]) if found else None
+        return parse_json(rows[0][0]) if rows else None
 
 
 def write_note(path: Path, key: str, value: Any, *, t_wall_ns: int, who: str | None) -> None:
@@ -92,9 +92,9 @@ def info_of(stored: StoredSession) -> SessionInfo:
         start = int(meta["start_mono_ns"])
         end = int(meta["end_mono_ns"]) if is_closed else max([start, *_last_times(stored)])
         offset = wall_offset_ns(stored, meta)
-        for each in (start, end, start + offset, end + offset):
-            if each not in _INT64:
-                raise ValueError(f"{each} ns is no time")
+        for time_ns in (start, end, start + offset, end + offset):
+            if time_ns not in _INT64:
+                raise ValueError(f"{time_ns} ns is no time")
         metadata = parse_object(meta["metadata"])
         if tags := read_note(stored, "tags"):
             metadata["tags"] = tags
@@ -120,9 +120,9 @@ def filled_spans(info: SessionInfo) -> list[tuple[float, float]]:
     """Spans that came from another recorder of the same run, in seconds from the start; what is no span is left out."""
     spans = info.metadata.get("filled")
     return [
-        (each[0], each[1])
-        for each in (spans if isinstance(spans, list) else ())
-        if isinstance(each, list) and len(each) == 2 and all(isinstance(end, int | float) for end in each)
+        (span[0], span[1])
+        for span in (spans if isinstance(spans, list) else ())
+        if isinstance(span, list) and len(span) == 2 and all(isinstance(end, int | float) for end in span)
     ]
 
 

@@ -33,9 +33,9 @@ def _whole(column: BlockColumn, columns: Sequence[BlockColumn], n_cells: int) ->
     if column.field not in (SUM, MEAN):
         return column
     other = SUM if column.field == MEAN else MEAN
-    for each in columns:
-        if each.field == other and each.track is column.track:  # same instants
-            decode = partial(_counts, column, each, n_cells)
+    for candidate in columns:
+        if candidate.field == other and candidate.track is column.track:  # same instants
+            decode = partial(_counts, column, candidate, n_cells)
             return BlockColumn(column.field, column.elements, column.track, decode)
     return column
 

@@ -92,10 +92,10 @@ class AutoRecorder:
     @property
     def status(self) -> RecorderStatus:
         """The recorder, at most STATUS_S old."""
-        now, known = self._clock.monotonic_s(), self._status  # another thread may forget it meanwhile
-        if known is None or now - known[0] > STATUS_S:
-            self._status = known = now, self._recorder.status
-        return known[1]
+        now, last = self._clock.monotonic_s(), self._status  # another thread may forget it meanwhile
+        if last is None or now - last[0] > STATUS_S:
+            self._status = last = now, self._recorder.status
+        return last[1]
 
     @property
     def session(self) -> SessionInfo | None:

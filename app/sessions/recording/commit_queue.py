@@ -47,7 +47,7 @@ class CommitDelay:
     def now_s(self, waiting_ns: int | None, now_ns: int) -> float | None:
         """Return the newest delay, or what a frame waits already where that is longer."""
         waits_s = None if waiting_ns is None else (now_ns - waiting_ns) / 1e9
-        return max((each for each in (self._newest_s, waits_s) if each is not None), default=None)
+        return max((second for second in (self._newest_s, waits_s) if second is not None), default=None)
 
 
 COMMIT_S = 0.3  # the time that the last commits took included; at most 0.5 s of a session are not on the disk

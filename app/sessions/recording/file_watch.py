@@ -28,7 +28,7 @@ class FileWatch:
         self._path = path
         self._log = path.with_name(path.name + "-wal")
         self._id = session_id
-        self._seen = {each: found for each in (path, self._log) if (found := _file(each)) is not None}
+        self._seen = {owner: state for owner in (path, self._log) if (state := _file(owner)) is not None}
         self._reader: sqlite3.Connection | None = None
         self._read_s = time.monotonic()
 
@@ -79,19 +79,19 @@ class FileWatch:
             if self._reader is None:
                 uri = f"{self._path.resolve().as_uri()}?mode=ro"
                 self._reader = sqlite3.connect(uri, uri=True, timeout=0, isolation_level=None, check_same_thread=False)
-            found = self._reader.execute("SELECT value FROM meta WHERE key = 'id'").fetchall()
+            rows = self._reader.execute("SELECT value FROM meta WHERE key = 'id'").fetchall()
             self._reader.execute("SELECT max(id) FROM frames").fetchall()
         except sqlite3.Error as error:
             with suppress(sqlite3.Error):
                 self.close()
             return code_of(error) in _TRANSIENT_ERRORS
-        return found == [(self._id,)]
+        return rows == [(self._id,)]
 
 
 def _file(path: Path) -> tuple[int, int, int] | None:
     """Return what tells a file from another one of the same name, and its size; None where there is none."""
     try:
-        found = path.stat()
+        stat = path.stat()
     except OSError:
         return None
-    return found.st_dev, found.st_ino, found.st_size
+    return stat.st_dev, stat.st_ino, stat.st_size

@@ -54,8 +54,8 @@ def load_plan(path: Path, event: str | None = None) -> RecordingPlan:
     plan = RecordingPlan()
     try:
         kept = parse_object(path.read_bytes())
-        known = {each.name for each in fields(RecordingPlan)}
-        plan = checked(RecordingPlan(**{name: str(value) for name, value in kept.items() if name in known}))
+        names = {field.name for field in fields(RecordingPlan)}
+        plan = checked(RecordingPlan(**{name: str(value) for name, value in kept.items() if name in names}))
     except FileNotFoundError:
         pass
     except OSError as error:

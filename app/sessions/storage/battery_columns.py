@@ -44,7 +44,7 @@ class Holder:
     def rows_and_times(self, samples: Iterable[Samples], grid_us: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         """As `rows`, with the (n, elements) times of the values [us]."""
         shape = (len(grid_us), len(self._value))
-        found, at_us = np.broadcast_to(self._value, shape).copy(), np.broadcast_to(self._t_us, shape).copy()
+        latest, at_us = np.broadcast_to(self._value, shape).copy(), np.broadcast_to(self._t_us, shape).copy()
         for elements, times_us, values in samples:
             self._learn(elements, times_us)
             newest = np.searchsorted(times_us, grid_us, side="right") - 1
@@ -52,14 +52,14 @@ class Holder:
             newest = newest[is_there]
             place = np.ix_(is_there, elements)
             is_newer = times_us[newest][:, None] >= at_us[place]
-            found[place] = np.where(is_newer, values[newest], found[place])
+            latest[place] = np.where(is_newer, values[newest], latest[place])
             at_us[place] = np.where(is_newer, times_us[newest][:, None], at_us[place])
             last = times_us[-1] >= self._t_us[elements]
             self._value[elements] = np.where(last, values[-1], self._value[elements])
             self._t_us[elements] = np.where(last, times_us[-1], self._t_us[elements])
         age_us = grid_us[:, None] - at_us
-        found[age_us > self._most_us()] = np.nan
-        return found, at_us
+        latest[age_us > self._most_us()] = np.nan
+        return latest, at_us
 
     def _learn(self, elements: NDArray[np.intp], times_us: NDArray[np.int64]) -> None:
         """The longest gap between two samples that is no pause."""
@@ -164,25 +164,28 @@ class BatteryColumns:
     def build(self) -> list[ColumnOfBattery]:
         """Return what the frames tell, ordered by field and first element. To be called once before `clear`."""
         values = self._decoder.decode(self._frames)
-        found: list[ColumnOfBattery] = []
+        columns: list[ColumnOfBattery] = []
         for kind, of_kind in values.items():
-            found += _columns(self._field_of(kind), of_kind)
-        return [*found, *self._made_of(found)]
+            columns += _columns(self._field_of(kind), of_kind)
+        return [*columns, *self._made_of(columns)]
 
     def _field_of(self, kind: str) -> str:
         if kind == "temperature":
             return "t" if self._is_direct else "sensor"
         return FIELD_OF_KIND.get(kind, kind)
 
-    def _made_of(self, found: list[ColumnOfBattery]) -> Iterator[ColumnOfBattery]:
+    def _made_of(self, columns: list[ColumnOfBattery]) -> Iterator[ColumnOfBattery]:
         """Temperatures of cells out of those of sensors; extremes and means of all cells, one a period."""
         by_field: dict[str, list[ColumnOfBattery]] = defaultdict(list)
-        for column in found:
+        for column in columns:
             by_field[column.field].append(column)
-        times = [each.times_us for each in found if len(each.times_us)]
+        times = [column.times_us for column in columns if len(column.times_us)]
         if not times:
             return
-        first_us, last_us = min(int(each.min()) for each in times), max(int(each.max()) for each in times)
+        first_us, last_us = (
+            min(int(times_of_column.min()) for times_of_column in times),
+            max(int(times_of_column.max()) for times_of_column in times),
+        )
         first_us = first_us if self._grid_us is None else max(first_us, self._grid_us + 1)
         grid_us = grid_of(first_us, last_us, self._period_us)
         if not len(grid_us):
@@ -269,21 +272,21 @@ def _columns(field: str, values: ChannelValues) -> Iterator[ColumnOfBattery]:
     index, times_us, value = values.index[order], values.t_ns[order] // 1000, values.value[order]
     elements, starts = np.unique(index, return_index=True)
     ends = [*starts[1:].tolist(), len(index)]
-    each = (
+    runs = (
         (times_us[start:end], element, value[start:end])
         for element, start, end in zip(elements.tolist(), starts.tolist(), ends, strict=True)
     )
-    return _in_runs(field, each)
+    return _in_runs(field, runs)
 
 
-def _in_runs(field: str, each: Iterator[TimesAndElements]) -> Iterator[ColumnOfBattery]:
+def _in_runs(field: str, runs: Iterator[TimesAndElements]) -> Iterator[ColumnOfBattery]:
     """Consecutive elements with the same times as one column."""
     run: list[TimesAndElements] = []
 
     def column() -> ColumnOfBattery:
         return ColumnOfBattery(field, run[0][1], run[0][0], np.column_stack([values for _, _, values in run]))
 
-    for times_us, element, values in each:
+    for times_us, element, values in runs:
         if run and (element != run[-1][1] + 1 or not np.array_equal(times_us, run[0][0])):
             yield column()
             run = []
@@ -303,13 +306,13 @@ def _extremes(name: str, cells: FloatArray, grid_us: NDArray[np.int64]) -> Itera
     rows = np.isfinite(cells).any(axis=1)
     if not rows.any():
         return
-    known, times_us = cells[rows], grid_us[rows]
-    low, high = np.nanargmin(known, axis=1), np.nanargmax(known, axis=1)
-    everything = np.arange(len(known))
+    measured, times_us = cells[rows], grid_us[rows]
+    low, high = np.nanargmin(measured, axis=1), np.nanargmax(measured, axis=1)
+    everything = np.arange(len(measured))
     for which, values in (
-        ("min", known[everything, low]),
-        ("max", known[everything, high]),
-        ("avg", np.nanmean(known, axis=1) if name == "t" else known.mean(axis=1)),
+        ("min", measured[everything, low]),
+        ("max", measured[everything, high]),
+        ("avg", np.nanmean(measured, axis=1) if name == "t" else measured.mean(axis=1)),
         ("min_id", low.astype(np.float64)),
         ("max_id", high.astype(np.float64)),
     ):

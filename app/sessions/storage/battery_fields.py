@@ -41,25 +41,25 @@ def has_sensor_a_cell(battery: Battery) -> bool:
 def battery_fields(battery: Battery, source: DbcMapping | SerialMapping) -> dict[str, BatteryField]:
     """Return what a session of this battery may hold, by name, in the order in which people want to read it."""
     n = battery.n_cells
-    found = [
+    listed = [
         BatteryField("i_fs", None, "A", 1e-3),
         BatteryField("v_tot", None, "V", 1e-3),
         BatteryField("soc", None, "1", 1e-4),
     ]
     for name, unit in EXTREMES:
-        found += [BatteryField(f"{name}_{which}", None, unit, 1e-4) for which in ("min", "max", "avg")]
-        found += [BatteryField(f"{name}_{which}_id", None, "", 1.0) for which in ("min", "max")]
-    found += [BatteryField("v", n, "V", 1e-5), BatteryField("t", n, "degC", 1e-2)]
+        listed += [BatteryField(f"{name}_{which}", None, unit, 1e-4) for which in ("min", "max", "avg")]
+        listed += [BatteryField(f"{name}_{which}_id", None, "", 1.0) for which in ("min", "max")]
+    listed += [BatteryField("v", n, "V", 1e-5), BatteryField("t", n, "degC", 1e-2)]
     if battery.n_sensors and not has_sensor_a_cell(battery):
-        found.append(BatteryField("sensor", battery.n_sensors, "degC", 1e-2))
+        listed.append(BatteryField("sensor", battery.n_sensors, "degC", 1e-2))
     if "balancing" in source.kinds:
-        found.append(BatteryField("balancing", n, "", 1.0))
+        listed.append(BatteryField("balancing", n, "", 1.0))
     if "resistance" in source.kinds:
-        found.append(BatteryField("resistance", n, "ohm", 1e-6))
-    found += [BatteryField("charger_voltage", None, "V", 1e-3), BatteryField("charger_current", None, "A", 1e-3)]
-    found += [BatteryField(f"state.{name}", None, "", 1.0) for name in STATES if f"state.{name}" in source.kinds]
-    found += [BatteryField(f"limit.{name}", None, _unit_of(name), 1e-3) for name in battery.limits]
-    return {field.name: field for field in found}
+        listed.append(BatteryField("resistance", n, "ohm", 1e-6))
+    listed += [BatteryField("charger_voltage", None, "V", 1e-3), BatteryField("charger_current", None, "A", 1e-3)]
+    listed += [BatteryField(f"state.{name}", None, "", 1.0) for name in STATES if f"state.{name}" in source.kinds]
+    listed += [BatteryField(f"limit.{name}", None, _unit_of(name), 1e-3) for name in battery.limits]
+    return {field.name: field for field in listed}
 
 
 def ages_of(source: DbcMapping | SerialMapping) -> dict[str, float | None]:

@@ -72,26 +72,26 @@ class Chunk:
 
 def encode_estimate(values: NDArray[np.float64]) -> bytes:
     """Return fractions as counts: not finite is missing, below 0 is 0."""
-    known = np.isfinite(values)
-    counts = np.clip(np.where(known, values, 0.0) / ESTIMATE_SCALE, 0, ESTIMATE_MISSING - 1).round()
-    return np.where(known, counts, ESTIMATE_MISSING).astype("<u2").tobytes()
+    is_finite = np.isfinite(values)
+    counts = np.clip(np.where(is_finite, values, 0.0) / ESTIMATE_SCALE, 0, ESTIMATE_MISSING - 1).round()
+    return np.where(is_finite, counts, ESTIMATE_MISSING).astype("<u2").tobytes()
 
 
 @lru_cache(maxsize=256)
 def _segments(layout: Layout, map_hash: str | None = None) -> tuple[tuple[SeriesKey, int], ...]:
     """What whole elements of a map the windows carry and where in their joined bytes each run of them starts."""
-    found = []
+    segments = []
     position = 0
     for offset, length in layout:
-        for each in fields_of(map_hash).values():
-            size = each.item_size
-            first = max(0, -(-(offset - each.offset) // size))
-            last = min(each.count, (offset + length - each.offset) // size)
+        for placed in fields_of(map_hash).values():
+            size = placed.item_size
+            first = max(0, -(-(offset - placed.offset) // size))
+            last = min(placed.count, (offset + length - placed.offset) // size)
             if first < last:
-                start = position + each.offset + first * size - offset
-                found.append((SeriesKey(each.name, first, last - first, _NUMPY_TYPES[each.fmt]), start))
+                start = position + placed.offset + first * size - offset
+                segments.append((SeriesKey(placed.name, first, last - first, _NUMPY_TYPES[placed.fmt]), start))
         position += length
-    return tuple(found)
+    return tuple(segments)
 
 
 @dataclass(slots=True)
@@ -149,7 +149,7 @@ class ChunkBuilder:
         self._boots_at_start = self._boots
 
     def __len__(self) -> int:
-        of_others = sum(len(each) for each in (self._battery, self._table) if each is not None)
+        of_others = sum(len(part) for part in (self._battery, self._table) if part is not None)
         return len(self._times_us) + len(self._estimate_times_us) + of_others
 
     @property
@@ -285,14 +285,14 @@ class ChunkBuilder:
         by_master = instants >= 0
         times_us, instants = times_us[by_master], instants[by_master]
         uptimes_ms = np.array(self._estimate_uptimes_ms, np.int64)
-        known = np.insert(instants, 0, self._boots_at_start << 32 | 0xFFFFFFFF)
-        before = known[np.searchsorted(times_us, own_us, side="right")]
+        instants_from_start = np.insert(instants, 0, self._boots_at_start << 32 | 0xFFFFFFFF)
+        before = instants_from_start[np.searchsorted(times_us, own_us, side="right")]
         boots = (before >> 32) - (uptimes_ms > (before & 0xFFFFFFFF) + _RESET_MS)
         return Track(own_us, np.maximum(boots, 0) << 32 | uptimes_ms)
 
     def clear(self) -> None:
         """Forget what was added; the master's clock goes on."""
         self._restart()
-        for each in (self._battery, self._table):
-            if each is not None:
-                each.clear()
+        for part in (self._battery, self._table):
+            if part is not None:
+                part.clear()

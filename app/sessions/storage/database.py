@@ -95,13 +95,13 @@ def migrate(connection: sqlite3.Connection, schema: Schema, path: str) -> int:
 
 def statements(script: str) -> list[str]:
     """Return the statements of a step."""
-    found, current = [], ""
+    complete, current = [], ""
     for line in script.splitlines(keepends=True):
         current += line
         if sqlite3.complete_statement(current):
-            found.append(current)
+            complete.append(current)
             current = ""
-    return found
+    return complete
 
 
 QUERY_S = 20.0  # time limit of a query; the service's take milliseconds
@@ -112,16 +112,16 @@ _CHECK_AFTER = 100_000  # instructions of the virtual machine
 @cache
 def _known(schema: Schema) -> frozenset[tuple[str, str, str | None]]:
     """Kind, name and text of everything that a file of any version of a schema holds."""
-    found: set[tuple[str, str, str | None]] = set()
+    columns: set[tuple[str, str, str | None]] = set()
     connection = sqlite3.connect(":memory:", isolation_level=None)
     try:
         for step in schema.steps:
             for statement in statements(step):
                 connection.execute(statement)
-            found.update(connection.execute("SELECT type, name, sql FROM sqlite_master"))
+            columns.update(connection.execute("SELECT type, name, sql FROM sqlite_master"))
     finally:
         connection.close()
-    return frozenset(found)
+    return frozenset(columns)
 
 
 def require_own_tables(connection: sqlite3.Connection, schema: Schema, path: str) -> None:
@@ -130,12 +130,12 @@ def require_own_tables(connection: sqlite3.Connection, schema: Schema, path: str
     Raises:
         NotASession: names what is there.
     """
-    known = _known(schema)
-    own = {name for _, name, _ in known}
+    columns = _known(schema)
+    own = {name for _, name, _ in columns}
     for kind, name, text in connection.execute("SELECT type, name, sql FROM sqlite_master"):
         is_plain = kind == "table" and name not in own and " VIRTUAL " not in f" {text} ".upper()[:40]
         is_automatic = kind == "index" and text is None
-        if not ((kind, name, text) in known or is_plain or is_automatic):
+        if not ((kind, name, text) in columns or is_plain or is_automatic):
             raise NotASession(path, Message("session-foreign-table", kind=str(kind), name=str(name)[:100]))
 
 

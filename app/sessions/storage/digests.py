@@ -103,8 +103,8 @@ class Digests:
 
     def text(self) -> str:
         """What is written into `meta`."""
-        found = {table: digest.value for table, digest in self._tables.items()}
-        return json.dumps(found | {META: meta_digest(self._meta)})
+        digests = {table: digest.value for table, digest in self._tables.items()}
+        return json.dumps(digests | {META: meta_digest(self._meta)})
 
 
 def digested(table: str, rows: Iterable[Row]) -> Iterable[Row]:

@@ -118,15 +118,15 @@ class Signals:
         if field not in self._fields:
             raise UnknownSignal(field)
         indices = product(*(range(length) for length in self._fields[field].shape))
-        return [field + "".join(f"[{i}]" for i in each) for each in indices]
+        return [field + "".join(f"[{i}]" for i in index) for index in indices]
 
     def of_table(self) -> list[StoredSignal]:
         """Return what an export contains by default: what is measured of all cells, and the estimates."""
-        found = []
+        signals = []
         for name in self._of_table:
             shape = self._fields[name].shape
-            found += [f"{name}[{i}]" for i in range(shape[0])] if shape else [name]
-        return [self.find(name) for name in found]
+            signals += [f"{name}[{i}]" for i in range(shape[0])] if shape else [name]
+        return [self.find(name) for name in signals]
 
     def _signal(self, name: str, field: str, element: int) -> StoredSignal:
         of = self._fields[field]

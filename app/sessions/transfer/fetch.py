@@ -106,11 +106,15 @@ class Remote:
         with self._answers():
             return [
                 RemoteSession(
-                    str(each["id"]), str(each["name"]), float(each["started"]), float(each["duration_s"] or 0),
-                    int(each["bytes"]), bool(each["recording"]),
+                    str(session["id"]),
+                    str(session["name"]),
+                    float(session["started"]),
+                    float(session["duration_s"] or 0),
+                    int(session["bytes"]),
+                    bool(session["recording"]),
                 )
-                for each in self._json("sessions", TIMEOUT_S)["sessions"]
-            ]  # fmt: skip
+                for session in self._json("sessions", TIMEOUT_S)["sessions"]
+            ]
 
     @contextmanager
     def _answers(self) -> Iterator[None]:
@@ -176,8 +180,8 @@ class Remote:
             except ValueError as error:  # a length or a digest that is none
                 raise self._failed(session, Message("no-voltwall")) from error
         with part.open("rb") as file:
-            found = hashlib.file_digest(file, "sha256").digest()
-        if expected is not None and found != expected:
+            digest = hashlib.file_digest(file, "sha256").digest()
+        if expected is not None and digest != expected:
             part.unlink()
             raise self._failed(session, Message("not-what-was-sent"))
         try:
@@ -202,9 +206,9 @@ class Remote:
         """
         with self._answers():
             return [
-                {"id": _session_id(each["id"]), "pieces": _n_pieces(each["pieces"]), "bytes": int(each["bytes"]),
-                 "started": float(each["started"]), "recording": bool(each["recording"])}
-                for each in self._json("pieces")["sessions"]
+                {"id": _session_id(offer["id"]), "pieces": _n_pieces(offer["pieces"]), "bytes": int(offer["bytes"]),
+                 "started": float(offer["started"]), "recording": bool(offer["recording"])}
+                for offer in self._json("pieces")["sessions"]
             ]  # fmt: skip
 
     def head(self, session_id: str) -> dict[str, Any]:
@@ -252,14 +256,14 @@ class Remote:
             ValueError: it is too long.
         """
         until_s = self._monotonic_s() + LIST_S
-        found = bytearray()
+        body = bytearray()
         while piece := answer.read1(PIECE_BYTES):
-            found += piece
-            if len(found) > LIST_BYTES:
-                raise ValueError(len(found))
+            body += piece
+            if len(body) > LIST_BYTES:
+                raise ValueError(len(body))
             if self._monotonic_s() > until_s:
                 raise FetchFailed(self.url, Message("answer-too-slow", seconds=LIST_S))
-        return bytes(found)
+        return bytes(body)
 
     def _failed(self, session: RemoteSession, reason: Text) -> FetchFailed:
         return FetchFailed(self.url, Message("of-source", source=session.id, reason=reason))

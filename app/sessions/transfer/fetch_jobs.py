@@ -52,11 +52,11 @@ class Fetch:
             FetchFailed: the remote does not answer, or a session did not come over whole.
             SessionNotFound: it has none of this id.
         """
-        found = {session.id: session for session in self.remote.sessions()}
+        sessions = {session.id: session for session in self.remote.sessions()}
         for session_id in wanted:
-            if session_id not in found:
+            if session_id not in sessions:
                 raise SessionNotFound(session_id)
-        chosen = [found[i] for i in wanted] if wanted else [s for s in found.values() if not s.is_recording]
+        chosen = [sessions[i] for i in wanted] if wanted else [s for s in sessions.values() if not s.is_recording]
         chosen.sort(key=lambda session: session.started_s)
         for session in chosen:
             if self.remote.is_fetched(session, self.folder):

@@ -177,9 +177,9 @@ def _fill(
 def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -> list[_Missing]:
     """Intact frames of the source that the session lacks, between its start and its end, in order."""
     info = session.info
-    for each in (session, source):
-        if each.info.frames == 0 and each.info.can_frames:
-            raise CanOnlySession(Message("can-only-session", session=each.path.stem))
+    for file in (session, source):
+        if file.info.frames == 0 and file.info.can_frames:
+            raise CanOnlySession(Message("can-only-session", session=file.path.stem))
     n_here, of = info.frames, info.frames + source.info.frames
     of_session = _with_progress(session.frames(), 0, of, on_progress)
     here = {hash(frame.raw): frame.t_mono_ns for frame in of_session if frame.ok}
@@ -188,7 +188,7 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
     common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]
     if not common:
         raise NoOverlap(Message("nothing-in-common", session=session.path.stem, other=source.path.stem))
-    found: list[_Missing] = []
+    missing: list[_Missing] = []
     passed = 0  # common frames so far
     for there_ns, here_ns, raw in frames:
         if here_ns is not None:
@@ -201,8 +201,8 @@ def _missing(session: SessionFile, source: SessionFile, on_progress: Progress) -
         elif not info.started_mono_ns <= t_ns <= (info.ended_mono_ns or 0):
             continue
         t_wall_ns = t_ns + info.started_wall_ns - info.started_mono_ns
-        found.append(_Missing(RecordedFrame(t_ns, t_wall_ns, FILLED_LINK, raw, True), there_ns, passed))
-    return found
+        missing.append(_Missing(RecordedFrame(t_ns, t_wall_ns, FILLED_LINK, raw, True), there_ns, passed))
+    return missing
 
 
 def _with_progress(
@@ -217,12 +217,12 @@ def _with_progress(
 
 def _spans(missing: list[_Missing]) -> list[tuple[int, int]]:
     """First and last time of each long run of missing frames."""
-    runs = [[each.frame.t_mono_ns for each in run] for _, run in groupby(missing, key=attrgetter("after"))]
+    runs = [[row.frame.t_mono_ns for row in run] for _, run in groupby(missing, key=attrgetter("after"))]
     return [(times[0], times[-1]) for times in runs if times[-1] - times[0] >= SPAN_NS]
 
 
 def _frames(missing: list[_Missing]) -> list[TableRow]:
-    return [_frame_row(each.frame) for each in missing]
+    return [_frame_row(row.frame) for row in missing]
 
 
 def _frame_row(frame: RecordedFrame) -> TableRow:
@@ -237,8 +237,8 @@ def _can_frames(
     session: SessionFile, source: SessionFile, missing: list[_Missing], spans: list[tuple[int, int]]
 ) -> list[TableRow]:
     """The source's CAN frames within gaps in which the session has none: their bytes do not distinguish them."""
-    found: list[TableRow] = []
-    shift = {each.frame.t_mono_ns: each.frame.t_mono_ns - each.source_ns for each in missing}
+    rows: list[TableRow] = []
+    shift = {row.frame.t_mono_ns: row.frame.t_mono_ns - row.source_ns for row in missing}
     for first_ns, last_ns in spans:
         if any(session.can_frames(session.unix_s(first_ns), session.unix_s(last_ns), all_buses=True)):
             continue
@@ -247,13 +247,13 @@ def _can_frames(
         for frame in source.can_frames(*range_s, all_buses=True):
             t_ns = frame.t_mono_ns + offset_ns
             t_wall_ns = t_ns + session.info.started_wall_ns - session.info.started_mono_ns
-            found.append(_can_row(replace(frame, t_mono_ns=t_ns, t_wall_ns=t_wall_ns)))
-    return found
+            rows.append(_can_row(replace(frame, t_mono_ns=t_ns, t_wall_ns=t_wall_ns)))
+    return rows
 
 
 def _estimates(source: SessionFile, missing: list[_Missing]) -> list[TableRow]:
     """What the source's recorder estimated from the missing frames."""
-    time_here = {each.source_ns // 1000: each.frame.t_mono_ns for each in missing}
+    time_here = {row.source_ns // 1000: row.frame.t_mono_ns for row in missing}
     return [
         ("estimates", (time_here[t_ns // 1000], *row)) for t_ns, *row in source.estimates() if t_ns // 1000 in time_here
     ]

@@ -139,7 +139,7 @@ class Follower:
         offers = self.remote.offers()
         self._mark_reachable()
         wrong: Exception | None = None
-        for offer in sorted(offers, key=lambda each: float(each["started"]), reverse=self._is_newest_first):
+        for offer in sorted(offers, key=lambda offer: float(offer["started"]), reverse=self._is_newest_first):
             try:
                 self._take_offer(offer)
             except Exception as error:  # noqa: BLE001  of this session; a broken link is met again at the next one
@@ -170,8 +170,8 @@ class Follower:
     def _choose(self) -> tuple[str, SessionCopy, int, int, bool] | None:
         """Session, its copy, first piece and how many of the stretch that comes next, and whether it goes down."""
         descending = self._is_newest_first
-        copies = sorted(self._copies.items(), key=lambda each: int(each[1].head["start_wall_ns"]), reverse=descending)
-        copies.sort(key=lambda each: each[0] in self._aside)
+        copies = sorted(self._copies.items(), key=lambda item: int(item[1].head["start_wall_ns"]), reverse=descending)
+        copies.sort(key=lambda item: item[0] in self._aside)
         for session_id, copy in copies:
             missing = copy.missing()
             if missing:
@@ -217,8 +217,8 @@ class Followers:
         self._followers = tuple(followers)
         self._ending = threading.Event()
         self._threads = [
-            threading.Thread(target=each.run, args=(self._ending,), name="follow", daemon=True)
-            for each in self._followers
+            threading.Thread(target=follower.run, args=(self._ending,), name="follow", daemon=True)
+            for follower in self._followers
         ]
 
     def start(self) -> None:
@@ -240,12 +240,12 @@ class Followers:
 
     def choose(self, order: Order) -> None:
         """Let these pieces come first, until the service ends."""
-        for each in self._followers:
-            each.order = order
+        for follower in self._followers:
+            follower.order = order
 
     def states(self) -> list[FollowState]:
         """How it goes with each of them."""
-        return [each.state for each in self._followers]
+        return [follower.state for follower in self._followers]
 
 
 def remotes_of(setting: str | None, password: str | None, trust: str | None = None) -> list[Remote]:
@@ -254,17 +254,17 @@ def remotes_of(setting: str | None, password: str | None, trust: str | None = No
     Raises:
         ConfigError: one of them is no URL, its label cannot be one or is another's, or `trust` is no certificate's.
     """
-    found: list[Remote] = []
+    remotes: list[Remote] = []
     context_for(trust)
-    for each in (setting or "").split(","):
-        label, _, url = each.strip().rpartition("=")
+    for entry in (setting or "").split(","):
+        label, _, url = entry.strip().rpartition("=")
         if not url:
             continue
         try:
             remote = Remote(url, label=label, password=password, trust=trust)
         except ConfigError as error:
-            raise ConfigError("recorder", each.strip(), error.limit) from error
-        if any(remote.label == other.label for other in found):
-            raise ConfigError("recorder", each.strip(), Message("label-taken"))
-        found.append(remote)
-    return found
+            raise ConfigError("recorder", entry.strip(), error.limit) from error
+        if any(remote.label == other.label for other in remotes):
+            raise ConfigError("recorder", entry.strip(), Message("label-taken"))
+        remotes.append(remote)
+    return remotes

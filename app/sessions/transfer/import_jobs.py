@@ -119,14 +119,14 @@ class ImportJobs:
         upload = Upload(number, path.name, path, is_can=False)
         if not path.name.lower().endswith((".toml", *DEFINITION_ENDINGS)):
             try:
-                found = self._workers.run(INSPECTION, columns_of, path)
+                columns = self._workers.run(INSPECTION, columns_of, path)
             except AppError:
                 self.discard(path)
                 raise
-            if found is None:
+            if columns is None:
                 upload = replace(upload, is_can=True)
             else:
-                upload = replace(upload, columns=found[0], guessed=found[1])
+                upload = replace(upload, columns=columns[0], guessed=columns[1])
         with self._lock:
             self._uploads[number] = upload
             while len(self._uploads) > MAX_UPLOADS:

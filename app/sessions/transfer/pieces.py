@@ -73,8 +73,8 @@ def read_piece(session: SessionFile, stored: StoredSession, info: SessionInfo, n
         if table in COUNTED:
             first_ids[table], rows = stored.rows_between(table, columns, low_ns, high_ns)
         elif table == "estimates":
-            found = session.estimates(None if number == 0 else t_from_s, None if is_last else t_to_s)
-            rows = [(t, up, encode_estimate(soc), encode_estimate(sigma)) for t, up, soc, sigma in found]
+            estimates = session.estimates(None if number == 0 else t_from_s, None if is_last else t_to_s)
+            rows = [(t, up, encode_estimate(soc), encode_estimate(sigma)) for t, up, soc, sigma in estimates]
             rows = [row for row in rows if low_ns <= row[0] < high_ns]
         else:
             where = "t_mono_ns >= ? AND t_mono_ns < ?"

@@ -49,9 +49,9 @@ class SessionCopy:
     @classmethod
     def all_in(cls, folder: Path) -> "list[SessionCopy]":
         """Every copy that is not whole yet, newest first."""
-        copies = [cls(folder, each.parent.name) for each in (folder / COPIES).glob("*/head.json")]
-        known = [(head["start_wall_ns"], copy) for copy in copies if (head := copy.head)]  # one may be whole by now
-        return [copy for _, copy in sorted(known, key=lambda each: int(each[0]), reverse=True)]
+        copies = [cls(folder, path.parent.name) for path in (folder / COPIES).glob("*/head.json")]
+        dated = [(head["start_wall_ns"], copy) for copy in copies if (head := copy.head)]  # one may be whole by now
+        return [copy for _, copy in sorted(dated, key=lambda pair: int(pair[0]), reverse=True)]
 
     @property
     def head(self) -> dict[str, Any]:
@@ -70,21 +70,21 @@ class SessionCopy:
 
     def have(self) -> dict[int, Ids]:
         """Number of each piece that is here, with the ids of its frames and CAN frames."""
-        names = [match for each in self._pieces.glob("*.piece") if (match := _NAME.fullmatch(each.name))]
+        names = [match for path in self._pieces.glob("*.piece") if (match := _NAME.fullmatch(path.name))]
         return {int(m[1]): (int(m[2]), int(m[3]), int(m[4]), int(m[5])) for m in names}
 
     def missing(self) -> list[Span]:
         """Stretches of pieces that are there and not here, in order."""
         here = self.have()
-        found: list[Span] = []
+        spans: list[Span] = []
         for number in range(int(self.head.get("pieces", 0))):
             if number in here:
                 continue
-            if found and found[-1][1] == number - 1:
-                found[-1] = (found[-1][0], number)
+            if spans and spans[-1][1] == number - 1:
+                spans[-1] = (spans[-1][0], number)
             else:
-                found.append((number, number))
-        return found
+                spans.append((number, number))
+        return spans
 
     def put(self, number: int, body: bytes, digest: str) -> None:
         """Keep a piece.
@@ -199,7 +199,7 @@ def remove_left_halves(folder: Path, now_s: float) -> None:
     """Remove what interrupted copies left half written next to the sessions; `now_s` is unix time."""
     for half in folder.glob(f"{_HALF}*"):
         with contextlib.suppress(OSError):  # whoever writes it may end meanwhile
-            if max(each.stat().st_mtime for each in (half, *half.iterdir())) < now_s - _LEFT_S:
+            if max(path.stat().st_mtime for path in (half, *half.iterdir())) < now_s - _LEFT_S:
                 shutil.rmtree(half)
 
 
@@ -221,5 +221,5 @@ def _table_rows(piece: SessionPiece) -> Iterator[TableRow]:
 
 
 def _estimate(counts: bytes) -> Any:
-    found = np.frombuffer(counts, "<u2")
-    return np.where(found == ESTIMATE_MISSING, np.nan, found * ESTIMATE_SCALE)
+    numbers = np.frombuffer(counts, "<u2")
+    return np.where(numbers == ESTIMATE_MISSING, np.nan, numbers * ESTIMATE_SCALE)

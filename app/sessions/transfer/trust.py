@@ -30,11 +30,11 @@ class _PinnedContext(ssl.SSLContext):
 def _check(connection: "ssl.SSLSocket | ssl.SSLObject") -> None:
     context = connection.context
     certificate = connection.getpeercert(binary_form=True) or b""
-    found = hashlib.sha256(certificate).hexdigest()
-    if isinstance(context, _PinnedContext) and found not in context.fingerprints:
+    digest = hashlib.sha256(certificate).hexdigest()
+    if isinstance(context, _PinnedContext) and digest not in context.fingerprints:
         host = connection.server_hostname or "?"
         raise ssl.SSLCertVerificationError(
-            render(Message("certificate-not-trusted", host=host, fingerprint=found.upper()))
+            render(Message("certificate-not-trusted", host=host, fingerprint=digest.upper()))
         )
 
 
@@ -67,12 +67,12 @@ def context_for(trust: str | None) -> ssl.SSLContext:
 def _context(trust: str | None) -> ssl.SSLContext:
     if trust is None:
         return ssl.create_default_context()
-    given = [each.strip().replace(":", "") for each in trust.split(",")]
-    if all(_FINGERPRINT.fullmatch(each) for each in given):
+    given = [fingerprint.strip().replace(":", "") for fingerprint in trust.split(",")]
+    if all(_FINGERPRINT.fullmatch(fingerprint) for fingerprint in given):
         context = _PinnedContext(ssl.PROTOCOL_TLS_CLIENT)
         context.check_hostname = False
         context.verify_mode = ssl.CERT_NONE  # the fingerprint says more than a name
-        context.fingerprints = frozenset(each.lower() for each in given)
+        context.fingerprints = frozenset(fingerprint.lower() for fingerprint in given)
         context.sslsocket_class, context.sslobject_class = _PinnedSocket, _PinnedObject
         return context
     try:
