@@ -11,8 +11,8 @@ MAD_TO_SIGMA = 1.4826  # sigma of a normal distribution over its MAD
 
 def median(values: FloatArray) -> float:
     """Return the median of the known values; NaN where none is."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")
 
 
 def latest_at(times_s: FloatArray, at_s: FloatArray, values: FloatArray) -> FloatArray:
@@ -27,18 +27,18 @@ def latest_at(times_s: FloatArray, at_s: FloatArray, values: FloatArray) -> Floa
         (n, ...)
     """
     place = np.searchsorted(at_s, times_s, side="right") - 1
-    found = np.full((len(times_s), *values.shape[1:]), np.nan)
-    found[place >= 0] = values[place[place >= 0]]
-    return found
+    latest = np.full((len(times_s), *values.shape[1:]), np.nan)
+    latest[place >= 0] = values[place[place >= 0]]
+    return latest
 
 
 def row_median(values: FloatArray) -> FloatArray:
     """Median of each row's known elements, NaN where none is known."""
-    found = np.full(len(values), np.nan)
-    known = np.isfinite(values).any(axis=1)
-    if known.any():
-        found[known] = np.nanmedian(values[known], axis=1)
-    return found
+    medians = np.full(len(values), np.nan)
+    has_any = np.isfinite(values).any(axis=1)
+    if has_any.any():
+        medians[has_any] = np.nanmedian(values[has_any], axis=1)
+    return medians
 
 
 def row_mean(values: FloatArray) -> FloatArray:
@@ -49,9 +49,9 @@ def row_mean(values: FloatArray) -> FloatArray:
 
 def holds_all(total: float, values: FloatArray) -> bool:
     """Whether a total that was measured holds the missing elements too: it leaves each half of what a known one has."""
-    known = values[np.isfinite(values)]
-    missing = values.size - known.size
-    return not missing or not known.size or total - known.sum() >= 0.5 * missing * known.mean()
+    finite = values[np.isfinite(values)]
+    missing = values.size - finite.size
+    return not missing or not finite.size or total - finite.sum() >= 0.5 * missing * finite.mean()
 
 
 def robust_sigma(values: FloatArray) -> float:

@@ -45,12 +45,12 @@ def score_soc(time_s: FloatArray, soc: FloatArray, soc_sigma: FloatArray, refere
         soc_sigma: (n,) its standard deviation.
         reference_soc: (n,) reference, NaN where unknown.
     """
-    known = np.isfinite(reference_soc) & np.isfinite(soc)
-    if not known.any():
+    is_finite = np.isfinite(reference_soc) & np.isfinite(soc)
+    if not is_finite.any():
         return None
-    elapsed_s = (time_s - time_s[0])[known]
-    error = (soc - reference_soc)[known]
-    sigma = np.maximum(soc_sigma[known], 1e-12)
+    elapsed_s = (time_s - time_s[0])[is_finite]
+    error = (soc - reference_soc)[is_finite]
+    sigma = np.maximum(soc_sigma[is_finite], 1e-12)
     late = np.abs(error[elapsed_s >= SETTLING_S])
     return SocScore(
         soc_rmse=float(np.sqrt(np.mean(error**2))),
@@ -110,11 +110,11 @@ def score_innovations(time_s: FloatArray, innovation_v: FloatArray, sigma_v: Flo
 
     Source: G. M. Ljung and G. E. P. Box, Biometrika 65 (1978), on normalised innovations.
     """
-    known = np.isfinite(innovation_v) & np.isfinite(sigma_v) & (sigma_v > 0.0)
-    n = int(known.sum())
+    is_finite = np.isfinite(innovation_v) & np.isfinite(sigma_v) & (sigma_v > 0.0)
+    n = int(is_finite.sum())
     if n < ROWS_MIN:
         return None
-    y = np.where(known, innovation_v, 0.0) / np.where(known, sigma_v, 1.0)
+    y = np.where(is_finite, innovation_v, 0.0) / np.where(is_finite, sigma_v, 1.0)
     step_s = float(np.median(np.diff(time_s)))
     longest = min(max(LAGS, round(LASTING_S / step_s) if step_s > 0.0 else LAGS), time_s.size - 1)
     r = autocorrelation(y, longest)

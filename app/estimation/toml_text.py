@@ -49,8 +49,8 @@ def read_toml(text: str) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        found = re.search(r"line (\d+)", str(error))
-        raise TomlError(str(error), int(found[1]) if found else None) from error
+        match = re.search(r"line (\d+)", str(error))
+        raise TomlError(str(error), int(match[1]) if match else None) from error
     except ValueError as error:  # a whole number of more digits than Python converts
         raise TomlError(f"a whole number is not within {LOWEST}..{HIGHEST}") from error
     _check_values(tables)
@@ -61,10 +61,10 @@ def _check_levels(text: str) -> None:
     """Follow brackets and dots outside of strings and comments, in one pass."""
     around: list[int] = []  # for each open bracket the parts of the key before it
     outer = parts = at = 0
-    while found := _MARK.search(text, at):
-        mark, at = found[0], found.end()
+    while match := _MARK.search(text, at):
+        mark, at = match[0], match.end()
         if mark in "\"'":
-            at = _end_of_string(text, found.start())
+            at = _end_of_string(text, match.start())
         elif mark == "#":
             end = text.find("\n", at)
             at = len(text) if end < 0 else end
@@ -85,9 +85,9 @@ def _end_of_string(text: str, start: int) -> int:
     """Where the string that starts there ends; the end of the text where it does not."""
     quotes = text[start : start + 3] if text.startswith(text[start] * 3, start) else text[start]
     at = start + len(quotes)
-    while found := _STRING_ENDS[quotes].search(text, at):
-        at = found.end()
-        if not found[0].startswith("\\"):
+    while match := _STRING_ENDS[quotes].search(text, at):
+        at = match.end()
+        if not match[0].startswith("\\"):
             return at
     return len(text)
 
@@ -99,8 +99,8 @@ def _check_values(tables: dict[str, Any]) -> None:
         if isinstance(value, dict):
             if longest := next((key for key in value if len(key) > MOST_OF_A_KEY), None):
                 raise TomlError(f"{longest[:30]}...: a key of {len(longest)} characters; at most {MOST_OF_A_KEY}")
-            waiting += [(f"{path}.{key}".lstrip("."), each) for key, each in value.items()]
+            waiting += [(f"{path}.{key}".lstrip("."), value_below) for key, value_below in value.items()]
         elif isinstance(value, list):
-            waiting += [(path, each) for each in value]
+            waiting += [(path, element) for element in value]
         elif isinstance(value, int) and not LOWEST <= value <= HIGHEST:
             raise TomlError(f"a whole number is not within {LOWEST}..{HIGHEST}", field=path)

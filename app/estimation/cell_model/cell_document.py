@@ -69,17 +69,17 @@ class CellDocument:
 
     def listed(self, section: str, name: str, keys: tuple[str, ...]) -> range:
         """Return the numbers of the RC pairs, or of the lags, in a section."""
-        found = self._section(section).get(name, [])
-        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        tables = self._section(section).get(name, [])
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
             raise self._error(section, name, f"has to be a list of [[{section}.{name}]] sections")
-        if len(found) > MAX_RC_PAIRS:
+        if len(tables) > MAX_RC_PAIRS:
             field = f"{section}.{name}[{MAX_RC_PAIRS}]"
-            raise self._error(field, "r_ohm", f"is one of {len(found)}; 0 to {MAX_RC_PAIRS} are possible")
-        for k, each in enumerate(found):
-            for key in each:
+            raise self._error(field, "r_ohm", f"is one of {len(tables)}; 0 to {MAX_RC_PAIRS} are possible")
+        for k, table in enumerate(tables):
+            for key in table:
                 if key not in keys:
                     raise self._error(f"{section}.{name}[{k}]", key, "is not a field of this section")
-        return range(len(found))
+        return range(len(tables))
 
     def take(self, section: str, key: str, kind: type | tuple[type, ...], default: Any = None) -> Any:
         """Return the value of a field that has to be of the kind."""
@@ -102,7 +102,7 @@ class CellDocument:
         """Return whether a field is given."""
         return key in self._section(section)
 
-    def known(self, section: str, key: str) -> float | None:
+    def number_or_none(self, section: str, key: str) -> float | None:
         """Return a field as a number, None where it is not given."""
         return self.number(section, key) if self.has(section, key) else None
 

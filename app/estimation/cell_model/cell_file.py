@@ -94,8 +94,8 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             coulombic_efficiency=reader.number("", "coulombic_efficiency", 1.0),
             v_min_v=reader.number("", "v_min_v"),
             v_max_v=reader.number("", "v_max_v"),
-            v_nominal_v=reader.known("", "v_nominal_v"),
-            mass_kg=reader.known("", "mass_kg"),
+            v_nominal_v=reader.number_or_none("", "v_nominal_v"),
+            mass_kg=reader.number_or_none("", "mass_kg"),
             ocv=ocv,
             surface=surface,
             **(_circuit(reader) if surface is None else surface.tables()),
@@ -108,7 +108,7 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             else None,
             activation_sigma_j_mol=reader.number("fit", "activation_sigma_j_mol", ACTIVATION_SIGMA_J_MOL),
             evidence=_evidence(reader) if reader.has("fit", "soc") or reader.has("fit", "has_ocv") else None,
-            limits=CellLimits(**{name: reader.known("limits", name) for name in sorted(SECTIONS["limits"])}),
+            limits=CellLimits(**{name: reader.number_or_none("limits", name) for name in sorted(SECTIONS["limits"])}),
         )
     except CellFileError:
         raise
@@ -204,8 +204,8 @@ def format_cell(model: CellModel) -> str:
     if model.evidence is not None:
         lines += _evidence_lines(model.evidence)
     limits = {name: getattr(model.limits, name) for name in sorted(SECTIONS["limits"])}
-    if known := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
-        lines += ["", "[limits]  # of the data sheet", *known]
+    if given := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
+        lines += ["", "[limits]  # of the data sheet", *given]
     return "\n".join(lines) + "\n"
 
 
@@ -252,9 +252,9 @@ def _evidence_lines(evidence: Evidence) -> list[str]:
     errors = {"degc": evidence.by_degc, "soc": evidence.by_soc, "current_c": evidence.by_c}
     if any(errors.values()):
         lines += ["", "[errors]  # RMS of the voltage that was fitted, by temperature, SOC and current"]
-    for name, found in errors.items():
-        if found:
-            at, volts = np.array(found).T
+    for name, pairs in errors.items():
+        if pairs:
+            at, volts = np.array(pairs).T
             lines += [f"{name} = {_row(at)}", f"{name.removesuffix('_c')}_v = {_row(volts)}"]
     return lines
 

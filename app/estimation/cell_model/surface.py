@@ -140,5 +140,5 @@ def arrhenius(kelvin: FloatArray, energy_j_mol: float) -> FloatArray:
     return np.asarray(np.exp(energy_j_mol / GAS_CONSTANT * (1.0 / kelvin - 1.0 / REFERENCE_K)))
 
 
-NUMBERS: Final = tuple(each.name for each in fields(SurfaceModel) if each.type == "float")
-ROWS: Final = tuple(each.name for each in fields(SurfaceModel) if each.type == "tuple[float, ...]")
+NUMBERS: Final = tuple(field.name for field in fields(SurfaceModel) if field.type == "float")
+ROWS: Final = tuple(field.name for field in fields(SurfaceModel) if field.type == "tuple[float, ...]")

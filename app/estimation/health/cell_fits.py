@@ -79,7 +79,7 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: LeakHeat) -> list[C
         ("lower", _lower(cell, under_load, LOWER_SIZES)),
         ("leak", _leak(cell, model, under_load, onsets, leak_heat)),
     )
-    fits += [CellFit(law, found - healthy, *rest) for law, (found, *rest) in charges]
+    fits += [CellFit(law, likelihood - healthy, *rest) for law, (likelihood, *rest) in charges]
     fits.append(_stuck(cell))
     return [fit for fit in fits if fit is not None]
 
@@ -231,13 +231,13 @@ def _leak(
 
 def _largest(likelihood: _Likelihood, sizes: FloatArray) -> tuple[float, float]:
     """Return the largest value and where it is: on a grid, then closer around the best of it."""
-    found = likelihood(sizes)
+    likelihoods = likelihood(sizes)
     for _ in range(FINER):
-        best = int(found.argmax())
+        best = int(likelihoods.argmax())
         sizes = np.linspace(sizes[max(best - 1, 0)], sizes[min(best + 1, len(sizes) - 1)], FINER_POINTS)
-        found = likelihood(sizes)
-    best = int(found.argmax())
-    return float(found[best]), float(sizes[best])
+        likelihoods = likelihood(sizes)
+    best = int(likelihoods.argmax())
+    return float(likelihoods[best]), float(sizes[best])
 
 
 def _stuck(cell: CellVoltage) -> CellFit | None:

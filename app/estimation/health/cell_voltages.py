@@ -82,12 +82,12 @@ def shown_current(stretch: Stretch, model: CellModel, branch_a: FloatArray) -> F
     lagged = np.array([np.roll(current, lag) for lag in LAGS])
     columns = np.diff(np.concatenate((lagged, branch_a)), axis=1)
     moved_v = np.diff(median_v)
-    known = np.isfinite(moved_v) & (np.abs(spacing_s - usual_s) < 0.5 * usual_s)
-    known[: len(LAGS)] = known[-len(LAGS) :] = False
-    if (known & (np.abs(columns[LAGS.index(0)]) > MOVED_A)).sum() < FEWEST:
+    is_usable = np.isfinite(moved_v) & (np.abs(spacing_s - usual_s) < 0.5 * usual_s)
+    is_usable[: len(LAGS)] = is_usable[-len(LAGS) :] = False
+    if (is_usable & (np.abs(columns[LAGS.index(0)]) > MOVED_A)).sum() < FEWEST:
         return None
-    found = -np.linalg.lstsq(columns[:, known].T, moved_v[known], rcond=None)[0]
-    weights, pairs_ohm = found[: len(LAGS)], found[len(LAGS) :]
+    solution = -np.linalg.lstsq(columns[:, is_usable].T, moved_v[is_usable], rcond=None)[0]
+    weights, pairs_ohm = solution[: len(LAGS)], solution[len(LAGS) :]
     ohm, usual_ohm = float(weights.sum()), resistances(model)[0]
     if not LIKELY_OHM[0] * usual_ohm < ohm < LIKELY_OHM[1] * usual_ohm:
         return None
@@ -148,10 +148,10 @@ class CellVoltages:
         branches = [slow_current(time_s, current, float(tau_s.mean())) for tau_s in model.tau_s]
         shown = shown_current(stretch, model, np.array(branches).reshape(-1, len(time_s)))
         self._lag_share = LAG_SHARE if shown is None else SHOWN_LAG_SHARE
-        known = np.isfinite(stretch.soc)
-        start = float(stretch.soc[known][0] + used[known][0]) if known.any() else 0.5
+        is_finite = np.isfinite(stretch.soc)
+        start = float(stretch.soc[is_finite][0] + used[is_finite][0]) if is_finite.any() else 0.5
         self._shared = tuple(
-            each[self._rows] for each in (time_s, current if shown is None else shown, used, start - used)
+            values[self._rows] for values in (time_s, current if shown is None else shown, used, start - used)
         )
         self._branches = np.array(branches).reshape(-1, len(time_s))[:, self._rows]
         apart = stretch.deviation_v[self._rows]
@@ -162,12 +162,14 @@ class CellVoltages:
         """Return one cell, None where it was hardly measured."""
         voltage = self._stretch.voltage_v[self._rows, cell]
         middle = self._stretch.median_v[self._rows]
-        known = np.isfinite(voltage) & np.isfinite(middle)
-        if known.sum() < 10:
+        is_finite = np.isfinite(voltage) & np.isfinite(middle)
+        if is_finite.sum() < 10:
             return None
-        time_s, current, used, soc = (each[known] for each in self._shared)
-        noise = np.hypot(self._noise[known], self._lag_share * _movement(time_s, voltage[known] - middle[known]))
-        branches, voltage, middle = self._branches[:, known], voltage[known], middle[known]
+        time_s, current, used, soc = (values[is_finite] for values in self._shared)
+        noise = np.hypot(
+            self._noise[is_finite], self._lag_share * _movement(time_s, voltage[is_finite] - middle[is_finite])
+        )
+        branches, voltage, middle = self._branches[:, is_finite], voltage[is_finite], middle[is_finite]
         return CellVoltage(time_s, current, used, soc, branches, voltage, middle, noise, self._around_s)
 
 

@@ -83,7 +83,7 @@ class CellWatch:
         self._channels = ChannelWatch(self._segments, (e for e in before.findings if e.code in _VOLTAGE))
         self._unmeasured_s = np.full(n_cells, np.inf)  # since each cell had a voltage
         self._measured = np.zeros(n_cells, dtype=np.bool_)  # since the channels were looked at
-        self._findings = {(each.code, each.cell): each for each in before.findings}
+        self._findings = {(finding.code, finding.cell): finding for finding in before.findings}
         self._time_s = -np.inf
         self._thermal_s = self._channel_s = 0.0  # since they were looked at
         self._has_looked = False
@@ -95,18 +95,18 @@ class CellWatch:
     def memory(self) -> CellWatchMemory:
         """What to keep for the next session."""
         return CellWatchMemory(
-            self._joint_watch.baseline_ohm, self._joint_watch.found, self._charge_watch.memory, self.findings
+            self._joint_watch.baseline_ohm, self._joint_watch.loose_joints, self._charge_watch.memory, self.findings
         )
 
     @property
     def findings(self) -> tuple[CellFinding, ...]:
         """What is wrong, the surest first."""
-        return tuple(sorted(self._findings.values(), key=lambda each: (-each.confidence, each.cell)))
+        return tuple(sorted(self._findings.values(), key=lambda finding: (-finding.confidence, finding.cell)))
 
     def has(self, code: FindingCode) -> BoolArray:
         """Return (n_cells,) the cells of which this was found."""
-        found: BoolArray = np.array([(code, cell) in self._findings for cell in range(self._segments.n_cells)])
-        return found
+        has_finding: BoolArray = np.array([(code, cell) in self._findings for cell in range(self._segments.n_cells)])
+        return has_finding
 
     @property
     def resistance_age_s(self) -> float:
@@ -174,20 +174,22 @@ class CellWatch:
         self._keep(_VOLTAGE, self._dead(_VOLTAGE, "V", CHANNEL_V, self._channels.result()))
         return self.findings
 
-    def _keep(self, codes: tuple[FindingCode, ...], found: list[CellFinding]) -> None:
+    def _keep(self, codes: tuple[FindingCode, ...], findings: list[CellFinding]) -> None:
         """Put what was found of a kind in the place of what was known of it; a finding keeps when it began."""
         before = {key: self._findings.pop(key) for key in list(self._findings) if key[0] in codes}
-        for each in found:
-            known = before.get((each.code, each.cell))
-            self._findings[each.code, each.cell] = each if known is None else replace(each, since_s=known.since_s)
+        for finding in findings:
+            earlier = before.get((finding.code, finding.cell))
+            self._findings[finding.code, finding.cell] = (
+                finding if earlier is None else replace(finding, since_s=earlier.since_s)
+            )
 
     def _resisting(self, report: JointReport) -> list[CellFinding]:
         """Return the joints and the cells that resist more than they ought to."""
         watch = self._joint_watch
         if not np.isfinite(watch.age_s):  # nothing has been seen since an earlier session
             return [
-                each
-                for (code, _), each in self._findings.items()
+                finding
+                for (code, _), finding in self._findings.items()
                 if code in ("joint-resistance-high", "cell-resistance-high")
             ]
         usual = median(report.resistance_ohm)
@@ -200,7 +202,7 @@ class CellWatch:
         is_cell[self._beyond("cell-resistance-high", growth, np.full(len(growth), limit))] = True
         is_cell &= (np.nan_to_num(growth) * usual > CELL_SHARE * excess_ohm) & (excess_ohm > GROWTH_MIN * usual)
         is_cell &= ~(watch.loose & watch.was_sound)  # no cell ages within a session
-        found = []
+        findings = []
         is_empty = self._charge_watch.soc < EMPTY_SOC  # an empty cell resists more, and a fuller one does not
         for cell in np.flatnonzero(watch.loose | is_cell).tolist():
             if is_empty[cell] and not self._is_found(cell, "joint-resistance-high", "cell-resistance-high"):
@@ -211,14 +213,14 @@ class CellWatch:
             sigma = float(
                 np.linalg.norm((report.sigma_ohm[cell], watch.change_ohm[cell], of_cell, SIGMA_MIN_FRAC * size))
             )
-            known = self._findings.get((code, cell))
-            if known is not None and sigma > max(known.sigma, UNSURE * size):
-                found.append(known)
+            earlier = self._findings.get((code, cell))
+            if earlier is not None and sigma > max(earlier.sigma, UNSURE * size):
+                findings.append(earlier)
                 continue
             seen_s = self._time_s - watch.age_s
             value, evidence_s = float(report.resistance_ohm[cell]), watch.evidence_s
             neighbours, confidence = self._segments.neighbours(cell), confidence_of(size, sigma, ALARM_OHM)
-            found.append(
+            findings.append(
                 CellFinding(
                     *(code, cell, size, sigma, "ohm", seen_s, seen_s, evidence_s, watch.excitation_a),
                     value,
@@ -227,43 +229,47 @@ class CellWatch:
                     confidence,
                 )
             )
-        return found
+        return findings
 
     def _leaking(self, drift: ChargeDrift) -> list[CellFinding]:
         limits_a = np.maximum(LEAK_MIN_A, LEAK_SIGMAS * drift.leak_noise_a)
-        found = []
+        findings = []
         beyond, before = set(self._beyond("self-discharge-high", drift.leak_a, limits_a)), self._leaked
         self._leaked = beyond
         for cell in sorted(beyond & before):  # two checks in a row
             size, sigma = float(drift.leak_a[cell]), float(drift.leak_sigma_a[cell])
             usual = median(drift.leak_a)
-            found.append(
+            findings.append(
                 self._of_charge(
                     "self-discharge-high", cell, size, sigma, "A", size, usual, confidence_of(size, sigma, 0.0)
                 )
             )
-        return self._lasting("self-discharge-high", found, drift.leak_a, drift.leak_sigma_a)
+        return self._lasting("self-discharge-high", findings, drift.leak_a, drift.leak_sigma_a)
 
     def _losing(self, drift: ChargeDrift) -> list[CellFinding]:
         limits = np.maximum(LOST_MIN, LOST_SIGMAS * drift.lost_sigma)
-        found = []
+        findings = []
         for cell in self._beyond("capacity-low", drift.lost, limits):
             size, sigma = float(drift.lost[cell]), float(drift.lost_sigma[cell])
             value, usual = 1.0 - size, 1.0 - median(drift.lost)
             confidence = confidence_of(size, sigma, 0.0)
-            found.append(self._of_charge("capacity-low", cell, size, sigma, "1", value, usual, confidence))
-        return self._lasting("capacity-low", found, drift.lost, drift.lost_sigma)
+            findings.append(self._of_charge("capacity-low", cell, size, sigma, "1", value, usual, confidence))
+        return self._lasting("capacity-low", findings, drift.lost, drift.lost_sigma)
 
     def _dead(
-        self, codes: tuple[FindingCode, FindingCode], unit: str, sigma: float, found: DeadSensors
+        self, codes: tuple[FindingCode, FindingCode], unit: str, sigma: float, dead_sensors: DeadSensors
     ) -> list[CellFinding]:
         nan = float("nan")
         dead = []
-        for cell in np.flatnonzero(found.is_dead).tolist():
-            size, since_s, seen_s = float(found.size[cell]), float(found.since_s[cell]), float(found.seen_s[cell])
+        for cell in np.flatnonzero(dead_sensors.is_dead).tolist():
+            size, since_s, seen_s = (
+                float(dead_sensors.size[cell]),
+                float(dead_sensors.since_s[cell]),
+                float(dead_sensors.seen_s[cell]),
+            )
             value, usual, neighbours = (
-                float(found.value[cell]),
-                float(found.usual[cell]),
+                float(dead_sensors.value[cell]),
+                float(dead_sensors.usual[cell]),
                 self._segments.neighbours(cell),
             )
             evidence_s, code = seen_s - since_s, codes[int(np.isnan(value))]
@@ -296,13 +302,15 @@ class CellWatch:
         return any((code, cell) in self._findings for code in codes)
 
     def _lasting(
-        self, code: FindingCode, found: list[CellFinding], values: FloatArray, sigmas: FloatArray
+        self, code: FindingCode, findings: list[CellFinding], values: FloatArray, sigmas: FloatArray
     ) -> list[CellFinding]:
         """Return `found` with what was found before and is less sure now, but not contradicted."""
-        seen = {each.cell for each in found}
-        kept = [each for (kind, cell), each in self._findings.items() if kind == code and cell not in seen]
-        return found + [
-            each for each in kept if values[each.cell] + BAND_SIGMAS * sigmas[each.cell] >= GONE * each.size
+        seen = {finding.cell for finding in findings}
+        kept = [finding for (kind, cell), finding in self._findings.items() if kind == code and cell not in seen]
+        return findings + [
+            finding
+            for finding in kept
+            if values[finding.cell] + BAND_SIGMAS * sigmas[finding.cell] >= GONE * finding.size
         ]
 
     def _beyond(self, code: FindingCode, values: FloatArray, limits: FloatArray) -> list[int]:

@@ -286,10 +286,10 @@ class ChargeWatch:
         middle = self._segments.median(soc)
         apart = soc - middle
         slope = np.maximum(self._ocv.slope(np.nan_to_num(soc, nan=0.5)), 1e-3)
-        known = soc[np.isfinite(soc)]
-        if not known.size:
+        finite = soc[np.isfinite(soc)]
+        if not finite.size:
             return False
-        self._predict(float(np.median(known)), resistance_excess)
+        self._predict(float(np.median(finite)), resistance_excess)
         variance = (noise_v / slope) ** 2 + (OCV_SHAPE * apart) ** 2
         self._update(apart, slope, variance)
         return True

@@ -67,20 +67,20 @@ class StepResistance:
             return np.where(self._count >= COUNT_MIN, np.sqrt(left / xx), np.nan)
 
     def _learn(self, dropped_v: FloatArray, share: float, *, rises: bool) -> None:
-        known = np.isfinite(dropped_v)
-        if not known.any():
+        is_finite = np.isfinite(dropped_v)
+        if not is_finite.any():
             return
         if self._time_s - self._learned_s > BURST_S or rises != self._rises:  # the joint may part within a step, too
             self._rises = rises
             self._sums[:] = 0.0
             self._count[:] = 0.0
         self._learned_s = self._time_s
-        x = float(np.median(dropped_v[known]))
-        y = np.where(known, x + share * (dropped_v - x), 0.0)
-        fade = np.where(known, 1.0 - 1.0 / MEMORY, 1.0)
+        x = float(np.median(dropped_v[is_finite]))
+        y = np.where(is_finite, x + share * (dropped_v - x), 0.0)
+        fade = np.where(is_finite, 1.0 - 1.0 / MEMORY, 1.0)
         self._sums *= fade
-        self._sums += known * np.array((np.full_like(y, x * x), x * y, y * y))
-        self._count = self._count * fade + known
+        self._sums += is_finite * np.array((np.full_like(y, x * x), x * y, y * y))
+        self._count = self._count * fade + is_finite
         self.learned += 1
 
 
@@ -115,21 +115,21 @@ class JointWatch:
         self,
         segments: Segments,
         baseline_ohm: FloatArray | None = None,
-        found: LooseJoints | None = None,
+        loose: LooseJoints | None = None,
     ) -> None:
         """Start, or go on with what an earlier session of the same car knew.
 
         Args:
             segments: which cells share a pack.
             baseline_ohm: (n_cells,) `baseline_ohm` of then [ohm].
-            found: `found` of then.
+            loose: `loose_joints` of the session before.
 
         Raises:
             ShapeError: it belongs to another number of cells.
         """
         n_cells = segments.n_cells
         nan = np.full(n_cells, np.nan)
-        before = LooseJoints(nan, nan) if found is None else found
+        before = LooseJoints(nan, nan) if loose is None else loose
         baseline = nan if baseline_ohm is None else baseline_ohm
         for name, array in (("baseline_ohm", baseline), ("found", before.excess_ohm), ("found", before.sigma_ohm)):
             if array.shape != (n_cells,):
@@ -158,7 +158,7 @@ class JointWatch:
         return self._baseline_ohm.copy()
 
     @property
-    def found(self) -> LooseJoints:
+    def loose_joints(self) -> LooseJoints:
         """The loose joints; for the next session."""
         joint_ohm, sigma_ohm = self._report.joint_excess_ohm, self._report.sigma_ohm
         return LooseJoints(np.where(self._is_loose, joint_ohm, np.nan), np.where(self._is_loose, sigma_ohm, np.nan))
@@ -294,8 +294,8 @@ class JointWatch:
         sound = np.isfinite(excess_ohm) & ~is_loose & ~self._is_loose & steady
         self._sound_judgements += sound
         self._learnt = np.where(sound, np.minimum(self._learnt + 1, BASELINE_JUDGEMENTS), self._learnt)
-        known = np.nan_to_num(self._baseline_ohm)
-        moved = known + (np.nan_to_num(excess_ohm) - known) / np.maximum(self._learnt, 1)
+        baseline_ohm = np.nan_to_num(self._baseline_ohm)
+        moved = baseline_ohm + (np.nan_to_num(excess_ohm) - baseline_ohm) / np.maximum(self._learnt, 1)
         self._baseline_ohm = np.where(sound, moved, self._baseline_ohm)
 
 
@@ -304,5 +304,5 @@ def _with_earlier(before: JointReport, now: JointReport) -> JointReport:
     is_known = np.isfinite(now.joint_excess_ohm)
     if is_known.all():
         return now
-    pairs = {each.name: (getattr(now, each.name), getattr(before, each.name)) for each in fields(JointReport)}
+    pairs = {field.name: (getattr(now, field.name), getattr(before, field.name)) for field in fields(JointReport)}
     return JointReport(**{name: np.where(is_known, new, old) for name, (new, old) in pairs.items()})

@@ -109,8 +109,8 @@ def shared_factor(factor: ArrayLike) -> FloatArray:
     That is left to the model; growth well beyond it is taken nearly whole. A factor below 1 has to lie farther off:
     age does not explain it, and what lasts need not follow (0.78 seen on LFP).
     """
-    found = np.asarray(factor, dtype=np.float64)
-    growth = found - 1.0
+    own = np.asarray(factor, dtype=np.float64)
+    growth = own - 1.0
     growth6 = (growth * growth) * (growth * growth) * (growth * growth)
-    uncertainty6 = np.where(found < 1.0, LESS_SHAPE_ERROR**6, SHAPE_ERROR**6)
+    uncertainty6 = np.where(own < 1.0, LESS_SHAPE_ERROR**6, SHAPE_ERROR**6)
     return np.asarray(1.0 + growth * growth6 / (growth6 + uncertainty6))

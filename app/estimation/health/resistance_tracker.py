@@ -185,8 +185,8 @@ class ResistanceTracker:
             scatter = np.maximum(yy - ohmic * xy - pair * py, 0.0) / self._weight[0]
             variance = scatter / determinant * np.array([pp, xx]) * self._weight[0] / samples
             sigma = np.sqrt(variance)
-        known = np.where(usable, 1.0, np.nan)
-        return np.array([ohmic, pair]) * known, sigma * known
+        if_usable = np.where(usable, 1.0, np.nan)
+        return np.array([ohmic, pair]) * if_usable, sigma * if_usable
 
     def _gains_for(self, dt_s: float) -> tuple[float, float, float, float]:
         if dt_s != self._gains[0]:
@@ -214,8 +214,8 @@ class ResistanceTracker:
         fresh = np.isnan(self._drift_v) & ~is_missing
         if fresh.any():
             resistances = self._solved()[0]
-            known = resistances[:, np.isfinite(resistances[0])]
-            typical = np.median(known, axis=1) if known.size else np.zeros(2)
+            finite = resistances[:, np.isfinite(resistances[0])]
+            typical = np.median(finite, axis=1) if finite.size else np.zeros(2)
             self._drift_v[fresh] = voltages_v[fresh] + typical @ self._moved / left
         self._has_unknown = bool(np.isnan(self._drift_v).any())
         return np.where(is_missing, self._drift_v, voltages_v)

@@ -41,10 +41,10 @@ class Segments:
         """Return (n_cells,) the median of what is known in each cell's segment; NaN where nothing is."""
         return self.each_cell(medians(self.table(values), axis=1)[:, 0])
 
-    def has_more_than(self, share: float, known: BoolArray) -> BoolArray:
+    def has_more_than(self, share: float, is_known: BoolArray) -> BoolArray:
         """Return (n_cells,) whether more than this share of each cell's segment is true in (n_cells,)."""
         starts = np.cumsum(self.count) - self.count
-        return np.repeat(np.add.reduceat(known.astype(np.intp), starts) > share * self.count, self.count)
+        return np.repeat(np.add.reduceat(is_known.astype(np.intp), starts) > share * self.count, self.count)
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
         """Return the other cells of a cell's segment."""
@@ -54,9 +54,9 @@ class Segments:
 
 def medians(table: FloatArray, axis: int) -> FloatArray:
     """Return the medians of what is known along an axis, which stays with length 1; NaN where nothing is."""
-    known = np.isfinite(table)
-    ordered = np.sort(np.where(known, table, np.inf), axis=axis)
-    count = known.sum(axis=axis, keepdims=True)
+    is_finite = np.isfinite(table)
+    ordered = np.sort(np.where(is_finite, table, np.inf), axis=axis)
+    count = is_finite.sum(axis=axis, keepdims=True)
     low = np.take_along_axis(ordered, np.maximum((count - 1) // 2, 0), axis)
     high = np.take_along_axis(ordered, np.minimum(count // 2, table.shape[axis] - 1), axis)
     is_known = count > 0

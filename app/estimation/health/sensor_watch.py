@@ -66,10 +66,14 @@ class _Verdicts:
 
     def remember(self, findings: Iterable[CellFinding]) -> None:
         """Go on with what an earlier session found: only sound values end it."""
-        for each in findings:
-            self.is_dead[each.cell] = True
-            self.size[each.cell], self.value[each.cell], self.usual[each.cell] = each.size, each.value, each.usual
-            self.seen_s[each.cell], self.since_s[each.cell] = each.seen_s, each.since_s
+        for finding in findings:
+            self.is_dead[finding.cell] = True
+            self.size[finding.cell], self.value[finding.cell], self.usual[finding.cell] = (
+                finding.size,
+                finding.value,
+                finding.usual,
+            )
+            self.seen_s[finding.cell], self.since_s[finding.cell] = finding.seen_s, finding.since_s
 
     def add(
         self,
@@ -191,10 +195,10 @@ class ChannelWatch:
             measured: (n_cells,) which cells had a value since the last one taken; None: those that have one now.
         """
         v = voltages_v
-        known = v[np.isfinite(v)]
-        if not known.size:
+        finite = v[np.isfinite(v)]
+        if not finite.size:
             return
-        median_v = float(np.median(known))
+        median_v = float(np.median(finite))
         before_v, before_median_v, before_a = self._before
         self._before = v, median_v, current_a
         has_moved = ~(np.abs(v - self._still_v) <= STILL_V) | (dt_s > GAP_S)

@@ -84,12 +84,12 @@ class Warmth:
 
     def best(self) -> tuple[float, float, float]:
         """Log of the likelihood, heat [W] and onset of what fits best."""
-        found = []
+        fits = []
         for onset_s in np.linspace(self.time_s[0], self.time_s[-1], 40)[:-1].tolist():
             response = self.response(onset_s)
             watts = float((response * self.warmer_k).sum() / max((response**2).sum(), 1e-9))
-            found.append((float(self.gained(watts, onset_s)), watts, onset_s))
-        return max(found)
+            fits.append((float(self.gained(watts, onset_s)), watts, onset_s))
+        return max(fits)
 
 
 def judge_stretch(stretch: Stretch, model: CellModel, at_s: float, reported: Sequence[int] = ()) -> list[CellFinding]:
@@ -108,13 +108,13 @@ def judge_stretch(stretch: Stretch, model: CellModel, at_s: float, reported: Seq
     stuck = [] if lost else list(_false_temperatures(stretch))
     if lost or not stretch.is_together:
         return [*lost, *no_temperature, *stuck]
-    jumped = {each.cell for each in stuck}
+    jumped = {finding.cell for finding in stuck}
     voltages = CellVoltages(stretch, model, at_s)
-    found: list[CellFinding] = []
+    findings: list[CellFinding] = []
     for cell in _suspects(stretch, reported):
         warmth = None if cell in jumped else _warmth(stretch, cell)
-        found += _of_cell(stretch, model, voltages, cell, warmth)
-    return [*no_temperature, *stuck, *_warmest_of_pack(stretch, found)]
+        findings += _of_cell(stretch, model, voltages, cell, warmth)
+    return [*no_temperature, *stuck, *_warmest_of_pack(stretch, findings)]
 
 
 def _suspects(stretch: Stretch, reported: Sequence[int]) -> list[int]:
@@ -123,7 +123,7 @@ def _suspects(stretch: Stretch, reported: Sequence[int]) -> list[int]:
         apart = stretch.deviation_v
         swing = np.nanmax(apart, axis=0, initial=-9.0) - np.nanmin(apart, axis=0, initial=9.0)
         warm = _ends(stretch.temperature_degc - stretch.median_degc[:, None])
-        odd = [np.argsort(-np.nan_to_num(np.abs(each)))[:LOOKED_AT] for each in (swing, _ends(apart), warm)]
+        odd = [np.argsort(-np.nan_to_num(np.abs(swings)))[:LOOKED_AT] for swings in (swing, _ends(apart), warm)]
     oddest = [int(cell) for cells in odd for cell in cells]
     return list(dict.fromkeys([*reported, *oddest]))
 
@@ -167,12 +167,12 @@ def _of_cell(
             size, sigma, (code, unit) = fit.size, fit.sigma, CODES[law]
             if law == "capacity":
                 size, sigma = size / (1.0 + size), sigma / (1.0 + size) ** 2
-            found = _found(stretch, code, cell, fit.onset_s, log_odds, size, unit, sigma=sigma)
-            yield replace(found, warmer_k=warmer_k, heat_w=watts) if is_warm else found
+            finding = _found(stretch, code, cell, fit.onset_s, log_odds, size, unit, sigma=sigma)
+            yield replace(finding, warmer_k=warmer_k, heat_w=watts) if is_warm else finding
     if is_warm and watts > HEATED_W:
         log_odds = fits["warm"].log_likelihood + gained - FREE
-        found = _found(stretch, "external-heating", cell, since_s, log_odds, watts, "W", sigma=HEAT_SHARE * watts)
-        yield replace(found, warmer_k=warmer_k, heat_w=watts)
+        finding = _found(stretch, "external-heating", cell, since_s, log_odds, watts, "W", sigma=HEAT_SHARE * watts)
+        yield replace(finding, warmer_k=warmer_k, heat_w=watts)
 
 
 def _found(
@@ -214,35 +214,35 @@ def _heat_of(law: Law, fit: CellFit, stretch: Stretch) -> float:
     return LEAK_V * fit.size if law == "leak" else 0.0
 
 
-def _warmest_of_pack(stretch: Stretch, found: list[CellFinding]) -> Iterator[CellFinding]:
+def _warmest_of_pack(stretch: Stretch, findings: list[CellFinding]) -> Iterator[CellFinding]:
     """A hot cell warms its neighbours: of each pack only the likeliest is taken for heated from outside."""
     likeliest: dict[int, float] = {}
-    for each in found:
-        pack = stretch.pack_of(each.cell)
-        likeliest[pack] = max(likeliest.get(pack, -np.inf), each.log_odds)
-    for each in found:
-        if each.code != "external-heating" or each.log_odds >= 0.3 * likeliest[stretch.pack_of(each.cell)]:
-            yield each
+    for finding in findings:
+        pack = stretch.pack_of(finding.cell)
+        likeliest[pack] = max(likeliest.get(pack, -np.inf), finding.log_odds)
+    for finding in findings:
+        if finding.code != "external-heating" or finding.log_odds >= 0.3 * likeliest[stretch.pack_of(finding.cell)]:
+            yield finding
 
 
 def _warmth(stretch: Stretch, cell: int) -> Warmth | None:
     seconds = np.flatnonzero(np.diff(np.floor(stretch.time_s), prepend=-1.0) > 0)
     warmer = stretch.temperature_degc[seconds, cell] - stretch.median_degc[seconds]
-    known = np.isfinite(warmer)
-    if known.sum() < 20:
+    is_finite = np.isfinite(warmer)
+    if is_finite.sum() < 20:
         return None
-    warmer = warmer[known]
-    return Warmth(stretch.time_s[seconds][known], warmer - np.median(warmer[: max(len(warmer) // 10, 5)]))
+    warmer = warmer[is_finite]
+    return Warmth(stretch.time_s[seconds][is_finite], warmer - np.median(warmer[: max(len(warmer) // 10, 5)]))
 
 
 def _noise(stretch: Stretch, cell: int) -> CellFinding | None:
     """Deviations that neither stay nor follow the current."""
     steps = np.diff(stretch.deviation_v, axis=0)
     amps = np.abs(np.diff(stretch.steady_a))
-    known = np.isfinite(steps[:, cell])
+    is_finite = np.isfinite(steps[:, cell])
     # a grown resistance moves with the current; noise is there while the current stands still
     restless = np.convolve(np.nan_to_num(amps, nan=99.0) > STILL_A, np.ones(2 * STILL_SAMPLES + 1), "same") > 0.5
-    quiet = np.flatnonzero(known & ~restless)
+    quiet = np.flatnonzero(is_finite & ~restless)
     if quiet.size < 20:
         return None
     usual = 1.4826 * float(np.nanmedian(np.abs(steps[quiet])))

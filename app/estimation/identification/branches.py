@@ -94,13 +94,13 @@ def rest_after(recording: Recording, row: int) -> int | None:
 def long_rests(recording: Recording, first: int = 0, last: int | None = None) -> IntArray:
     """Return the last rows of the long rests that reach into rows `first` to `last`."""
     idle, last = _idle(recording), len(recording.time_s) if last is None else last
-    found = []
+    rests = []
     for run in np.split(np.arange(idle.size), np.flatnonzero(np.diff(idle)) + 1):
         lasted_s = recording.time_s[run[-1]] - recording.time_s[run[0]]
         is_long = idle[run[0]] and (lasted_s >= REST_S or run[0] == 0)
         if is_long and first <= run[-1] and run[0] <= last and np.isfinite(recording.voltage_v[run[-1]]):
-            found.append(int(run[-1]))
-    return np.array(found, dtype=np.intp)
+            rests.append(int(run[-1]))
+    return np.array(rests, dtype=np.intp)
 
 
 def rests_of(branch: Branch) -> IntArray:
@@ -114,14 +114,14 @@ def _idle(recording: Recording) -> NDArray[np.bool_]:
 
 def _branches(recording: Recording) -> list[Branch]:
     charge = recording.seen_charge_ah
-    found = []
+    branches = []
     for stretch in stretches(recording):
         for rows in _legs(recording.current_a[stretch], charge[stretch], recording.largest_a):
             at = stretch[rows]
             moved_ah = float(charge[at[-1]] - charge[at[0]])
-            found.append(Branch(recording, at, moved_ah, float(np.median(np.abs(recording.current_a[at])))))
-    most_ah = max((abs(branch.moved_ah) for branch in found), default=0.0)
-    return [b for b in found if b.moved_ah != 0.0 and abs(b.moved_ah) >= BRANCH_CHARGE_FRAC * most_ah]
+            branches.append(Branch(recording, at, moved_ah, float(np.median(np.abs(recording.current_a[at])))))
+    most_ah = max((abs(branch.moved_ah) for branch in branches), default=0.0)
+    return [b for b in branches if b.moved_ah != 0.0 and abs(b.moved_ah) >= BRANCH_CHARGE_FRAC * most_ah]
 
 
 def _legs(current_a: FloatArray, charge_ah: FloatArray, largest_a: float) -> list[IntArray]:

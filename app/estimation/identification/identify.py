@@ -174,11 +174,11 @@ def identify(
     source = f"identified from {', '.join(r.source for r in (*slow_tests, *measured))}"
     model = _cell_model(fit, slow, measured, capacity_ah, name, source)
     fits = tuple(_part_fit(model, part) for part in parts)
-    judged = [each for each in fits if each.is_drive] or list(fits)
+    judged = [fit for fit in fits if fit.is_drive] or list(fits)
     model = replace(
         model,
-        fit_voltage_rms_v=float(np.sqrt(np.mean([each.voltage_rms_v**2 for each in judged]))),
-        fit_current_max_a=max(each.current_max_a for each in fits),
+        fit_voltage_rms_v=float(np.sqrt(np.mean([fit.voltage_rms_v**2 for fit in judged]))),
+        fit_current_max_a=max(fit.current_max_a for fit in fits),
         evidence=_evidence(fit, slow, parts, fits, capacity_ah),
     )
     if model.measured_degc.size and float(np.ptp(model.measured_degc)) < SPAN_MIN_K:
@@ -230,9 +230,9 @@ def _ocv_shift(fit: SurfaceFit, slow_degc: float) -> OcvShift:
     surface = fit.surface
 
     def shift(soc: FloatArray, degc: FloatArray) -> FloatArray:
-        known = np.where(np.isnan(degc), REFERENCE_DEGC, degc)
+        measured_degc = np.where(np.isnan(degc), REFERENCE_DEGC, degc)
         v_k = np.interp(soc, surface.entropy_soc, surface.entropy_v_k)
-        return np.asarray(v_k * (np.clip(known, surface.entropy_degc[0], surface.entropy_degc[1]) - slow_degc))
+        return np.asarray(v_k * (np.clip(measured_degc, surface.entropy_degc[0], surface.entropy_degc[1]) - slow_degc))
 
     return shift
 
@@ -243,19 +243,19 @@ def _evidence(
     soc = np.concatenate([part.soc for part in parts])
     degc = np.concatenate([part.recording.temperature_degc for part in parts])
     current_c = np.abs(np.concatenate([part.recording.current_a for part in parts])) / capacity_ah
-    left_v = np.concatenate([each.residual_v for each in fits])
-    known = np.isfinite(left_v) & (soc >= JUDGED_SOC)
+    left_v = np.concatenate([fit.residual_v for fit in fits])
+    is_judged = np.isfinite(left_v) & (soc >= JUDGED_SOC)
 
     def by(values: FloatArray, edges: FloatArray | None = None) -> tuple[tuple[float, float], ...]:
         bins = np.round(values / ERROR_STEP_K) if edges is None else np.searchsorted(edges, values, side="right")
-        found = []
-        for one in np.unique(bins[known & np.isfinite(values)]):
-            here = known & (bins == one)
+        pairs = []
+        for one in np.unique(bins[is_judged & np.isfinite(values)]):
+            here = is_judged & (bins == one)
             rms_v = float(np.sqrt(np.mean(left_v[here] ** 2)))
-            found.append((round(float(np.median(values[here])), 3), float(f"{rms_v:.3g}")))
-        return tuple(found)
+            pairs.append((round(float(np.median(values[here])), 3), float(f"{rms_v:.3g}")))
+        return tuple(pairs)
 
-    loaded = known & (current_c > REST_CURRENT_C)
+    loaded = is_judged & (current_c > REST_CURRENT_C)
     sigma = {of: fit.sigma[name] for name, of in SIGMA_OF.items()}
     for name, short in (("tau_s", "tau"), ("soc_per_a", "d"), ("r_ohm", "r")):
         of_lags = [fit.sigma[f"{short}{k}"] for k in range(len(fit.surface.lags))]
@@ -283,11 +283,11 @@ def lowest_soc(parts: Sequence[Part], capacity_ah: float) -> tuple[tuple[float, 
             degc = r.temperature_degc[loaded & np.isfinite(r.temperature_degc)]
             at = float(np.median(degc)) if degc.size else REFERENCE_DEGC
             seen.append((round(at, 1), round(float(part.soc[loaded].min()), 3)))
-    found: list[tuple[float, float]] = []
+    pairs: list[tuple[float, float]] = []
     for at, low in sorted(seen):
-        if not found or low < found[-1][1]:
-            found.append((at, low))
-    return tuple(found)
+        if not pairs or low < pairs[-1][1]:
+            pairs.append((at, low))
+    return tuple(pairs)
 
 
 def seen_temperatures(recordings: Sequence[Recording]) -> FloatArray:

@@ -93,7 +93,7 @@ def find_anchors(recording: Recording, rows: IntArray, capacity_ah: float, resis
     """
     current, voltage = recording.current_a, recording.voltage_v
     idle = np.abs(current[rows]) < REST_CURRENT_C * capacity_ah
-    found: list[tuple[int, float, float]] = []
+    anchors: list[tuple[int, float, float]] = []
     for run in np.split(rows, np.flatnonzero(np.diff(idle)) + 1):
         measured = run[np.isfinite(voltage[run])]
         if measured.size == 0:
@@ -102,12 +102,12 @@ def find_anchors(recording: Recording, rows: IntArray, capacity_ah: float, resis
         lasted_s = recording.time_s[run[-1]] - recording.time_s[run[0]]
         if not idle[run[0] - rows[0]]:
             if run[0] == 0:
-                found.append((first, voltage[first] + resistance_ohm * current[first], LOADED_SIGMA_V))
+                anchors.append((first, voltage[first] + resistance_ohm * current[first], LOADED_SIGMA_V))
         elif lasted_s >= REST_S or run[0] == 0:
-            found.append((last, voltage[last], REST_SIGMA_V))
+            anchors.append((last, voltage[last], REST_SIGMA_V))
         elif lasted_s >= SHORT_REST_S:
-            found.append((last, voltage[last], SHORT_REST_SIGMA_V))
-    at, ocv_v, sigma_v = (np.array(column) for column in zip(*found, strict=True)) if found else np.zeros((3, 0))
+            anchors.append((last, voltage[last], SHORT_REST_SIGMA_V))
+    at, ocv_v, sigma_v = (np.array(column) for column in zip(*anchors, strict=True)) if anchors else np.zeros((3, 0))
     return Anchors(at.astype(np.intp), ocv_v, sigma_v)
 
 
@@ -121,10 +121,10 @@ def typical_resistance(recordings: Sequence[Recording]) -> float:
     for r in recordings:
         step_a, step_v = np.diff(r.current_a), np.diff(r.voltage_v)
         large = (np.abs(step_a) > 0.2 * r.largest_a) & np.isfinite(step_v) & (step_a != 0.0)
-        found = -step_v[large] / step_a[large]
-        if found.size and float(np.median(found)) <= 0.0:
+        pulse_ohm = -step_v[large] / step_a[large]
+        if pulse_ohm.size and float(np.median(pulse_ohm)) <= 0.0:
             raise ModelError(r.source, "the voltage rises with the discharge current; pass --charge-positive")
-        ratios.append(found)
+        ratios.append(pulse_ohm)
     steps = np.concatenate(ratios)
     if steps.size == 0:
         raise ModelError("--pulses", "the current never steps: nothing says what the resistance is")
@@ -137,18 +137,18 @@ def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
     Between a row under load and one at rest the current may have ended anywhere. Stretches in which that matters are
     left out where others say the same better; of the rest, long ones count most.
     """
-    found = []
+    capacities_ah = []
     for recording in recordings:
         for rows in stretches(recording):
-            known = np.flatnonzero(np.isfinite(recording.soc[rows]))
-            if known.size < 2:
+            finite_at = np.flatnonzero(np.isfinite(recording.soc[rows]))
+            if finite_at.size < 2:
                 continue
-            between = rows[known[0] : known[-1] + 1]
+            between = rows[finite_at[0] : finite_at[-1] + 1]
             span = abs(float(recording.soc[between[0]] - recording.soc[between[-1]]))
             if span >= COLUMN_STEP_MIN:
                 moved = abs(float(charge_ah(recording, between)[-1]))
-                found.append((moved, span, edge_charge_ah(recording, between) / span))
-    moved_ah, spans, unsure_ah = np.array(found).T if found else np.zeros((3, 0))
+                capacities_ah.append((moved, span, edge_charge_ah(recording, between) / span))
+    moved_ah, spans, unsure_ah = np.array(capacities_ah).T if capacities_ah else np.zeros((3, 0))
     if spans.sum() < SPAN_MIN:
         return None
     error_ah = np.hypot(unsure_ah, COLUMN_ERROR_SOC / spans * (moved_ah / spans))
@@ -248,15 +248,15 @@ def reference_soc(
     Raises:
         ModelError: the recording has no soc column and no anchor.
     """
-    known = np.isfinite(recording.soc)
-    if known.mean() > 0.5 and not _is_coarse(recording.soc[known]):
-        return np.interp(np.arange(known.size), np.flatnonzero(known), recording.soc[known])
-    soc = np.full(known.size, np.nan)
+    is_finite = np.isfinite(recording.soc)
+    if is_finite.mean() > 0.5 and not _is_coarse(recording.soc[is_finite]):
+        return np.interp(np.arange(is_finite.size), np.flatnonzero(is_finite), recording.soc[is_finite])
+    soc = np.full(is_finite.size, np.nan)
     unplaced = 0
     for rows in stretches(recording):
         drawn = charge_ah(recording, rows) / capacity_ah
-        if known[rows].any():
-            start = float(np.median((recording.soc[rows] + drawn)[known[rows]]))
+        if is_finite[rows].any():
+            start = float(np.median((recording.soc[rows] + drawn)[is_finite[rows]]))
         else:
             anchors = find_anchors(recording, rows, capacity_ah, resistance_ohm)
             if anchors.rows.size == 0:
@@ -269,9 +269,9 @@ def reference_soc(
             weight = 1.0 / (sigma**2 + (COUNT_ERROR_FRAC * (at - at[0])) ** 2)
             start = float(np.sum(weight * (anchor_soc + at)) / np.sum(weight))
         soc[rows] = start - drawn
-    if unplaced == known.size:
+    if unplaced == is_finite.size:
         raise ModelError(recording.source, "has no soc column and never rests: its SOC cannot be placed")
-    if not known.any():
+    if not is_finite.any():
         notes.append(f"{recording.source}: no soc column: SOC counted from its rests")
     if unplaced:
         notes.append(f"{recording.source}: {unplaced} rows lie between gaps and never rest: not used")

@@ -200,9 +200,9 @@ def _raised_to_pulses(
             continue
         found_soc.append(at)
         found_v.append(recording.voltage_v[rests])
-    at, volts = (np.concatenate(each) if each else np.zeros(0) for each in (found_soc, found_v))
-    known = np.isfinite(at) & np.isfinite(volts) & (at >= 0.0) & (at <= 1.0 + RESTS_BEYOND)
-    at, volts = at[known], volts[known]
+    at, volts = (np.concatenate(parts) if parts else np.zeros(0) for parts in (found_soc, found_v))
+    is_usable = np.isfinite(at) & np.isfinite(volts) & (at >= 0.0) & (at <= 1.0 + RESTS_BEYOND)
+    at, volts = at[is_usable], volts[is_usable]
     if np.unique(np.round(at, 2)).size < RESTS_MIN or float(np.ptp(at)) < RESTS_SPAN:
         return None
     loaded_v = _on_grid(grid, soc, base.recording.voltage_v[base.rows])
@@ -299,11 +299,11 @@ def _on_grid(
     grid: FloatArray, soc: FloatArray, voltage_v: FloatArray, outside_v: FloatArray | None = None
 ) -> FloatArray:
     """Return the never falling mean voltage near each grid point; beyond the branch as given."""
-    known = np.isfinite(voltage_v)
-    if known.sum() < 10:
+    is_finite = np.isfinite(voltage_v)
+    if is_finite.sum() < 10:
         raise ModelError("--ocv", "a slow branch has fewer than ten samples")
-    order = np.argsort(soc[known], kind="stable")
-    s, v = soc[known][order], voltage_v[known][order]
+    order = np.argsort(soc[is_finite], kind="stable")
+    s, v = soc[is_finite][order], voltage_v[is_finite][order]
     bins = np.round(s * (GRID_POINTS - 1)).astype(np.int64)
     _, index = np.unique(bins, return_inverse=True)
     count = np.bincount(index)

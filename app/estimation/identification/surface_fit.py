@@ -151,7 +151,7 @@ class Unknowns:
         x = np.clip(x, self.mean - BOUND_SIGMAS * self.sigma, self.mean + BOUND_SIGMAS * self.sigma)
         for name, (low, high) in {"low": (0.0, EXPONENT_MAX), "high": (0.0, EXPONENT_MAX)}.items():
             x[self.places[name]] = np.clip(x[self.places[name]], low, high)
-        for name in (each for each in self.places if each.endswith("_energy")):
+        for name in (place for place in self.places if place.endswith("_energy")):
             x[self.places[name]] = np.clip(x[self.places[name]], 0.0, ENERGY_MAX_J_MOL)
         return x
 
@@ -325,17 +325,17 @@ def fit_surface(
     """Return the numbers that explain all parts best; `report_round` is called after each of `ROUNDS`."""
     unknowns, basis = Unknowns(slow, typical_ohm * capacity_ah, n_lags, has_surface), OcvBasis(slow)
     rows = [Rows(part, slow, capacity_ah) for part in parts]
-    degc = np.array([each.degc for each in rows])
+    degc = np.array([row.degc for row in rows])
     x = unknowns.mean.copy()
     for _ in range(ROUNDS):
         x, gram, left = _least(unknowns, basis, rows, x)
-        rms_v = np.array([each.weigh(left_v) for each, left_v in zip(rows, left, strict=True)])
-        for each in rows:
-            alike = np.exp(-0.5 * ((degc - each.degc) / ALIKE_K) ** 2)
-            each.sigma_v = max(float(np.sqrt(np.average(rms_v**2, weights=alike))), LEAST_SIGMA_V)
+        rms_v = np.array([row.weigh(left_v) for row, left_v in zip(rows, left, strict=True)])
+        for row in rows:
+            alike = np.exp(-0.5 * ((degc - row.degc) / ALIKE_K) ** 2)
+            row.sigma_v = max(float(np.sqrt(np.average(rms_v**2, weights=alike))), LEAST_SIGMA_V)
         report_round()
     sigma = np.sqrt(np.diag(np.linalg.inv(gram)))
-    seen_degc = np.concatenate([each.kelvin for each in rows]) - KELVIN
+    seen_degc = np.concatenate([row.kelvin for row in rows]) - KELVIN
     seen = (float(np.percentile(seen_degc, 1.0)), float(np.percentile(seen_degc, 99.0)))
     names = unknowns.places
     return SurfaceFit(
@@ -355,14 +355,14 @@ def _least(
     for _ in range(STEPS):
         step = np.linalg.solve(gram + damping * np.diag(np.diag(gram)), moment)
         tried = unknowns.bounded(x + np.clip(step, -2.0 * unknowns.sigma, 2.0 * unknowns.sigma))
-        found = _equations(unknowns, basis, rows, tried)
-        if found[0] >= cost:
+        equations = _equations(unknowns, basis, rows, tried)
+        if equations[0] >= cost:
             damping *= 6.0
             if damping > 1e6:
                 break
             continue
-        is_done = cost - found[0] < DONE * cost
-        x, (cost, gram, moment, left) = tried, found
+        is_done = cost - equations[0] < DONE * cost
+        x, (cost, gram, moment, left) = tried, equations
         damping = max(damping / 5.0, 1e-6)
         if is_done:
             break
@@ -376,14 +376,14 @@ def _equations(
     off = unknowns.mean - x
     gram, moment = unknowns.precision.copy(), unknowns.precision @ off
     cost, left = float(off @ moment), []
-    for each in rows:
-        v, A = voltage_and_slopes(unknowns, basis, each, x)
-        left_v = each.voltage_v - v
-        weight = each.weight * each.trust / each.sigma_v**2
-        total = np.maximum(np.add.reduceat(weight, each.blocks), 1e-300)
+    for row in rows:
+        v, A = voltage_and_slopes(unknowns, basis, row, x)
+        left_v = row.voltage_v - v
+        weight = row.weight * row.trust / row.sigma_v**2
+        total = np.maximum(np.add.reduceat(weight, row.blocks), 1e-300)
         weighted = A * weight[:, None]
-        mean_v = np.add.reduceat(left_v * weight, each.blocks) / total
-        mean_A = np.add.reduceat(weighted, each.blocks, axis=0) / total[:, None]
+        mean_v = np.add.reduceat(left_v * weight, row.blocks) / total
+        mean_A = np.add.reduceat(weighted, row.blocks, axis=0) / total[:, None]
         block = BLOCK_WEIGHT * total
         gram += weighted.T @ A + (mean_A * block[:, None]).T @ mean_A
         moment += weighted.T @ left_v + mean_A.T @ (block * mean_v)

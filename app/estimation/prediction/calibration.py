@@ -39,12 +39,12 @@ class VoltageForecast:
         self._known = CellKnowledge()
         self._left_s = 0.0
 
-    def begin(self, states: OperatingPoint, known: CellKnowledge) -> None:
+    def begin(self, states: OperatingPoint, knowledge: CellKnowledge) -> None:
         """Start from what is known now, unless a forecast is under way."""
         if self._states is not None or not np.isfinite(states.soc).any():
             return
         degc = np.where(np.isnan(states.temperature_degc), 25.0, states.temperature_degc)
-        self._states, self._known, self._left_s = OperatingPoint(states.soc, states.branch_a, degc), known, AHEAD_S
+        self._states, self._known, self._left_s = OperatingPoint(states.soc, states.branch_a, degc), knowledge, AHEAD_S
         self._tau_s = self._cell.time_constants(states.soc, degc)
 
     def step(self, dt_s: float, current_a: float, voltages_v: FloatArray) -> None:
@@ -68,12 +68,12 @@ class VoltageForecast:
     def _judge(self, states: OperatingPoint, current_a: float, voltages_v: FloatArray) -> None:
         if abs(current_a) < LOADED_C * self._cell.capacity_ah:
             return
-        cell, known = self._cell, self._known
+        cell, knowledge = self._cell, self._known
         ocv_v = cell.open_circuit_voltage(states.soc, states.temperature_degc)
-        factor = np.asarray(known.resistance_factor, dtype=np.float64)
+        factor = np.asarray(knowledge.resistance_factor, dtype=np.float64)
         drop_v = cell.drop_v(states.soc, states.branch_a, current_a, states.temperature_degc, factor)
         current = np.full(states.n_cells, current_a)
-        sigma_v = voltage_sigma_v(cell, known, states, np.asarray(known.soc_sigma), current, drop_v)
+        sigma_v = voltage_sigma_v(cell, knowledge, states, np.asarray(knowledge.soc_sigma), current, drop_v)
         off = np.abs(voltages_v - (ocv_v - drop_v)) / sigma_v
         off = off[np.isfinite(off)]
         if off.size:

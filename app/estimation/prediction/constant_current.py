@@ -133,7 +133,7 @@ class Ahead(NamedTuple):
 def carry_forward(
     cell: CellModel,
     states: OperatingPoint,
-    known: CellKnowledge,
+    knowledge: CellKnowledge,
     current_a: FloatArray,
     time_s: FloatArray,
     heat_capacity_j_k: float,
@@ -143,7 +143,7 @@ def carry_forward(
     Args:
         cell: model of the cells.
         states: the cells now.
-        known: what is known of them.
+        knowledge: what is known of them.
         current_a: broadcasts against (..., n_cells), positive on discharge [A].
         time_s: broadcasts against it, >= 0 [s].
         heat_capacity_j_k: of one cell [J/K].
@@ -155,7 +155,7 @@ def carry_forward(
     if states.branch_a.shape != (cell.n_rc, n) or states.temperature_degc.shape != (n,):
         raise ShapeError("branch_a", (cell.n_rc, n), states.branch_a.shape)
     current, seconds = np.broadcast_arrays(current_a, time_s)
-    capacity_ah = np.asarray(cell.capacity_ah if known.capacity_ah is None else known.capacity_ah)
+    capacity_ah = np.asarray(cell.capacity_ah if knowledge.capacity_ah is None else knowledge.capacity_ah)
     moved = current * seconds / (SECONDS_PER_HOUR * capacity_ah)
     soc = states.soc - np.where(moved < 0.0, cell.coulombic_efficiency * moved, moved)
     temperature = np.where(np.isnan(states.temperature_degc), 25.0, states.temperature_degc)
@@ -163,16 +163,16 @@ def carry_forward(
     before_a = states.branch_a.reshape(cell.n_rc, *[1] * (soc.ndim - 1), n)
     branch_a = decay * before_a + (1.0 - decay) * current
     beyond = beyond_measured(cell, current, seconds, temperature)
-    of_model = cell.drop_v(soc, branch_a, current, temperature, known.resistance_factor)
+    of_model = cell.drop_v(soc, branch_a, current, temperature, knowledge.resistance_factor)
     drop = (1.0 + beyond.expected) * of_model
     gap_v = cell.hysteresis_v * np.sign(current)
-    soc_sigma = np.hypot(known.soc_sigma, moved * known.capacity_sigma_frac) + np.zeros_like(soc)
+    soc_sigma = np.hypot(knowledge.soc_sigma, moved * knowledge.capacity_sigma_frac) + np.zeros_like(soc)
     loss_w = np.maximum(drop * current, 0.0)
-    heating = np.maximum(loss_w - known.cooling_w, 0.0) * seconds / heat_capacity_j_k
+    heating = np.maximum(loss_w - knowledge.cooling_w, 0.0) * seconds / heat_capacity_j_k
     return Ahead(
         cell.open_circuit_voltage(soc, temperature) - gap_v - drop,
         np.hypot(
-            voltage_sigma_v(cell, known, OperatingPoint(soc, branch_a, temperature), soc_sigma, current, of_model),
+            voltage_sigma_v(cell, knowledge, OperatingPoint(soc, branch_a, temperature), soc_sigma, current, of_model),
             beyond.sigma * np.abs(of_model),
         ),
         soc,
@@ -235,13 +235,13 @@ def is_beyond_measured(
 
 def is_beyond_temperatures(cell: CellModel, temperature_degc: FloatArray) -> bool:
     """Return whether a cell is so far from the temperatures of the cell file that its resistances are not known."""
-    known = temperature_degc[np.isfinite(temperature_degc)]
-    return bool((cell.drop_error(known) > Tuning().drop_error_max).any())
+    finite = temperature_degc[np.isfinite(temperature_degc)]
+    return bool((cell.drop_error(finite) > Tuning().drop_error_max).any())
 
 
 def voltage_sigma_v(
     cell: CellModel,
-    known: CellKnowledge,
+    knowledge: CellKnowledge,
     states: OperatingPoint,
     soc_sigma: FloatArray,
     current_a: FloatArray,
@@ -251,18 +251,18 @@ def voltage_sigma_v(
 
     Args:
         cell: model of the cell.
-        known: what is known of it.
+        knowledge: what is known of it.
         states: at that moment, (...) and branches (n_rc, ...).
         soc_sigma: standard deviation of the SOC then.
         current_a: at that moment [A].
         drop_v: below the open-circuit voltage [V].
     """
     degc = states.temperature_degc
-    surface = cell.surface_soc(states.soc, states.branch_a, degc, known.resistance_factor)
+    surface = cell.surface_soc(states.soc, states.branch_a, degc, knowledge.resistance_factor)
     by_soc = cell.ocv.slope(surface) * soc_sigma
     of_circuit = np.where(np.asarray(current_a) < 0.0, CHARGE_SIGMA_FRAC, RESISTANCE_SIGMA_FRAC)
-    by_resistance = drop_v * np.sqrt(np.square(known.resistance_sigma) + of_circuit**2 + cell.drop_error(degc) ** 2)
+    by_resistance = drop_v * np.sqrt(np.square(knowledge.resistance_sigma) + of_circuit**2 + cell.drop_error(degc) ** 2)
     left = cell.evidence or Evidence()
     by_circuit = left.error_v(cell.fit_voltage_rms_v or VOLTAGE_SIGMA_V, states.soc, current_a / cell.c_rate_a, degc)
     variance = by_soc**2 + by_resistance**2 + by_circuit**2 + cell.ocv_error_v(degc) ** 2
-    return np.asarray(np.sqrt(variance) * known.voltage_scale)
+    return np.asarray(np.sqrt(variance) * knowledge.voltage_scale)

@@ -52,9 +52,9 @@ class DriverSoc:
             raise ShapeError("soc", self._sum_permille.shape, values.shape)
         new = np.rint(1000.0 * values)
         old = self._window_permille[self._next]
-        known, leaving = ~np.isnan(new), ~np.isnan(old)
-        self._sum_permille += np.where(known, new, 0.0) - np.where(leaving, old, 0.0)
-        self._count += known.astype(np.int64) - leaving
+        entering, leaving = ~np.isnan(new), ~np.isnan(old)
+        self._sum_permille += np.where(entering, new, 0.0) - np.where(leaving, old, 0.0)
+        self._count += entering.astype(np.int64) - leaving
         self._window_permille[self._next] = new
         self._next = (self._next + 1) % WINDOW
         seen = self._count > 0

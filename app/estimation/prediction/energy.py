@@ -113,19 +113,21 @@ def energy_left(
     for name, array in (("soc_sigma", soc_sigma), ("temperature_degc", temperature_degc)):
         if array.shape != soc.shape:
             raise ShapeError(name, soc.shape, array.shape)
-    known = np.flatnonzero(np.isfinite(soc))
-    if known.size == 0:
+    finite_at = np.flatnonzero(np.isfinite(soc))
+    if finite_at.size == 0:
         raise ModelError("soc", "no cell has one: nothing can be predicted")
-    capacity = np.broadcast_to(np.asarray(cell.capacity_ah if capacity_ah is None else capacity_ah), soc.shape)[known]
-    factor = np.broadcast_to(np.asarray(resistance_factor, dtype=np.float64), soc.shape)[known]
-    z = soc[known]
-    temperature = np.where(np.isnan(temperature_degc[known]), 25.0, temperature_degc[known])
+    capacity = np.broadcast_to(np.asarray(cell.capacity_ah if capacity_ah is None else capacity_ah), soc.shape)[
+        finite_at
+    ]
+    factor = np.broadcast_to(np.asarray(resistance_factor, dtype=np.float64), soc.shape)[finite_at]
+    z = soc[finite_at]
+    temperature = np.where(np.isnan(temperature_degc[finite_at]), 25.0, temperature_degc[finite_at])
     available_ah = np.maximum(z - soc_min, 0.0) * capacity
     loss_a = current_a if loss_current_a is None else loss_current_a
     lasts_s = SECONDS_PER_HOUR * float(available_ah.min()) / max(current_a, TINY_A)
     beyond = beyond_measured(cell, current_a, lasts_s)
     share = np.linspace(0.0, 1.0, OCV_POINTS)[:, None]
-    now_a = None if branch_a is None else branch_a[:, None, known]
+    now_a = None if branch_a is None else branch_a[:, None, finite_at]
 
     def voltage_and_drop(charge_ah: float) -> tuple[FloatArray, FloatArray]:
         path = z - share * charge_ah / capacity
@@ -146,15 +148,15 @@ def energy_left(
     lost_wh = float(np.trapezoid(drop_v.sum(axis=1), share[:, 0])) * charge_ah
     mean_v = float(np.trapezoid(voltage_v.sum(axis=1), share[:, 0]))
     # sigmas of SOC and capacity of the cell that ends it are so much charge, drawn at the voltage of the end
-    by_soc_ah = float(soc_sigma[known][first] * capacity[first])
-    sigma_ah = np.broadcast_to(np.asarray(capacity_sigma_ah, dtype=np.float64), soc.shape)[known]
+    by_soc_ah = float(soc_sigma[finite_at][first] * capacity[first])
+    sigma_ah = np.broadcast_to(np.asarray(capacity_sigma_ah, dtype=np.float64), soc.shape)[finite_at]
     by_capacity_ah = float(max(z[first] - soc_min, 0.0) * sigma_ah[first])
-    shares = np.broadcast_to(np.asarray(resistance_sigma, dtype=np.float64), soc.shape)[known]
+    shares = np.broadcast_to(np.asarray(resistance_sigma, dtype=np.float64), soc.shape)[finite_at]
     unknown = float(cell.drop_error(temperature).mean()), float(beyond.sigma)
     by_loss_wh = lost_wh * float(np.linalg.norm((float(shares.mean()), LOSS_SIGMA_FRAC, *unknown)))
     sigma_wh = float(np.hypot(np.hypot(by_soc_ah, by_capacity_ah) * voltage_v[-1].sum(), by_loss_wh))
     is_beyond = bool(is_beyond_measured(cell, current_a, lasts_s)) if knows_currents(cell) else None
-    return EnergyLeft(max(mean_v * charge_ah, 0.0), sigma_wh, charge_ah, int(known[first]), is_beyond)
+    return EnergyLeft(max(mean_v * charge_ah, 0.0), sigma_wh, charge_ah, int(finite_at[first]), is_beyond)
 
 
 def laps_left(energy: EnergyLeft, lap_energies_wh: ArrayLike) -> LapsLeft | None:

@@ -32,12 +32,12 @@ class HeatBalance:
 
     def step(self, dt_s: float, loss_w: FloatArray, temperature_degc: FloatArray) -> None:
         """Take one sample: (n_cells,) heat given to each cell [W] and its temperature [degC]; NaN = missing."""
-        known = np.isfinite(loss_w) & np.isfinite(temperature_degc)
-        if dt_s > UNKNOWN_S or not known.any():
+        is_finite = np.isfinite(loss_w) & np.isfinite(temperature_degc)
+        if dt_s > UNKNOWN_S or not is_finite.any():
             self._means, self._ran_s = None, 0.0
             return
-        self._given_j += dt_s * float(loss_w[known].mean())
-        x = self._given_j - self._heat_capacity_j_k * float(temperature_degc[known].mean())
+        self._given_j += dt_s * float(loss_w[is_finite].mean())
+        x = self._given_j - self._heat_capacity_j_k * float(temperature_degc[is_finite].mean())
         short, long = self._means or (x, x)
         self._means = x + (short - x) * exp(-dt_s / SHORT_S), x + (long - x) * exp(-dt_s / LONG_S)
         self._ran_s += dt_s

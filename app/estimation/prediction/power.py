@@ -118,26 +118,26 @@ def _questions(limits: Limits, currents_a: tuple[float, ...], horizons_s: tuple[
     """Discharge and charge power for the horizons, then the times to three limits at each current."""
     n_power, n_trips = 2 * len(horizons_s), 3 * len(currents_a)
     full_a = np.repeat((limits.discharge_max_a, -limits.charge_max_a), len(horizons_s))
-    each = np.tile(np.eye(3, dtype=np.bool_), len(currents_a))
+    masks = np.tile(np.eye(3, dtype=np.bool_), len(currents_a))
     return _Questions(
         current_a=np.concatenate((full_a, np.repeat(currents_a, 3))),
         seconds=np.concatenate((horizons_s, horizons_s, np.full(n_trips, TIME_LIMIT_S))),
         in_current=np.arange(n_power + n_trips) < n_power,
-        counts=np.hstack((np.ones((3, n_power), dtype=np.bool_), each)),
+        counts=np.hstack((np.ones((3, n_power), dtype=np.bool_), masks)),
     )
 
 
 class PowerModel:
     """Cells of one model with limits, and what is known of each of them."""
 
-    def __init__(self, cell: CellModel, limits: Limits, known: CellKnowledge | None = None) -> None:
+    def __init__(self, cell: CellModel, limits: Limits, knowledge: CellKnowledge | None = None) -> None:
         self.cell = cell
         self.limits = limits
-        self.known = known or CellKnowledge()
+        self.knowledge = knowledge or CellKnowledge()
 
     def ahead(self, states: OperatingPoint, current_a: FloatArray, time_s: FloatArray) -> Ahead:
         """Return what comes of a constant current, see `carry_forward`."""
-        return carry_forward(self.cell, states, self.known, current_a, time_s, self.limits.heat_capacity_j_k)
+        return carry_forward(self.cell, states, self.knowledge, current_a, time_s, self.limits.heat_capacity_j_k)
 
     def margins(self, states: OperatingPoint, current_a: FloatArray, time_s: FloatArray) -> FloatArray:
         """Return (3, ..., n_cells) distance to the limits of voltage, SOC and temperature in sigmas; below 0 = passed.
@@ -163,19 +163,19 @@ class PowerModel:
         cells = np.flatnonzero(np.isfinite(states.soc))
         if cells.size == 0:
             raise ModelError("soc", "no cell has one: nothing can be predicted")
-        known, part = self._of(cells), states.of(cells)
+        model, part = self._of(cells), states.of(cells)
         questions = _questions(self.limits, currents_a, horizons_s)
-        low, high = known._search(part, questions)
+        low, high = model._search(part, questions)
         n = len(horizons_s)
-        power = known._power_limits(part, cells, questions, low, high)[: 2 * n]
-        times = known._times_to_trip(part, cells, questions, low, high)[2 * n :]
+        power = model._power_limits(part, cells, questions, low, high)[: 2 * n]
+        times = model._times_to_trip(part, cells, questions, low, high)[2 * n :]
         return (
             StatePower(power[:n], power[n:]),
             tuple(times[k : k + 3] for k in range(0, len(times), 3)),
         )
 
     def _of(self, cells: IntArray) -> PowerModel:
-        return PowerModel(self.cell, self.limits, self.known.of(cells))
+        return PowerModel(self.cell, self.limits, self.knowledge.of(cells))
 
     def _asked(self, states: OperatingPoint, questions: _Questions, x: FloatArray) -> FloatArray:
         """Return (3, ..., n, n_cells) margins at x (..., n), inf where they are not asked for."""

@@ -108,11 +108,11 @@ def power_along(
             parts = []
             for start in range(0, states.n_cells, CHUNK_ROWS):
                 rows = np.arange(start, min(start + CHUNK_ROWS, states.n_cells))
-                known = CellKnowledge(
+                knowledge = CellKnowledge(
                     soc_sigma[rows], capacity_sigma_frac=CAPACITY_SIGMA_FRAC, voltage_scale=scale[rows]
                 )
-                parts.append(_held(PowerModel(cell, limits, known), states.of(rows), full_a, horizon_s))
-            watts, current_a = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+                parts.append(_held(PowerModel(cell, limits, knowledge), states.of(rows), full_a, horizon_s))
+            watts, current_a = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
             beyond = is_beyond_measured(cell, current_a, horizon_s)
             beyond |= cell.drop_error(states.temperature_degc) > Tuning().drop_error_max
             yield PowerAlong(direction, horizon_s, watts[1], watts[0], watts[2], current_a, beyond)  # type: ignore[arg-type]

@@ -264,8 +264,8 @@ def _third_largest(current_a: FloatArray) -> float:
 
 def _held(values: FloatArray) -> FloatArray:
     """Return the values with gaps filled by the last one before, and at the start by the first."""
-    known = np.flatnonzero(np.isfinite(values))
-    if known.size in (0, len(values)):
+    finite_at = np.flatnonzero(np.isfinite(values))
+    if finite_at.size in (0, len(values)):
         return values
-    before = np.searchsorted(known, np.arange(len(values)), side="right") - 1
-    return values[known[np.maximum(before, 0)]]
+    before = np.searchsorted(finite_at, np.arange(len(values)), side="right") - 1
+    return values[finite_at[np.maximum(before, 0)]]

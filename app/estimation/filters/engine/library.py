@@ -86,7 +86,7 @@ _real, _int32, _pointer = ctypes.c_double, ctypes.c_int32, ctypes.c_void_p
 class TuningStruct(ctypes.Structure):
     """`vw_tuning`."""
 
-    _fields_ = [(each.name, _real) for each in fields(Tuning)]
+    _fields_ = [(field.name, _real) for field in fields(Tuning)]
 
 
 class SigmaRuleStruct(ctypes.Structure):

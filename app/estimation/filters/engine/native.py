@@ -217,8 +217,8 @@ def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
         UNCERTAINTY_DEGC[0],
         UNCERTAINTY_DEGC[2],
         *(
-            each.ctypes.data
-            for each in (
+            array.ctypes.data
+            for array in (
                 cell.temperature_degc,
                 table,
                 cell.ocv_slope_v,

@@ -45,8 +45,8 @@ class NativeResistance:
             factor: (n_cells,) resistances over those of the cell file that the filter counted with.
             voltage_v: (n_steps, n_cells) measured [V]; NaN = missing.
         """
-        arrays = [np.ascontiguousarray(each, np.float64) for each in (dt_s, numbers, factor, voltage_v)]
-        dt_at, *others = [ctypes.c_void_p(each.ctypes.data) for each in arrays]
+        arrays = [np.ascontiguousarray(array, np.float64) for array in (dt_s, numbers, factor, voltage_v)]
+        dt_at, *others = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
         self._library.vw_resistance_record(*self._at, ctypes.c_int64(dt_s.size), dt_at, *others)
 
     def learn(
@@ -60,9 +60,9 @@ class NativeResistance:
             samples: as in `learn_along`, n_steps rows each.
             factor: (n_cells,) resistances in use, overwritten by those at the end.
         """
-        arrays = [np.ascontiguousarray(each, np.float64) for each in samples]
+        arrays = [np.ascontiguousarray(sample, np.float64) for sample in samples]
         numbers = np.empty((arrays[0].size, N_OUT, factor.size))
-        pointers = [ctypes.c_void_p(each.ctypes.data) for each in (*arrays, factor, numbers)]
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (*arrays, factor, numbers)]
         n_steps = ctypes.c_int64(arrays[0].size)
         self._library.vw_resistance_learn(*engine.at, self._at[1], ctypes.byref(learning), n_steps, *pointers)
         return numbers.swapaxes(0, 1)

@@ -63,7 +63,7 @@ def test_one_number_or_one_row_stands_for_every_temperature(pair, expected):
 def test_what_may_be_left_out_has_its_default_or_is_unknown():
     made = document()
     assert made.number("", "coulombic_efficiency", 0.99) == 0.99
-    assert made.known("limits", "charge_max_a") is None
+    assert made.number_or_none("limits", "charge_max_a") is None
     assert not made.has("asinh", "voltage_v")
     assert made.word("ocv", "method") == "interpolation"
 

@@ -71,7 +71,10 @@ def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grow
     assert drive(watch, resistance_ohm, 90, rng) == set()
     resistance_ohm[cell] += grown_ohm
     assert drive(watch, resistance_ohm, 60, rng) == {cell}
-    excess_ohm, sigma_ohm = watch.found.excess_ohm[cell], np.hypot(watch.found.sigma_ohm, watch.change_ohm)[cell]
+    excess_ohm, sigma_ohm = (
+        watch.loose_joints.excess_ohm[cell],
+        np.hypot(watch.loose_joints.sigma_ohm, watch.change_ohm)[cell],
+    )
     assert abs(excess_ohm - grown_ohm) < 3 * np.hypot(sigma_ohm, 0.02 * grown_ohm)
 
 
@@ -87,11 +90,11 @@ def test_what_was_found_survives_a_restart_and_so_does_what_was_not():
     drive(first, resistance_ohm, 90, rng)
     resistance_ohm[7] += 5e-4
     drive(first, resistance_ohm, 60, rng)
-    second = JointWatch(SEGMENTS, first.baseline_ohm, first.found)
+    second = JointWatch(SEGMENTS, first.baseline_ohm, first.loose_joints)
     assert np.flatnonzero(second.loose).tolist() == [7]
     second.judge()
     assert np.flatnonzero(second.loose).tolist() == [7], "no driving, no news"
-    np.testing.assert_array_equal(second.found.excess_ohm, first.found.excess_ohm)
+    np.testing.assert_array_equal(second.loose_joints.excess_ohm, first.loose_joints.excess_ohm)
     assert np.isinf(second.age_s)
     assert drive(second, resistance_ohm, 60, rng) == {7}
 
@@ -105,7 +108,7 @@ def test_a_bolt_that_is_tightened_again_is_sound_again(cells):
     resistance_ohm[7] -= 5e-4
     drive(watch, resistance_ohm, 90, rng)
     assert not watch.loose.any()
-    assert np.isnan(watch.found.excess_ohm).all()
+    assert np.isnan(watch.loose_joints.excess_ohm).all()
 
 
 def test_currents_that_are_missing_teach_nothing_and_name_nobody(cells):
