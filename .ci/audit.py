@@ -72,13 +72,13 @@ def _run(*command: str) -> subprocess.CompletedProcess[str]:
 
 def main() -> int:
     """Ask about everything, print what is known, and return the worst exit status: a hole before a silence."""
-    found = {f"requirements/{lock}.lock": audit_python(lock) for lock in LOCKS}
-    found["frontend/package-lock.json"] = audit_browser()
-    for name, (code, lines) in found.items():
+    audits = {f"requirements/{lock}.lock": audit_python(lock) for lock in LOCKS}
+    audits["frontend/package-lock.json"] = audit_browser()
+    for name, (code, lines) in audits.items():
         print(f"{name}: {('no hole is known', 'HOLES', 'NOT AUDITED')[code]}")
         for line in lines:
             print(f"  {line}")
-    codes = [code for code, _ in found.values()]
+    codes = [code for code, _ in audits.values()]
     return HOLES if HOLES in codes else max(codes)
 
 

@@ -108,10 +108,10 @@ def run_tests(size: str, what: str, *chosen: str, promise: str | None = None) ->
         command += ["-o", "junit_family=xunit1", f"--junitxml={cases}", *chosen]
         done = subprocess.run(command, cwd=ROOT, env=environment, check=False, capture_output=True, text=True)
         measured = sorted(line.split("\t", 1) for line in figures.read_text(encoding="utf-8").splitlines())
-        found = [*ElementTree.parse(cases).getroot().iter("testcase")] if cases.exists() else []
-        counted = Counter((case.get("file") or "?", _outcome(case)) for case in found)
+        testcases = [*ElementTree.parse(cases).getroot().iter("testcase")] if cases.exists() else []
+        counted = Counter((case.get("file") or "?", _outcome(case)) for case in testcases)
         took_s = Counter[str]()
-        for case in found:
+        for case in testcases:
             took_s[case.get("file") or "?"] += float(case.get("time") or 0.0)  # type: ignore[assignment]
     print(*(figure for _, figure in measured), sep="\n")
     print(f"{what}: {(done.stdout.splitlines() or ['nothing'])[-1]}", flush=True)
@@ -152,8 +152,8 @@ def promise_of(file: str) -> str:
 def as_rows(size: str, day: str, parts: list[Part]) -> list[str]:
     """Return a row for each part: promise / test / size / day / took / count / result."""
     return [
-        f"| {each.promise} | `{each.test}` | {size} | {day} | {each.took_s:.0f} s | {each.count} | {each.result} |"
-        for each in parts
+        f"| {part.promise} | `{part.test}` | {size} | {day} | {part.took_s:.0f} s | {part.count} | {part.result} |"
+        for part in parts
     ]
 
 
@@ -223,7 +223,7 @@ def main() -> int:
             print(f"{part.test}: {part.result}")
     if not options.only:
         result = "held" if has_held else "FAILED"
-        parts.append(Part("All of it", ".ci/campaign.py", sum(each.count for each in parts), result, has_held, took_s))
+        parts.append(Part("All of it", ".ci/campaign.py", sum(part.count for part in parts), result, has_held, took_s))
     page = options.table or (None if options.size == "short" else PAGE)
     if page is not None:
         write_table(page, options.size, f"{datetime.now(UTC):%Y-%m-%d}", parts)

@@ -35,7 +35,7 @@ def mutmut(*arguments: str) -> int:
 
 def results() -> dict[str, dict[str, int]]:
     """Return {module: {mutant: exit status}} of those that were tried."""
-    found: dict[str, dict[str, int]] = {}
+    counts: dict[str, dict[str, int]] = {}
     for path in sorted(MUTANTS.rglob("*.py.meta")):
         statuses = json.loads(path.read_text(encoding="utf-8"))["exit_code_by_key"]
         tried = {
@@ -44,8 +44,8 @@ def results() -> dict[str, dict[str, int]]:
             if status is not None and not any(part in name for part in AT_IMPORT)
         }
         if tried:
-            found[path.name.removesuffix(".py.meta")] = tried
-    return found
+            counts[path.name.removesuffix(".py.meta")] = tried
+    return counts
 
 
 def survivors() -> list[str]:

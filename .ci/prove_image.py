@@ -176,13 +176,13 @@ def ignored(at: str, names: list[str], patterns: list[str]) -> set[str]:
     """Return the names in folder `at` that .dockerignore leaves out."""
     inside = Path(at).resolve()
     relative = {name: os.path.relpath(inside / name, ROOT) for name in names}
-    found = set()
+    excluded = set()
     for name, path in relative.items():
         for pattern in patterns:
             anywhere = pattern.startswith("**/") and fnmatch.fnmatch(name, pattern.removeprefix("**/"))
             if anywhere or (("/" not in path or "/" in pattern) and fnmatch.fnmatch(path, pattern)):
-                found.add(name)
-    return found
+                excluded.add(name)
+    return excluded
 
 
 def check_service(stage: Stage) -> None:

@@ -19,16 +19,16 @@ SECTION = re.compile(r"(?ms)^## (?P<title>[^\n]*)\n(?P<text>.*?)(?=^## |\Z)")
 def faults(root: Path, tag: str) -> list[str]:
     """Return what forbids the release, one line each."""
     title, _ = newest_section(root)
-    found = []
+    problems = []
     if _only(VERSION, root / "app" / "__init__.py") != tag.removeprefix("v") or not tag.startswith("v"):
-        found.append(f"the tag {tag} is not v and the version in app/__init__.py")
+        problems.append(f"the tag {tag} is not v and the version in app/__init__.py")
     if not re.fullmatch(rf"{re.escape(tag.removeprefix('v'))} \(\d{{4}}-\d\d-\d\d\)", title):
-        found.append(f"CHANGELOG.md begins with '{title}', not with the version and its day")
+        problems.append(f"CHANGELOG.md begins with '{title}', not with the version and its day")
     if _only(CITED, root / "CITATION.cff") != tag.removeprefix("v"):
-        found.append("CITATION.cff names another version")
+        problems.append("CITATION.cff names another version")
     if "/OWNER/" in (root / "pyproject.toml").read_text(encoding="utf-8"):
-        found.append("pyproject.toml: OWNER stands for an address that has to be filled in")
-    return found
+        problems.append("pyproject.toml: OWNER stands for an address that has to be filled in")
+    return problems
 
 
 def newest_section(root: Path) -> tuple[str, str]:
@@ -38,8 +38,8 @@ def newest_section(root: Path) -> tuple[str, str]:
 
 
 def _only(pattern: re.Pattern[str], file: Path) -> str:
-    found = pattern.search(file.read_text(encoding="utf-8"))
-    return found[1] if found else ""
+    match = pattern.search(file.read_text(encoding="utf-8"))
+    return match[1] if match else ""
 
 
 def main(arguments: list[str]) -> int:
@@ -47,9 +47,9 @@ def main(arguments: list[str]) -> int:
     if len(arguments) != 1:
         print("say the tag: prove_release.py v1.0.0", file=sys.stderr)
         return 2
-    found = faults(ROOT, arguments[0])
-    print("\n".join(found), file=sys.stderr) if found else print(newest_section(ROOT)[1])
-    return 1 if found else 0
+    problems = faults(ROOT, arguments[0])
+    print("\n".join(problems), file=sys.stderr) if problems else print(newest_section(ROOT)[1])
+    return 1 if problems else 0
 
 
 if __name__ == "__main__":

@@ -210,8 +210,8 @@ def battery_profile_reference() -> str:
                 f"; one of {', '.join(f'`{name}`' for name in field.one_of)}" if field.one_of else ""
             )
             rows.append((f"`{field.name}`", PROFILE_KINDS[field.kind], default, meaning))
-        like, known = first.setdefault(tuple(field.name for field in fields), (title, rows))
-        new = [row for row in rows if row not in known]
+        like, rows_before = first.setdefault(tuple(field.name for field in fields), (title, rows))
+        new = [row for row in rows if row not in rows_before]
         if len(new) < len(rows) and like != title:
             parts += [f"The fields of {like}{', but for:' if new else '.'}", ""]
             rows = new
@@ -228,7 +228,7 @@ def season_lake_reference() -> str:
     parts += [*_table(("Type", "In Parquet"), [(f"`{name}`", text) for name, text in TYPES.items()]), ""]
     for name, columns in TABLES.items():
         parts += [f"## `{name}`", "", SEASON_NOTES[name], ""]
-        rows = [(f"`{each.name}`", each.type, each.unit or "–", each.meaning) for each in columns]
+        rows = [(f"`{column.name}`", column.type, column.unit or "–", column.meaning) for column in columns]
         parts += [*_table(("Column", "Type", "Unit", "Meaning"), rows), ""]
     return "\n".join(parts).rstrip() + "\n"
 
@@ -254,9 +254,9 @@ def dependency_reference() -> str:
 
 def licence_of(name: str) -> str:
     """Return the licence of an installed distribution: its expression, or its classifiers, or its licence field."""
-    known = LICENCE_WHERE_METADATA_HOLDS_THE_TEXT | LICENCE_OF_WHAT_DEV_LOCK_LACKS
-    if name in known:
-        return known[name]
+    licences = LICENCE_WHERE_METADATA_HOLDS_THE_TEXT | LICENCE_OF_WHAT_DEV_LOCK_LACKS
+    if name in licences:
+        return licences[name]
     facts = importlib.metadata.metadata(name).json
     if "license_expression" in facts:
         return str(facts["license_expression"])

@@ -28,9 +28,9 @@ Component = dict[str, Any]
 
 def sbom() -> str:
     """Return the text of the bill of materials; the same locks give the same text."""
-    found = sorted((*python_packages(), *browser_packages()), key=lambda component: str(component["bom-ref"]))
+    components = sorted((*python_packages(), *browser_packages()), key=lambda component: str(component["bom-ref"]))
     ours = f"pkg:pypi/voltwall@{__version__}"
-    name = json.dumps([ours, *(component["bom-ref"] for component in found)])
+    name = json.dumps([ours, *(component["bom-ref"] for component in components)])
     document = {
         "$schema": "http://cyclonedx.org/schema/bom-1.6.schema.json",
         "bomFormat": "CycloneDX",
@@ -38,8 +38,8 @@ def sbom() -> str:
         "serialNumber": f"urn:uuid:{uuid.uuid5(uuid.NAMESPACE_URL, name)}",
         "version": 1,
         "metadata": {"component": _component("application", ours, "voltwall", __version__, {"id": "Apache-2.0"})},
-        "components": found,
-        "dependencies": [{"ref": ours, "dependsOn": [component["bom-ref"] for component in found]}],
+        "components": components,
+        "dependencies": [{"ref": ours, "dependsOn": [component["bom-ref"] for component in components]}],
     }
     return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
@@ -79,7 +79,7 @@ def _licence(name: str) -> dict[str, str] | None:
 
 
 def _component(kind: str, reference: str, name: str, version: str, licence: dict[str, str] | None) -> Component:
-    known: Component = {"type": kind, "bom-ref": reference, "name": name, "version": version, "purl": reference}
+    component: Component = {"type": kind, "bom-ref": reference, "name": name, "version": version, "purl": reference}
     if licence is None:
-        return known
-    return known | {"licenses": [licence if "expression" in licence else {"license": licence}]}
+        return component
+    return component | {"licenses": [licence if "expression" in licence else {"license": licence}]}

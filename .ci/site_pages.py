@@ -73,12 +73,12 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     here = page.file.src_uri
 
     def changed(link: re.Match[str]) -> str:
-        found = target(link[2], here)
-        if found is None:
+        address = target(link[2], here)
+        if address is None:
             return link[0]
-        if not found.startswith(REPOSITORY):
-            found = posixpath.relpath(found, posixpath.dirname(here) or ".")
-        return f"{link[1]}{found}{link[3] or ''}{link[4]}"
+        if not address.startswith(REPOSITORY):
+            address = posixpath.relpath(address, posixpath.dirname(here) or ".")
+        return f"{link[1]}{address}{link[3] or ''}{link[4]}"
 
     pieces = FENCE.split(markdown)  # code is every second one
     return "".join(piece if k % 2 else LINK.sub(changed, piece) for k, piece in enumerate(pieces))

@@ -79,14 +79,14 @@ def export_formats() -> str:
     offered = [
         {
             "id": name,
-            "name": each.name,
-            "what": each.meaning,
-            "suffix": each.suffix,
-            "signals": each.has_signals,
-            "names": each.has_names,
+            "name": export_format.name,
+            "what": export_format.meaning,
+            "suffix": export_format.suffix,
+            "signals": export_format.has_signals,
+            "names": export_format.has_names,
         }
-        for name, each in FORMATS.items()
-        if not each.is_part
+        for name, export_format in FORMATS.items()
+        if not export_format.is_part
     ]
     text = f"export const EXPORT_FORMATS = {json.dumps(offered, indent=2)} as const;\n"
     return HEAD.format("app/sessions/export/formats.py") + "\n" + text
@@ -97,19 +97,19 @@ def fixture_schema() -> str:
     return json.dumps(schema_json(), separators=(",", ":")) + "\n"
 
 
-def _collect(part: object, schemas: dict[str, Any], found: set[str]) -> None:
+def _collect(part: object, schemas: dict[str, Any], names: set[str]) -> None:
     """Put the names of all schemas that a part of the document refers to into `found`."""
     if isinstance(part, list):
         for inner in part:
-            _collect(inner, schemas, found)
+            _collect(inner, schemas, names)
     if not isinstance(part, dict):
         return
     name = str(part.get("$ref", "")).removeprefix(REF)
-    if name and name not in found:
-        found.add(name)
-        _collect(schemas[name], schemas, found)
+    if name and name not in names:
+        names.add(name)
+        _collect(schemas[name], schemas, names)
     for inner in part.values():
-        _collect(inner, schemas, found)
+        _collect(inner, schemas, names)
 
 
 def _interface(name: str, schema: dict[str, Any]) -> str:

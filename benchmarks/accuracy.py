@@ -71,8 +71,8 @@ def of_drives(part: str, place: Place) -> list[str]:
     every = list(dict.fromkeys(row.tests for row in ROWS[part]()))
     lines: dict[int, str] = {}
     with ProcessPoolExecutor(place.jobs) as pool:
-        for found in pool.map(partial(judged, part=part, folders=place.folders), every):
-            lines |= found
+        for of_part in pool.map(partial(judged, part=part, folders=place.folders), every):
+            lines |= of_part
     return [lines[k] for k in sorted(lines)]
 
 
@@ -87,17 +87,17 @@ def of_packs(place: Place) -> list[str]:
     """Return the rows of packs."""
     every = [(cell, sign) for cell in drives.PHYSICS_CELLS for sign in pack.SIGNS]
     with ProcessPoolExecutor(place.jobs) as pool:
-        found = list(pool.map(partial(pack.judge, folders=place.folders), *zip(*every, strict=True)))
+        lines = list(pool.map(partial(pack.judge, folders=place.folders), *zip(*every, strict=True)))
     n = len(pack.SIGNS)
-    return [pack.line(cell, found[n * k : n * k + n]) for k, cell in enumerate(drives.PHYSICS_CELLS)]
+    return [pack.line(cell, lines[n * k : n * k + n]) for k, cell in enumerate(drives.PHYSICS_CELLS)]
 
 
 def of_power(place: Place) -> list[str]:
     """Return the rows of power."""
     every = [(cell, source) for cell in OWN for source in power.DRIVES]
     with ProcessPoolExecutor(place.jobs) as pool:
-        found = list(pool.map(partial(power.judge, folder=place.keep), *zip(*every, strict=True)))
-    return [line for lines in found for line in lines]
+        lines_of = list(pool.map(partial(power.judge, folder=place.keep), *zip(*every, strict=True)))
+    return [line for lines in lines_of for line in lines]
 
 
 def of_car(place: Place) -> list[str]:
@@ -134,7 +134,7 @@ PARTS: Final = {
     },
     "voltage": Part(
         drives.VOLTAGE_HEADER,
-        lambda: [drives.voltage_first_of(*each[:2]) for each in drives.voltage_rows()],
+        lambda: [drives.voltage_first_of(*voltage_row[:2]) for voltage_row in drives.voltage_rows()],
         of_voltage,
     ),
     "pack": Part(pack.HEADER, lambda: [f"| {cell} |" for cell in drives.PHYSICS_CELLS], of_packs),
@@ -170,10 +170,10 @@ def put(part: str, figures: str) -> None:
     """Write a part's table between its marks on the page."""
     begin, end = f"<!-- {part} -->", f"<!-- end of {part} -->"
     page = PAGE.read_text(encoding="utf-8")
-    found, n = re.subn(f"{begin}.*?{end}", lambda _: f"{begin}\n{figures}\n{end}", page, flags=re.DOTALL)
+    text, n = re.subn(f"{begin}.*?{end}", lambda _: f"{begin}\n{figures}\n{end}", page, flags=re.DOTALL)
     if n != 1:
         raise SystemExit(f"{PAGE}: {begin} ... {end} stands there {n} times, not once")
-    PAGE.write_text(found, encoding="utf-8")
+    PAGE.write_text(text, encoding="utf-8")
 
 
 def main() -> int:

@@ -61,13 +61,13 @@ def judge(seed: int, start_s: float) -> list[float]:
     while player.simulation.current_a < LOAD_A:
         player.run(0.05)
     listener = Listener(player)
-    return [listener.error_after(float(each)) for each in np.diff(LATER_S, prepend=0.0)]
+    return [listener.error_after(float(step_s)) for step_s in np.diff(LATER_S, prepend=0.0)]
 
 
-def lines(found: list[list[float]]) -> list[str]:
+def lines(errors: list[list[float]]) -> list[str]:
     """Return a row of Markdown for each of `LATER_S`: median and worst of the starts."""
     goals = [f"{GOAL:g}", *[""] * (len(LATER_S) - 1)]
     return [
         f"| after {after_s:g} s | {goal} | {np.median(points):.2f}/{points.max():.2f} |"
-        for after_s, goal, points in zip(LATER_S, goals, np.array(found).T, strict=True)
+        for after_s, goal, points in zip(LATER_S, goals, np.array(errors).T, strict=True)
     ]

@@ -221,8 +221,8 @@ def model_of(tests: Tests, folders: Folders) -> CellModel:
     """
 
     def read(names: Sequence[str]) -> list[Recording]:
-        found = [recording(name, folders) for name in names]
-        return found if tests.has_soc else [replace(r, soc=np.full_like(r.soc, np.nan)) for r in found]
+        recordings = [recording(name, folders) for name in names]
+        return recordings if tests.has_soc else [replace(r, soc=np.full_like(r.soc, np.nan)) for r in recordings]
 
     return identify(read(tests.slow), read(tests.pulses), read(tests.drives)).model
 
@@ -234,7 +234,7 @@ def judge(row: Row, folders: Folders) -> Found | str:
     except EstimatorError as error:
         return str(error)
     model = replace(model, capacity_ah=row.capacity * model.capacity_ah)
-    found = []
+    estimates = []
     for drive in row.change(recording(row.drive, folders)):
         for off in row.starts:
             first = float(drive.soc[0])
@@ -247,8 +247,8 @@ def judge(row: Row, folders: Folders) -> Found | str:
                 off_by = run.soc - sensed.soc
                 inside = float(np.mean(np.abs(off_by) <= 3.0 * run.soc_sigma))
                 ekf = rmse_points(plain_ekf.run(model, measured, soc), drive.soc)
-                found.append((rmse_points(run.soc, sensed.soc), ekf, inside, run.model_valid_frac))
-    return Found(*np.array(found).T)
+                estimates.append((rmse_points(run.soc, sensed.soc), ekf, inside, run.model_valid_frac))
+    return Found(*np.array(estimates).T)
 
 
 HEADER: Final = """| case | drive | goal | RMSE | EKF | within 3 sigma | model valid |
@@ -269,14 +269,14 @@ def first_of_rows(rows: Callable[[], Iterator[Row]]) -> list[str]:
     return [first_of(row) for row in rows()]
 
 
-def line(row: Row, found: Found | str) -> str:
+def line(row: Row, result: Found | str) -> str:
     """Return a row of Markdown."""
-    if isinstance(found, str):
+    if isinstance(result, str):
         return f"{first_of(row)} refused | | | |"
-    rmse, ekf = found.rmse, found.ekf
+    rmse, ekf = result.rmse, result.ekf
     return (
         f"{first_of(row)} {np.median(rmse):.2f}/{rmse.max():.2f} | {np.median(ekf):.2f}/{ekf.max():.2f} | "
-        f"{100.0 * found.inside_3_sigma.mean():.1f} % | {100.0 * found.valid.mean():.0f} % |"
+        f"{100.0 * result.inside_3_sigma.mean():.1f} % | {100.0 * result.valid.mean():.0f} % |"
     )
 
 
@@ -299,5 +299,5 @@ def voltage_line(drive: str, source: str, tests: Tests, folders: Folders) -> str
     """Return a row of Markdown: measured minus modelled voltage, open loop."""
     whole = recording(drive, folders)
     off_mv = 1e3 * (whole.voltage_v - open_loop_voltage(model_of(tests, folders), Part(whole, whole.soc, True)))
-    sixths = " ".join(f"{np.nanmean(each):.0f}" for each in np.array_split(off_mv, 6))
+    sixths = " ".join(f"{np.nanmean(part):.0f}" for part in np.array_split(off_mv, 6))
     return f"{voltage_first_of(drive, source)} {np.sqrt(np.nanmean(off_mv**2)):.0f} mV | {sixths} mV |"

@@ -75,7 +75,7 @@ def judge(cell: str, sign: tuple[float, float], folders: Folders) -> FloatArray:
         assert estimates is not None
         estimated[k], sigma[k] = estimates.soc, estimates.soc_sigma
         pipeline.predict()
-    apart, truly = (100.0 * (each - each.mean(axis=1, keepdims=True)) for each in (estimated, soc))
+    apart, truly = (100.0 * (values - values.mean(axis=1, keepdims=True)) for values in (estimated, soc))
     return np.array(
         (
             np.sqrt(np.mean((apart - truly) ** 2)),
@@ -86,9 +86,9 @@ def judge(cell: str, sign: tuple[float, float], folders: Folders) -> FloatArray:
     )
 
 
-def line(cell: str, found: list[FloatArray]) -> str:
+def line(cell: str, errors: list[FloatArray]) -> str:
     """Return a row of Markdown from the figures with each sign."""
-    rmse, equal, named, inside = np.array(found).T
+    rmse, equal, named, inside = np.array(errors).T
     return (
         f"| {cell} | {GOAL} | {rmse.min():.2f}/{rmse.max():.2f} | {equal[0]:.2f} | {GOAL_NAMED} % | "
         f"{named.min():.0f}/{named.max():.0f} % | {inside.min():.1f} % |"

@@ -32,18 +32,18 @@ def first_of(cell: str, source: str, horizon_s: float) -> str:
 
 def first_of_rows() -> list[str]:
     """Return the beginnings of all rows."""
-    return [first_of(*each) for each in product(OWN, DRIVES, HORIZONS_S)]
+    return [first_of(*key) for key in product(OWN, DRIVES, HORIZONS_S)]
 
 
 def judge(cell: str, source: str, folder: Path) -> list[str]:
     """Return a row of Markdown for each horizon: moments of a race from a right start, all signs."""
-    names = tuple(f"{cell}_{each}" for each in DRIVES[source])
+    names = tuple(f"{cell}_{drive}" for drive in DRIVES[source])
     model = model_of(Tests((f"{cell}_c30",), (f"{cell}_hppc", f"{cell}_hppc40"), names), (folder,))
     race = recording(f"{cell}_race", (folder,))
     truth = np.loadtxt(folder / f"{cell}_power.csv", delimiter=",", skiprows=1)
     model = replace(model, v_min_v=float(truth[0, 1]))  # a slow test may end below it
     at = np.searchsorted(race.time_s, truth[:, 0], side="right") - 1
-    found: dict[float, list[FloatArray]] = {horizon_s: [] for horizon_s in HORIZONS_S}
+    errors: dict[float, list[FloatArray]] = {horizon_s: [] for horizon_s in HORIZONS_S}
     for sign in SIGNS:
         voltage, current = disturbed(race, model.capacity_ah, *sign)
         sensed = replace(race, voltage_v=voltage, current_a=current)
@@ -56,10 +56,10 @@ def judge(cell: str, source: str, folder: Path) -> list[str]:
         for power in power_along(model, states.of(at), run.soc_sigma[at], scale[at], HORIZONS_S):
             if power.direction == "discharge":
                 held = truth[:, 2 + HORIZONS_S.index(power.horizon_s)]
-                found[power.horizon_s].append(np.array((power.low_w, power.power_w, power.high_w, held)))
+                errors[power.horizon_s].append(np.array((power.low_w, power.power_w, power.high_w, held)))
     rows = []
-    for horizon_s, each in found.items():
-        low, promised_w, high, held_w = np.concatenate(each, axis=1)
+    for horizon_s, of_horizon in errors.items():
+        low, promised_w, high, held_w = np.concatenate(of_horizon, axis=1)
         over, half = promised_w / held_w, 50.0 * np.median((high - low) / held_w)
         shares = (100.0 * np.mean(share) for share in ((held_w >= low) & (held_w <= high), held_w < low, held_w > high))
         inside, less, more = (f"{share:.0f} %" for share in shares)

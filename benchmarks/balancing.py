@@ -100,8 +100,8 @@ def passive(folder: Path | None) -> None:
         for c_rate in PASSIVE_C:
             result = charge(cells(bleed_ohm=float(ohm)), PassiveBalancing(), ChargePlan(c_rate * RATED_AH))
             results[c_rate, ohm] = result
-            known = THESIS_PASSIVE[c_rate].get(ohm)
-            row += [entry(result), words(*known, None) if known else "stopped"]
+            published = THESIS_PASSIVE[c_rate].get(ohm)
+            row += [entry(result), words(*published, None) if published else "stopped"]
         print(f"| {ohm} | " + " | ".join(row) + " |")
     if folder:
         plots.passive(results, THESIS_PASSIVE, folder / "balancing-passive.svg")
@@ -126,8 +126,8 @@ def transformer(folder: Path | None) -> None:
     results = {}
     for c_rate in TRANSFORMER_C:
         results[c_rate] = charge(cells(), TransformerBalancing(6), ChargePlan(c_rate * RATED_AH))
-        known = THESIS_TRANSFORMER.get(c_rate)
-        print(f"| {c_rate}C | {entry(results[c_rate])} | {words(*known, None) if known else 'stopped'} |")
+        published = THESIS_TRANSFORMER.get(c_rate)
+        print(f"| {c_rate}C | {entry(results[c_rate])} | {words(*published, None) if published else 'stopped'} |")
     if folder:
         plots.transformer(results, THESIS_TRANSFORMER, folder / "balancing-transformer.svg")
 

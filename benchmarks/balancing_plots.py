@@ -56,12 +56,12 @@ def passive(
 ) -> None:
     """Draw time, temperature and difference over the resistor, ours as lines, the thesis's as dots."""
     figure, axes = figure_of(3, 11.0)
-    for colour, (c_rate, known) in zip(COLOURS, thesis.items(), strict=False):
+    for colour, (c_rate, published) in zip(COLOURS, thesis.items(), strict=False):
         ours = [(ohm, r) for (c, ohm), r in results.items() if c == c_rate and r.stopped_by is None]
         values = [(o, r.hours, r.max_degc, 100 * r.soc_difference) for o, r in ours]
         for column, axis in enumerate(axes):
             axis.plot([v[0] for v in values], [v[column + 1] for v in values], color=colour, label=f"{c_rate}C")
-            axis.plot(list(known), [entry[column] for entry in known.values()], "o", color=colour, markersize=3)
+            axis.plot(list(published), [entry[column] for entry in published.values()], "o", color=colour, markersize=3)
     for axis, label in zip(axes, ("time [h]", "hottest cell [degC]", "final difference [% SOC]"), strict=True):
         axis.set(xlabel="bleed resistor [ohm]", ylabel=label)
     axes[0].set_yscale("log")

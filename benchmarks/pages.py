@@ -67,13 +67,13 @@ def served(data: Path) -> Iterator[str]:
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ)
     assert process.stdout is not None
     try:
-        found = None
-        while found is None and (line := process.stdout.readline()):
-            found = re.search(r"http://127\S+", line)
-        if found is None:
+        match = None
+        while match is None and (line := process.stdout.readline()):
+            match = re.search(r"http://127\S+", line)
+        if match is None:
             raise SystemExit("the service did not start")
         threading.Thread(target=process.stdout.read, daemon=True).start()  # a full pipe would stop it
-        yield found[0]
+        yield match[0]
     finally:
         process.terminate()
         process.wait(timeout=30)
@@ -157,8 +157,8 @@ def first_paint(browser: Browser, url: str) -> None:
         paints_ms.append(page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime"))
         values_ms.append(page.evaluate("first_value"))
         context.close()
-    for what, found in (("first contentful paint", paints_ms), ("first live voltage", values_ms)):
-        print(f"{what}: median {statistics.median(found):.0f} ms, best {min(found):.0f} ms of {LOADS}")
+    for what, times_ms in (("first contentful paint", paints_ms), ("first live voltage", values_ms)):
+        print(f"{what}: median {statistics.median(times_ms):.0f} ms, best {min(times_ms):.0f} ms of {LOADS}")
 
 
 def live(browser: Browser, url: str, minutes: float) -> None:

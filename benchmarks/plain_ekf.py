@@ -40,8 +40,8 @@ def run(model: CellModel, recording: Recording, soc: float | None) -> FloatArray
     p = model.parameters(held, at)
     tables = np.array(
         [
-            np.broadcast_to(each, (at.size, N_SOC))
-            for each in (model.open_circuit_voltage(grid, at), p[0], p[1], model.per_reference(held, at), *p[2:4])
+            np.broadcast_to(table, (at.size, N_SOC))
+            for table in (model.open_circuit_voltage(grid, at), p[0], p[1], model.per_reference(held, at), *p[2:4])
         ]
     )
     if model.n_rc != 2:
@@ -97,7 +97,7 @@ def _run(
     x = np.array([soc, 0.0, 0.0])
     P = np.zeros((3, 3))
     P[0, 0] = sigma * sigma
-    found = np.empty(step_s.size)
+    estimate = np.empty(step_s.size)
     H, delta = np.empty(3), np.array([1e-3, 1e-2, 1e-2])
     a, B = np.ones(3), np.empty(3)
     for n in range(step_s.size):
@@ -125,5 +125,5 @@ def _run(
                 x[u] += PH[u] / S * (voltage_v[n] - h)
                 for w in range(3):
                     P[u, w] -= PH[u] * PH[w] / S
-        found[n] = x[0]
-    return found
+        estimate[n] = x[0]
+    return estimate

@@ -107,8 +107,8 @@ class Reader:
         if len(got) < min(HEAD, size):
             return None
         body = bytes(got[at:])
-        found = TIME.search(body)
-        return size, float(found[1]) if found else 0.0
+        match = TIME.search(body)
+        return size, float(match[1]) if match else 0.0
 
 
 def read(url: str, n: int, rate: float, seconds: float) -> dict[str, float]:
@@ -175,8 +175,8 @@ def served() -> Iterator[tuple[subprocess.Popen[str], str]]:
             text=True,
         )
         try:
-            found = next(filter(None, (re.search(r"Voltwall: (http://\S+)", line) for line in process.stdout or ())))
-            yield process, found[1]
+            match = next(filter(None, (re.search(r"Voltwall: (http://\S+)", line) for line in process.stdout or ())))
+            yield process, match[1]
         finally:
             process.send_signal(signal.SIGTERM)
             process.wait(30)

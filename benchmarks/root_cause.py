@@ -49,7 +49,7 @@ def drawn(part: str, first: int, seeds: int) -> list[Drawn]:
 
     match part:
         case "faults":
-            return [each for k in range(seeds) for each in faults(first + k)]
+            return [fault for k in range(seeds) for fault in faults(first + k)]
         case "joints":
             return some(large_joint, N_JOINTS)
         case "sizes":
@@ -61,8 +61,8 @@ def drawn(part: str, first: int, seeds: int) -> list[Drawn]:
 
 def kept(part: str, first: int, folder: Path) -> list[Run]:
     """Return the runs of a part that were played before."""
-    found = (kept_run(folder / case.name) for case, _ in drawn(part, first, SEEDS))
-    return [run for run in found if run is not None]
+    runs = (kept_run(folder / case.name) for case, _ in drawn(part, first, SEEDS))
+    return [run for run in runs if run is not None]
 
 
 def matrix(runs: Sequence[Run]) -> str:
@@ -96,9 +96,9 @@ def summary(runs: dict[str, list[Run]]) -> str:
     lines = ["| Figure | Wanted | Found |", "| --- | --- | --- |"]
 
     def add(what: str, wanted: str, part: str, right: Callable[[Run], bool]) -> None:
-        found = [right(run) for run in runs.get(part, [])]
-        if found:
-            lines.append(f"| {what} | {wanted} | {sum(found)} of {len(found)} ({sum(found) / len(found):.1%}) |")
+        hits = [right(run) for run in runs.get(part, [])]
+        if hits:
+            lines.append(f"| {what} | {wanted} | {sum(hits)} of {len(hits)} ({sum(hits) / len(hits):.1%}) |")
 
     add("cause of a fault, recorded", "95 %", "faults", lambda run: run.is_right_recorded)
     add("cause of a fault, live", "95 %", "faults", lambda run: run.is_right_live)
@@ -119,9 +119,9 @@ def misses(runs: Iterable[Run]) -> str:
     for run in runs:
         case, wrong = run.case, []
         if not run.is_right_recorded:
-            wrong.append("recorded " + (", ".join(each.place for each in run.recorded[:3]) or "nothing"))
+            wrong.append("recorded " + (", ".join(cause.place for cause in run.recorded[:3]) or "nothing"))
         if not run.is_right_live:
-            alarms = ", ".join(dict.fromkeys(each.place for each in run.alarms)) or "nothing"
+            alarms = ", ".join(dict.fromkeys(alarm.place for alarm in run.alarms)) or "nothing"
             wrong.append(f"live {alarms if run.live is None else run.live.place}")
         if run.apart:
             wrong.append(f"apart: {', '.join(run.apart)}")

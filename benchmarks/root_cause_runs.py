@@ -109,7 +109,7 @@ def _scenario(
         THESIS_SENSOR_INPUTS,
         default_image(),
         tuple(phases),
-        tuple(FaultPlan(case.at_s, case.fault, *each) for each in plan),
+        tuple(FaultPlan(case.at_s, case.fault, *fault) for fault in plan),
         tuple(actions or ()),
         (),
     )

@@ -44,12 +44,12 @@ def served(first: int, n: int) -> list[Drawn]:
 def play_services(drawn: Sequence[Drawn], folder: Path, n_at_a_time: int) -> list[Run]:
     """Run each in a service of its own, so many side by side."""
     with ThreadPoolExecutor(n_at_a_time) as threads:
-        return list(threads.map(lambda each: _play(each[0], folder / each[0].name), drawn))
+        return list(threads.map(lambda case: _play(case[0], folder / case[0].name), drawn))
 
 
 def _play(case: Case, data: Path) -> Run:
-    if (known := kept_run(data)) is not None:
-        return known
+    if (kept := kept_run(data)) is not None:
+        return kept
     service = Service(data, ["--seed", str(case.seed), "--scenario", RACE, "--cell", CELL]).start()
     try:
         with service.client() as client:

@@ -89,10 +89,10 @@ class Run:
     def is_right_live(self) -> bool:
         """So is the verdict that was made at the trip; without a trip an alarm says so."""
         if self.case.part == "healthy":
-            return self.live is None and not any(each.code in CELL_CODES for each in self.alarms)
+            return self.live is None and not any(alarm.code in CELL_CODES for alarm in self.alarms)
         if self.live is not None:
             return is_right(self.case, self.live)
-        return any(is_right(self.case, each) for each in self.alarms)
+        return any(is_right(self.case, alarm) for alarm in self.alarms)
 
 
 def is_right(case: Case, named: Named) -> bool:
@@ -109,8 +109,8 @@ def play(drawn: Drawn, folder: Path) -> Run:
     """Play a run in a data folder of its own, and ask every place; one that was played before is read."""
     case, scenario = drawn
     data = folder / case.name
-    if (known := kept_run(data)) is not None:
-        return known
+    if (kept := kept_run(data)) is not None:
+        return kept
     shutil.rmtree(data, ignore_errors=True)
     with Car(data, scenario) as car:
         _run(car)
@@ -139,7 +139,7 @@ def kept_run(data: Path) -> Run | None:
     if not kept.exists():
         return None
     body = json.loads(kept.read_text())
-    recorded, alarms = ([Named(**each) for each in body[name]] for name in ("recorded", "alarms"))
+    recorded, alarms = ([Named(**cause) for cause in body[name]] for name in ("recorded", "alarms"))
     live, page = (None if body[name] is None else Named(**body[name]) for name in ("live", "page"))
     return Run(Case(**body["case"]), recorded, live, alarms, page, body["apart"])
 
@@ -195,8 +195,10 @@ def judged_anew(path: Path) -> list[Named]:
 
 
 def _page(case: Case, snapshot: dict[str, Any]) -> Named | None:
-    found = [each for each in snapshot["findings"] if each["cell"] == case.cell and each["code"] == case.fault]
-    return _named(found[0] | {"pack": case.pack, "judged": None}) if found else None
+    findings = [
+        finding for finding in snapshot["findings"] if finding["cell"] == case.cell and finding["code"] == case.fault
+    ]
+    return _named(findings[0] | {"pack": case.pack, "judged": None}) if findings else None
 
 
 def _named(cause: dict[str, Any]) -> Named:
@@ -206,7 +208,7 @@ def _named(cause: dict[str, Any]) -> Named:
 def _apart(causes: Sequence[dict[str, Any]], places: dict[str, list[dict[str, Any]]]) -> Iterable[str]:
     """The places where one of these verdicts is missing."""
     for place, shown in places.items():
-        listed = [_named(each) for each in shown]
+        listed = [_named(cause) for cause in shown]
         if any(_named(cause) not in listed for cause in causes):
             yield place
 
@@ -222,10 +224,10 @@ def _not_live(cause: dict[str, Any], banners: Sequence[dict[str, Any]]) -> Itera
     if not showing:
         yield "banner"
     elif named.cell is not None and named.code != UNKNOWN:
-        found = [each for each in showing[0]["findings"] if each["cell"] == named.cell]
+        findings = [finding for finding in showing[0]["findings"] if finding["cell"] == named.cell]
         expected = [named.code] if named.code in CELL_CODES else []
-        same_size = all(named.size is None or each["size"] == named.size for each in found)
-        if [each["code"] for each in found] != expected or not same_size:
+        same_size = all(named.size is None or finding["size"] == named.size for finding in findings)
+        if [finding["code"] for finding in findings] != expected or not same_size:
             yield "cell"
 
 

@@ -46,7 +46,7 @@ def units() -> list[str]:
         ),
         (
             "`conf.v_cell_min`, `_chrg`, `_max`",
-            " / ".join(f"{value('conf.v_cell_' + each):.2f}" for each in ("min", "chrg", "max")) + " V",
+            " / ".join(f"{value('conf.v_cell_' + name):.2f}" for name in ("min", "chrg", "max")) + " V",
             "the cell's 2.5 and 4.2 V", "agrees",
         ),
         (

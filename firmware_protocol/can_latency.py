@@ -55,8 +55,8 @@ def worst_latencies_s(config: Image, others: Iterable[Cyclic] = ()) -> dict[int,
     """
     rate = bit_rate(CONFIG["can_brp"].unpack(config)[0])
     own = cyclic_messages(config)
-    known = {message.priority for message in own.values()}
-    everyone = [*own.values(), *(other for other in others if other.period_s > 0 and other.priority not in known)]
+    priorities = {message.priority for message in own.values()}
+    everyone = [*own.values(), *(other for other in others if other.period_s > 0 and other.priority not in priorities)]
     return {index: _latency_s(message, everyone, rate) for index, message in own.items()}
 
 

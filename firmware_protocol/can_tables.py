@@ -85,7 +85,7 @@ def tx_messages(config: Image) -> tuple[TxMessage, ...]:
 def ids_of(config: Image) -> set[int]:
     """Return the ids that the master sends or listens to, also switched-off ones; bit 31 marks a 29-bit one."""
     messages: tuple[TxMessage | RxMessage, ...] = (*tx_messages(config), *rx_messages(config))
-    return {_join_id(each.can_id, each.is_extended) for each in messages if each.length}
+    return {_join_id(message.can_id, message.is_extended) for message in messages if message.length}
 
 
 def rx_messages(config: Image) -> tuple[RxMessage, ...]:
@@ -177,10 +177,10 @@ def named_element(name: str) -> tuple[Field, int]:
     Raises:
         EncodeError: the struct has nothing of this name.
     """
-    found = _BY_NAME.get(name)
-    if found is None:
+    place = _BY_NAME.get(name)
+    if place is None:
         raise EncodeError("signal", name[:60], "", "signal")
-    return found
+    return place
 
 
 def message_bytes(tx: TxMessage, image: Image) -> bytes:
@@ -215,13 +215,13 @@ class TableReader:
 
     def windows(self, can_id: int, data: bytes) -> tuple[Window, ...]:
         """Return the windows of a frame, none for an id that no table has; bit 31 of the id marks a 29-bit one."""
-        found: list[Window] = []
+        windows: list[Window] = []
         for message in self._messages.get(can_id, ()):
             if isinstance(message, TxMessage):
-                found += windows_of_tx(message, data)
+                windows += windows_of_tx(message, data)
             else:
-                found += _windows(_placed(message, data))
-        return tuple(found)
+                windows += _windows(_placed(message, data))
+        return tuple(windows)
 
 
 def bit_rate(can_brp: int) -> int:

@@ -77,7 +77,7 @@ class MapSignal:
 def signals(message: TxMessage | RxMessage) -> tuple[MapSignal, ...]:
     """Return the signals of a message in order of their bytes; unused entries and padding have none."""
     offsets = message.data_offsets[: message.length]
-    found: list[MapSignal] = []
+    named_signals: list[MapSignal] = []
     position = 0
     while position < len(offsets):
         located = locate(offsets[position])
@@ -87,13 +87,13 @@ def signals(message: TxMessage | RxMessage) -> tuple[MapSignal, ...]:
         field, element, byte = located
         if (flags := FLAGS.get(field.name)) is not None:
             named = list(_flag_signals(field, flags, byte, position))
-            found += named or [_signal(field, element, position, 1, False, byte)]
+            named_signals += named or [_signal(field, element, position, 1, False, byte)]
             position += 1
             continue
         n_bytes, is_big_endian = _run(offsets, position, field, offsets[position] - byte)
-        found.append(_signal(field, element, position, n_bytes, is_big_endian, byte))
+        named_signals.append(_signal(field, element, position, n_bytes, is_big_endian, byte))
         position += n_bytes
-    return tuple(_distinct(found))
+    return tuple(_distinct(named_signals))
 
 
 def decode(signal: MapSignal, data: bytes) -> tuple[float, str | None] | None:
@@ -207,10 +207,10 @@ def identifier(name: str) -> str:
     return re.sub(r"\W+", "_", name).strip("_")
 
 
-def _distinct(found: list[MapSignal]) -> Iterator[MapSignal]:
+def _distinct(signals: list[MapSignal]) -> Iterator[MapSignal]:
     """Number the second and later signals of the same name."""
     seen: dict[str, int] = {}
-    for signal in found:
+    for signal in signals:
         seen[signal.name] = seen.get(signal.name, 0) + 1
         n = seen[signal.name]
         yield signal if n == 1 else replace(signal, name=f"{signal.name}_{n}")

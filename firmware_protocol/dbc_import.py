@@ -72,10 +72,10 @@ def from_dbc(text: str, master_node: str = MASTER_NODE) -> Imported:
     if len(text) > MAX_CHARACTERS:
         raise DecodeError("DBC", f"{len(text)} characters, at most {MAX_CHARACTERS}")
     notes: list[str] = []
-    found = _parse(text, notes)
-    if not found:
+    parsed = _parse(text, notes)
+    if not parsed:
         raise DecodeError("DBC", "no message (BO_) in it")
-    messages = [message for message in found if _has_place(message, notes)]
+    messages = [message for message in parsed if _has_place(message, notes)]
     tx = [_tx(m, notes) for m in messages if m.sender == master_node]
     rx = [_rx(m, notes) for m in messages if m.sender != master_node]
     return Imported(tuple(_placed(tx, "sent", notes)), tuple(_placed(rx, "received", notes)), tuple(notes))
@@ -111,12 +111,12 @@ def _answering(message: RxMessage, tx: Mapping[int, TxMessage], notes: list[str]
     return replace(message, response=None if answer is None else answer.index, charges=charges)
 
 
-def _merged(table: Sequence[M], found: Sequence[M], words: str, notes: list[str]) -> dict[int, M]:
+def _merged(table: Sequence[M], messages: Sequence[M], words: str, notes: list[str]) -> dict[int, M]:
     """Return the messages in their places, by the index that they had."""
     places = {(m.can_id, m.is_extended): m.index for m in table if m.length}
     free = [m.index for m in table if not m.length]
     merged: dict[int, M] = {}
-    for message in found:
+    for message in messages:
         index = places.get((message.can_id, message.is_extended))
         if index is None and not free:
             notes.append(f"id {message.can_id:#x}: all {N_CAN_MESSAGES} messages {words} are taken; left out")
@@ -195,12 +195,12 @@ def _rx(message: _Message, notes: list[str]) -> RxMessage:
     return RxMessage(index, enabled, can_id, is_extended, timeout_ms, length, offsets, response, charges)
 
 
-def _placed(found: list[M], table: str, notes: list[str]) -> list[M]:
+def _placed(messages: list[M], table: str, notes: list[str]) -> list[M]:
     """Give each message its own place: the one that our own DBC names, else the first free one."""
     free = list(range(N_CAN_MESSAGES))
     placed: dict[int, M] = {}
     waiting: list[M] = []
-    for message in found:
+    for message in messages:
         if message.index in free:
             free.remove(message.index)
             placed[message.index] = message
@@ -244,14 +244,14 @@ def _signal_bytes(
     flag = _FLAG_BYTES.get(name) or _FLAG_BYTES.get(first)
     if flag is not None and n_bits == 1:
         return start_bit // 8, [flag], None
-    known = _ELEMENTS.get(name) or _ELEMENTS.get(first)
+    of_map = _ELEMENTS.get(name) or _ELEMENTS.get(first)
     if part := re.fullmatch(r"(\w+)_byte(\d)(_\d+)?", name):
         whole = _ELEMENTS.get(part[1])
         if whole and n_bits == 8 and int(part[2]) < whole[0].item_size:
             return start_bit // 8, [whole[0].offset + whole[1] * whole[0].item_size + int(part[2])], None
-    if known is None:
+    if of_map is None:
         return "no value of the master's has this name"
-    struct_field, element = known
+    struct_field, element = of_map
     if start_bit % 8 != (7 if is_big else 0) or n_bits % 8:
         return "it does not fill whole bytes"
     n_bytes = n_bits // 8

@@ -91,12 +91,12 @@ def valid_slots(eeprom: Image) -> list[StoredConfig]:
     """
     if len(eeprom) < SLOT_OFFSETS[-1] + SLOT_SIZE:
         raise DecodeError("EEPROM", f"{len(eeprom)} bytes, at least {SLOT_OFFSETS[-1] + SLOT_SIZE}")
-    found = [
+    slots = [
         stored
         for slot, offset in enumerate(SLOT_OFFSETS)
         if (stored := decode_slot(eeprom[offset : offset + SLOT_SIZE], slot)) is not None
     ]
-    return sorted(found, key=lambda stored: stored.counter, reverse=True)
+    return sorted(slots, key=lambda stored: stored.counter, reverse=True)
 
 
 def newest(eeprom: Image) -> StoredConfig | None:

@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace, battery: DbcBattery | None = None) -> int
         if arguments.list:
             scenarios, unreadable = library(shape=shape)
             if arguments.json:
-                print(json.dumps([_listed(each) for each in scenarios], indent=2))
+                print(json.dumps([_listed(scenario) for scenario in scenarios], indent=2))
             else:
                 for scenario in scenarios:
                     print(f"{scenario.name:24} {scenario.title}")

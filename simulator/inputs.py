@@ -101,13 +101,13 @@ def read_choice(table: Mapping[str, Any], key: str, choices: Iterable[str]) -> s
     return text
 
 
-def refuse_unknown(table: Mapping[str, Any], known: Iterable[str], what: str = "here") -> None:
+def refuse_unknown(table: Mapping[str, Any], keys: Iterable[str], what: str = "here") -> None:
     """Refuse the first unknown key.
 
     Raises:
         InputError: there is one.
     """
-    names = sorted(known)
+    names = sorted(keys)
     unknown = sorted(set(table) - set(names))
     if unknown:
         raise InputError(unknown[0], f"{shown(unknown[0])} means nothing {what}; known are {', '.join(names)}")

@@ -122,15 +122,15 @@ def _number(name: str, text: str | None, *, may_be_empty: bool) -> float:
 
 def _air(degc: FloatArray, *, is_measured: bool) -> FloatArray | None:
     """Return the air's temperature in every row, None where no row has one: gaps hold what was last known."""
-    known = (degc >= AMBIENT_DEGC.minimum) & (degc <= AMBIENT_DEGC.maximum)
-    if not known.any():
+    is_plausible = (degc >= AMBIENT_DEGC.minimum) & (degc <= AMBIENT_DEGC.maximum)
+    if not is_plausible.any():
         return None
     if not is_measured:
-        return np.minimum.accumulate(np.where(known, degc, degc[known.argmax()]))
-    held = np.maximum.accumulate(np.where(known, np.arange(len(degc)), known.argmax()))
+        return np.minimum.accumulate(np.where(is_plausible, degc, degc[is_plausible.argmax()]))
+    held = np.maximum.accumulate(np.where(is_plausible, np.arange(len(degc)), is_plausible.argmax()))
     return degc[held]
 
 
 def _first_known(values: FloatArray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known[0]) if len(known) else None
+    finite = values[np.isfinite(values)]
+    return float(finite[0]) if len(finite) else None

@@ -69,7 +69,7 @@ class PhasePlan:
     def longest_s(self) -> float | None:
         """How long the phase takes at the most [s]; None where the file gives no time."""
         given = [self.for_s, None if self.recording is None else self.recording.duration_s]
-        return min((each for each in given if each is not None), default=None)
+        return min((duration_s for duration_s in given if duration_s is not None), default=None)
 
     @property
     def is_filling(self) -> bool:
@@ -137,7 +137,7 @@ class Scenario:
     def longest_s(self) -> float | None:
         """How long a round takes at the most [s]; None if a phase ends by its load or by a state of charge alone."""
         longest = [phase.longest_s for phase in self.phases]
-        return None if None in longest else sum(each for each in longest if each is not None)
+        return None if None in longest else sum(duration_s for duration_s in longest if duration_s is not None)
 
     def describe(self) -> str:
         """Return the scenario for people to read."""

@@ -136,11 +136,11 @@ def _scenario(document: dict[str, Any], path: Path, shape: Shape) -> Scenario:
     if not shape.is_team and (config is not None or balancing != METHODS[0] or sensor_inputs != THESIS_SENSOR_INPUTS):
         raise ScenarioError(where, f"[{'], ['.join(of_team)}] are of the team's own battery; this one has none of them")
     with _place(where):
-        known = {
+        keys = {
             "title", "description", "seed", "loop",
             "start", "balancing", "slaves", "config", "phase", "fault", "action", "expect",
         }  # fmt: skip
-        refuse_unknown(document, known)
+        refuse_unknown(document, keys)
         if not phases:
             raise InputError("phase", "no [[phase]]: nothing would happen")
         loop = document.get("loop", False)
@@ -204,20 +204,20 @@ def _start(table: dict[str, Any], folder: Path, shape: Shape) -> Start:
 
 def _of_cells(table: dict[str, Any], key: str, limits: NumberRange, shape: Shape) -> dict[str, float]:
     """Numbers by "pack/cell", as people count, to numbers by index."""
-    found = {}
+    values = {}
     for place, value in _table(table, key).items():
         match = _CELL_PLACE.fullmatch(place)
         if match is None:
             raise InputError(key, f'{key}: write "pack/cell" = number, not {shown(place)} = {shown(value)}')
-        found[str(shape.cell_index(int(match[1]), int(match[2])))] = check_number(f'{key} "{place}"', value, limits)
-    return found
+        values[str(shape.cell_index(int(match[1]), int(match[2])))] = check_number(f'{key} "{place}"', value, limits)
+    return values
 
 
 def _recorded_start(path: Path) -> dict[str, float]:
     recording = read_recording(path)
     ambient = recording.ambient_degc
-    found = {"soc": recording.start_soc, "ambient_degc": None if ambient is None else float(ambient[0])}
-    return {name: value for name, value in found.items() if value is not None}
+    start = {"soc": recording.start_soc, "ambient_degc": None if ambient is None else float(ambient[0])}
+    return {name: value for name, value in start.items() if value is not None}
 
 
 def _balancing(table: dict[str, Any]) -> str:

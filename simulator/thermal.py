@@ -160,17 +160,17 @@ class ThermalNetwork:
 
     def _step_matrices(self, dt_s: float, level: int) -> tuple[FloatArray, FloatArray]:
         key = (dt_s, level)
-        found = self._steps.get(key)
-        if found is None:
+        matrices = self._steps.get(key)
+        if matrices is None:
             rate = self.conductance_w_per_k(level / FAN_LEVELS) / self.heat_capacity_j_per_k[:, None]
             kept, integral = decay_and_integral(rate, dt_s)
-            found = (kept, integral / self.heat_capacity_j_per_k[None, :])
-            self._steps[key] = found
+            matrices = (kept, integral / self.heat_capacity_j_per_k[None, :])
+            self._steps[key] = matrices
             if len(self._steps) > min(_KEPT_STEPS, max(2, _KEPT_NUMBERS // (2 * kept.size))):
                 self._steps.popitem(last=False)
         else:
             self._steps.move_to_end(key)
-        return found
+        return matrices
 
 
 def decay_and_integral(rate_per_s: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:

@@ -78,8 +78,8 @@ def call_graph(
         subprocess.run([*command, "-o", str(folder / f"{source.stem}.o")], cwd=folder, check=True)
         text = (folder / f"{source.stem}.ci").read_text(encoding="utf-8")
         for title, stack in re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \(\w+\)', text):
-            found = functions.setdefault(bare(title), Function())
-            found.stack = max(found.stack, int(stack))
+            function = functions.setdefault(bare(title), Function())
+            function.stack = max(function.stack, int(stack))
         for caller, callee in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
             name = bare(caller)
             target = INDIRECT.get(name, "a callback") if callee == "__indirect_call" else bare(callee)
@@ -136,26 +136,26 @@ def microseconds(instructions: int) -> float:
 def print_instructions() -> None:
     """Print what each call of the protocol takes, and a pass of the estimator."""
     for optimisation in ("-Os", "-O2"):
-        found = run_on_chip([*sorted(C_FOLDER.glob("vw_*.c")), HERE / "protocol.c"], (), optimisation)
-        print_found(found, optimisation)
+        counts = run_on_chip([*sorted(C_FOLDER.glob("vw_*.c")), HERE / "protocol.c"], (), optimisation)
+        print_found(counts, optimisation)
         print_found(run_on_chip([*SLAVES, *MEASURING, HERE / "slaves.c"], (), optimisation), f"slaves, {optimisation}")
         sources = [*sorted(C_FOLDER.glob("vw_*.c")), *SLAVES, *MASTER, HERE / "master.c"]
         print_found(run_on_chip(sources, (), optimisation), f"master, {optimisation}")
     for optimisation in ("-Os", "-O2"):
         for n in CELLS:
             sources = [*engine_sources(), HERE / "estimator.c"]
-            found = run_on_chip(sources, (*FPU_FLAGS, *ON_CHIP, f"-DN_CELLS={n}"), optimisation)
-            print_found(found, f"estimator, {n} cells, {optimisation}")
-            step = microseconds(found["vw_filter_step"])
+            counts = run_on_chip(sources, (*FPU_FLAGS, *ON_CHIP, f"-DN_CELLS={n}"), optimisation)
+            print_found(counts, f"estimator, {n} cells, {optimisation}")
+            step = microseconds(counts["vw_filter_step"])
             print(
                 f"estimator, {n} cells, {optimisation}: {step / n:.1f} us a cell, {step * 12 / n:.0f} us a slave of 12"
             )
     print("the thesis had 290 us for a slave of 12, the time in which the monitor delivers it")
 
 
-def print_found(found: dict[str, int], about: str) -> None:
+def print_found(counts: dict[str, int], about: str) -> None:
     """Print instructions and sizes, a line each."""
-    for name, number in found.items():
+    for name, number in counts.items():
         if name.startswith("size of"):
             print(f"{about} {name}: {number} bytes")
         else:

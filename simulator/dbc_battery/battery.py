@@ -109,8 +109,8 @@ class DbcBattery:
             "discharge_current_max_a": 8.0 * self.capacity_ah,
             "charge_current_max_a": 4.0 * self.capacity_ah,
         }
-        known = {name: value for name, value in self.limits.items() if name in TripLimits.__dataclass_fields__}
-        return TripLimits(**{**defaults, **known})
+        limits = {name: value for name, value in self.limits.items() if name in TripLimits.__dataclass_fields__}
+        return TripLimits(**{**defaults, **limits})
 
     def charger(self) -> ChargerParameters:
         """Return a charger of the right size."""
@@ -154,7 +154,7 @@ def scaled(model: CellModel, size: float) -> CellModel:
     """Return a cell of the same kind with `size` times as many cans in parallel."""
 
     def smaller(ohm: Table) -> Table:
-        return Table(ohm.soc, tuple(each / size for each in ohm.value))
+        return Table(ohm.soc, tuple(value / size for value in ohm.value))
 
     return replace(
         model,
@@ -162,7 +162,7 @@ def scaled(model: CellModel, size: float) -> CellModel:
         ohmic_ohm=smaller(model.ohmic_ohm),
         charge_transfer_ohm=smaller(model.charge_transfer_ohm),
         rc_ohm=tuple(map(smaller, model.rc_ohm)),
-        rc_f=tuple(each * size for each in model.rc_f),
+        rc_f=tuple(pair * size for pair in model.rc_f),
         self_discharge_a=model.self_discharge_a * size,
         heat_capacity_j_per_k=model.heat_capacity_j_per_k * size,
     )

@@ -42,10 +42,10 @@ class Protection:
         """The OK signal."""
         return not self._latch.is_open
 
-    def judge(self, found: Iterable[Violation], now_s: float) -> None:
+    def judge(self, violations: Iterable[Violation], now_s: float) -> None:
         """Take this pass's violations."""
-        critical = tuple(found)
-        self._since_s = {each.code: self._since_s.get(each.code, now_s) for each in critical}
+        critical = tuple(violations)
+        self._since_s = {violation.code: self._since_s.get(violation.code, now_s) for violation in critical}
         for code, persistence_s in critical:
             # a microsecond of slack: times are sums of steps
             if now_s - self._since_s[code] >= persistence_s - 1e-6:
