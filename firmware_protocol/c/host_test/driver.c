@@ -9,61 +9,61 @@
 #include "vw_messages.h"
 #include "vw_stream.h"
 
-static void drive_feed(char *words)
+static void vw_driver_feed(char *words)
 {
     char *side = strtok(words, " ");
     char *idle = strtok(NULL, " ");
     char *size = strtok(NULL, " ");
     char *wire = strtok(NULL, " \n");
-    size_t length = from_hex(wire, bytes);
-    uint32_t dropped = run_decoder(strcmp(side, "host") == 0 ? VW_SIDE_HOST : VW_SIDE_MASTER, *idle == '1',
-                                   (size_t)strtoul(size, NULL, 10), bytes, length);
+    size_t length = vw_text_read_hex(wire, bytes);
+    uint32_t dropped = vw_text_run_decoder(strcmp(side, "host") == 0 ? VW_SIDE_HOST : VW_SIDE_MASTER, *idle == '1',
+                                           (size_t)strtoul(size, NULL, 10), bytes, length);
     printf("%s%sdropped:%lu\n", items.text, items.length != 0u ? " " : "", (unsigned long)dropped);
 }
 
-static void print_hex(const uint8_t *data, size_t length)
+static void vw_driver_print_hex(const uint8_t *data, size_t length)
 {
-    clear_items();
-    add_hex(data, length);
+    vw_text_clear_items();
+    vw_text_add_hex(data, length);
     printf("%s\n", items.text);
 }
 
-static void drive_encode(char *words)
+static void vw_driver_encode(char *words)
 {
     static uint8_t out[VW_MAX_FRAME];
     unsigned long type = strtoul(strtok(words, " "), NULL, 10);
     unsigned long sequence = strtoul(strtok(NULL, " "), NULL, 10);
     unsigned long uptime_ms = strtoul(strtok(NULL, " "), NULL, 10);
-    size_t length = from_hex(strtok(NULL, " \n"), bytes);
-    print_hex(out, vw_frame_encode((uint8_t)type, (uint8_t)sequence, (uint32_t)uptime_ms, bytes, length, out,
-                                   sizeof out));
+    size_t length = vw_text_read_hex(strtok(NULL, " \n"), bytes);
+    vw_driver_print_hex(out, vw_frame_encode((uint8_t)type, (uint8_t)sequence, (uint32_t)uptime_ms, bytes, length, out,
+                                             sizeof out));
 }
 
-static vw_frame_t frame_of(char *words)
+static vw_frame_t vw_driver_read_frame(char *words)
 {
     vw_frame_t frame = { 0 };
     frame.type = (uint8_t)strtoul(strtok(words, " "), NULL, 10);
-    frame.length = (uint16_t)from_hex(strtok(NULL, " \n"), bytes);
+    frame.length = (uint16_t)vw_text_read_hex(strtok(NULL, " \n"), bytes);
     frame.body = bytes;
     return frame;
 }
 
-static void drive_request(char *words)
+static void vw_driver_parse_request(char *words)
 {
     static uint8_t body[VW_MAX_BODY];
-    vw_frame_t frame = frame_of(words);
+    vw_frame_t frame = vw_driver_read_frame(words);
     vw_request_t request;
     uint16_t offset;
     enum vw_result result = vw_request_parse(&frame, &request, &offset);
     printf("%u %u ", (unsigned)result, (unsigned)offset);
-    print_hex(body, result == VW_RESULT_DONE ? vw_request_body(body, &request) : 0u);
+    vw_driver_print_hex(body, result == VW_RESULT_DONE ? vw_request_body(body, &request) : 0u);
 }
 
-static void drive_message(char *words)
+static void vw_driver_parse_message(char *words)
 {
     static uint8_t body[VW_MAX_BODY];
     static uint8_t master[VW_MASTER_SIZE];
-    vw_frame_t frame = frame_of(words);
+    vw_frame_t frame = vw_driver_read_frame(words);
     vw_frame_t request = { 0 };
     vw_reply_t reply;
     vw_event_t event;
@@ -90,34 +90,34 @@ static void drive_message(char *words)
         return;
     }
     printf("valid ");
-    print_hex(body, length);
+    vw_driver_print_hex(body, length);
 }
 
-static void drive_check(char *words)
+static void vw_driver_check_config(char *words)
 {
-    if (from_hex(strtok(words, " \n"), bytes) == VW_CONFIG_SIZE) {
+    if (vw_text_read_hex(strtok(words, " \n"), bytes) == VW_CONFIG_SIZE) {
         printf("%u\n", (unsigned)vw_config_check(bytes));
     }
 }
 
-static void drive_slot(char *words)
+static void vw_driver_encode_slot(char *words)
 {
     static uint8_t slot[VW_EEPROM_SLOT_SIZE];
     unsigned long counter = strtoul(strtok(words, " "), NULL, 10);
-    if (from_hex(strtok(NULL, " \n"), bytes) == VW_CONFIG_SIZE) {
+    if (vw_text_read_hex(strtok(NULL, " \n"), bytes) == VW_CONFIG_SIZE) {
         vw_slot_encode(slot, bytes, (uint32_t)counter);
-        print_hex(slot, sizeof slot);
+        vw_driver_print_hex(slot, sizeof slot);
     }
 }
 
-static void drive_newest(char *words)
+static void vw_driver_find_newest_slot(char *words)
 {
     static uint8_t slots[2][VW_EEPROM_SLOT_SIZE];
     uint32_t counter;
     const uint8_t *image;
     int newest;
-    from_hex(strtok(words, " "), slots[0]);
-    from_hex(strtok(NULL, " \n"), slots[1]);
+    vw_text_read_hex(strtok(words, " "), slots[0]);
+    vw_text_read_hex(strtok(NULL, " \n"), slots[1]);
     newest = vw_slot_newest(slots[0], slots[1]);
     if (newest < 0) {
         printf("-1\n");
@@ -127,11 +127,11 @@ static void drive_newest(char *words)
     memcpy(bytes, image, VW_CONFIG_SIZE);
     vw_slot_to_present(slots[newest], bytes);
     printf("%d %lu ", newest, (unsigned long)counter);
-    print_hex(bytes, VW_CONFIG_SIZE);
+    vw_driver_print_hex(bytes, VW_CONFIG_SIZE);
 }
 
 /* A frame holds the line for as long as its bytes take, rounded up. */
-static void drive_stream(char *words)
+static void vw_driver_run_stream(char *words)
 {
     vw_stream_t stream;
     vw_span_t spans[VW_STREAM_MAX_SPANS];
@@ -159,7 +159,7 @@ static void drive_stream(char *words)
     printf("\n");
 }
 
-static void drive_can_step(vw_can_t *can, const char *step)
+static void vw_driver_step_can(vw_can_t *can, const char *step)
 {
     char *end = NULL;
     unsigned long first = strtoul(step + 2, &end, 10);
@@ -167,8 +167,8 @@ static void drive_can_step(vw_can_t *can, const char *step)
     uint8_t index;
     if (step[0] == 'n') {
         while (vw_can_next(can, (uint32_t)first, &frame)) {
-            clear_items();
-            add_hex(frame.data, frame.length);
+            vw_text_clear_items();
+            vw_text_add_hex(frame.data, frame.length);
             printf("%lu:%s ", (unsigned long)(frame.id | (frame.is_extended ? VW_CAN_ID_EXTENDED : 0u)), items.text);
         }
     } else if (step[0] == 'o') {
@@ -177,7 +177,7 @@ static void drive_can_step(vw_can_t *can, const char *step)
         unsigned long id = strtoul(end + 1, &end, 10);
         frame.id = (uint32_t)id & ~VW_CAN_ID_EXTENDED;
         frame.is_extended = ((uint32_t)id & VW_CAN_ID_EXTENDED) != 0u;
-        frame.length = (uint8_t)from_hex(end + 1, frame.data);
+        frame.length = (uint8_t)vw_text_read_hex(end + 1, frame.data);
         vw_can_received(can, (uint32_t)first, &frame);
     } else {
         while ((index = vw_can_expire(can, (uint32_t)first)) < VW_N_CAN_MESSAGES) {
@@ -187,7 +187,7 @@ static void drive_can_step(vw_can_t *can, const char *step)
     }
 }
 
-static void drive_can(char *words)
+static void vw_driver_run_can(char *words)
 {
     static const vw_board_t board;
     static vw_master_t master;
@@ -197,38 +197,38 @@ static void drive_can(char *words)
     for (i = VW_CONFIG_SIZE; i < VW_MASTER_SIZE; i++) {
         ((uint8_t *)&master)[i] = (uint8_t)(7u * i);
     }
-    (void)from_hex(strtok(words, " "), (uint8_t *)&master);
+    (void)vw_text_read_hex(strtok(words, " "), (uint8_t *)&master);
     vw_can_init(&can, &board, &master);
     for (step = strtok(NULL, " \n"); step != NULL; step = strtok(NULL, " \n")) {
-        drive_can_step(&can, step);
+        vw_driver_step_can(&can, step);
     }
     printf("%u %u %u ", (unsigned)can.tx_enabled, (unsigned)can.rx_enabled, (unsigned)can.rx_active);
-    print_hex((const uint8_t *)&master + 1884, VW_MASTER_SIZE - 1884u);
+    vw_driver_print_hex((const uint8_t *)&master + 1884, VW_MASTER_SIZE - 1884u);
 }
 
-int run_driver(void)
+int vw_driver_run(void)
 {
     static char line[MAX_TEXT];
     (void)setvbuf(stdout, NULL, _IOLBF, MAX_TEXT);
     while (fgets(line, sizeof line, stdin) != NULL) {
         if (strncmp(line, "feed ", 5u) == 0) {
-            drive_feed(line + 5);
+            vw_driver_feed(line + 5);
         } else if (strncmp(line, "encode ", 7u) == 0) {
-            drive_encode(line + 7);
+            vw_driver_encode(line + 7);
         } else if (strncmp(line, "request ", 8u) == 0) {
-            drive_request(line + 8);
+            vw_driver_parse_request(line + 8);
         } else if (strncmp(line, "message ", 8u) == 0) {
-            drive_message(line + 8);
+            vw_driver_parse_message(line + 8);
         } else if (strncmp(line, "check ", 6u) == 0) {
-            drive_check(line + 6);
+            vw_driver_check_config(line + 6);
         } else if (strncmp(line, "slot ", 5u) == 0) {
-            drive_slot(line + 5);
+            vw_driver_encode_slot(line + 5);
         } else if (strncmp(line, "newest ", 7u) == 0) {
-            drive_newest(line + 7);
+            vw_driver_find_newest_slot(line + 7);
         } else if (strncmp(line, "can ", 4u) == 0) {
-            drive_can(line + 4);
+            vw_driver_run_can(line + 4);
         } else if (strncmp(line, "stream ", 7u) == 0) {
-            drive_stream(line + 7);
+            vw_driver_run_stream(line + 7);
         } else {
             fprintf(stderr, "unknown: %s", line);
             return 2;

@@ -23,10 +23,10 @@
 int main(int argc, char **argv)
 {
     if (argc == 3 && strcmp(argv[1], "vectors") == 0) {
-        return run_vectors(argv[2]);
+        return vw_vectors_run(argv[2]);
     }
     if (argc == 2 && strcmp(argv[1], "driver") == 0) {
-        return run_driver();
+        return vw_driver_run();
     }
     fprintf(stderr, "usage: host_test vectors FOLDER | host_test driver\n");
     return 2;

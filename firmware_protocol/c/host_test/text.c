@@ -6,7 +6,7 @@
 items_t items;
 uint8_t bytes[MAX_TEXT / 2u];
 
-size_t from_hex(const char *hex, uint8_t *out)
+size_t vw_text_read_hex(const char *hex, uint8_t *out)
 {
     size_t n = 0;
     unsigned value;
@@ -17,7 +17,7 @@ size_t from_hex(const char *hex, uint8_t *out)
     return n;
 }
 
-static void add_text(const char *text)
+static void vw_text_add_text(const char *text)
 {
     size_t n = strlen(text);
     if (items.length + n + 1u < sizeof items.text) {
@@ -26,48 +26,48 @@ static void add_text(const char *text)
     }
 }
 
-void clear_items(void)
+void vw_text_clear_items(void)
 {
     items.length = 0;
     items.text[0] = '\0';
 }
 
-void add_hex(const uint8_t *data, size_t length)
+void vw_text_add_hex(const uint8_t *data, size_t length)
 {
     char pair[3];
     size_t i;
     if (length == 0u) {
-        add_text("-");
+        vw_text_add_text("-");
     }
     for (i = 0; i < length; i++) {
         sprintf(pair, "%02x", data[i]);
-        add_text(pair);
+        vw_text_add_text(pair);
     }
 }
 
-static void on_item(void *context, vw_item_t item, const vw_frame_t *frame)
+static void vw_text_add_item(void *context, vw_item_t item, const vw_frame_t *frame)
 {
     static const char *const names[] = { "", "bad:cobs", "bad:short", "bad:long", "bad:crc", "start", "stop" };
     char head[40];
     (void)context;
     if (items.length != 0u) {
-        add_text(" ");
+        vw_text_add_text(" ");
     }
     if (item == VW_ITEM_FRAME) {
         sprintf(head, "frame:%02x:%02x:%08lx:", frame->type, frame->sequence, (unsigned long)frame->uptime_ms);
-        add_text(head);
-        add_hex(frame->body, frame->length);
+        vw_text_add_text(head);
+        vw_text_add_hex(frame->body, frame->length);
     } else {
-        add_text(names[item]);
+        vw_text_add_text(names[item]);
     }
 }
 
-uint32_t run_decoder(vw_side_t side, bool idle, size_t size, const uint8_t *wire, size_t length)
+uint32_t vw_text_run_decoder(vw_side_t side, bool idle, size_t size, const uint8_t *wire, size_t length)
 {
     static vw_decoder_t decoder;
     size_t at;
-    clear_items();
-    vw_decoder_init(&decoder, side, on_item, NULL);
+    vw_text_clear_items();
+    vw_decoder_init(&decoder, side, vw_text_add_item, NULL);
     for (at = 0; at < length; at += size) {
         vw_decoder_feed(&decoder, wire + at, length - at < size ? length - at : size);
     }

@@ -15,18 +15,18 @@ extern items_t items;                /* what the decoder found, or bytes made in
 extern uint8_t bytes[MAX_TEXT / 2u]; /* of the line or vector at hand */
 
 /* Up to the first character that is no pair of hex digits; returns how many bytes. */
-size_t from_hex(const char *hex, uint8_t *out);
+size_t vw_text_read_hex(const char *hex, uint8_t *out);
 
-void clear_items(void);
-void add_hex(const uint8_t *data, size_t length);
+void vw_text_clear_items(void);
+void vw_text_add_hex(const uint8_t *data, size_t length);
 
 /* Put the items of a decoder that is fed in pieces of `size` bytes into `items`; returns the bytes it dropped. */
-uint32_t run_decoder(vw_side_t side, bool idle, size_t size, const uint8_t *wire, size_t length);
+uint32_t vw_text_run_decoder(vw_side_t side, bool idle, size_t size, const uint8_t *wire, size_t length);
 
 /* Check against the shared vectors; returns the exit status, and exits on the first difference. */
-int run_vectors(const char *folder);
+int vw_vectors_run(const char *folder);
 
 /* Answer each line of stdin; returns the exit status. */
-int run_driver(void);
+int vw_driver_run(void);
 
 #endif

@@ -37,7 +37,7 @@ static const uint16_t rows[VW_ROW_NONE][VW_SIMULATED_GROUPS] = {
 };
 
 /* The row that a command to read belongs to, and its place in it. */
-static uint8_t row_of(uint16_t command, uint8_t *group)
+static uint8_t vw_simulated_find_row(uint16_t command, uint8_t *group)
 {
     uint8_t row;
     for (row = 0u; row < (uint8_t)VW_ROW_NONE; row++) {
@@ -50,7 +50,7 @@ static uint8_t row_of(uint16_t command, uint8_t *group)
     return (uint8_t)VW_ROW_NONE;
 }
 
-static void put_check_words(vw_simulated_io_t *io)
+static void vw_simulated_put_check_words(vw_simulated_io_t *io)
 {
     size_t pack, group;
     for (pack = 0u; pack < VW_N_PACKS; pack++) {
@@ -63,14 +63,14 @@ static void put_check_words(vw_simulated_io_t *io)
     }
 }
 
-static bool transfer(void *context, const uint8_t *tx, size_t tx_length, uint8_t *rx, size_t rx_length)
+static bool vw_simulated_transfer(void *context, const uint8_t *tx, size_t tx_length, uint8_t *rx, size_t rx_length)
 {
     vw_simulated_t *simulated = context;
     uint8_t row = (uint8_t)VW_ROW_NONE, group = 0u;
     size_t pack = 0u;
     simulated->bus_us += (uint32_t)(BYTE_US * tx_length);
     if (tx_length == COMMAND_BYTES && rx_length == PACKET_BYTES) {
-        row = row_of((uint16_t)(((tx[0] & 0x07u) << 8) | tx[1]), &group);
+        row = vw_simulated_find_row((uint16_t)(((tx[0] & 0x07u) << 8) | tx[1]), &group);
         pack = ((tx[0] >> 3) & 0x0Fu) - VW_SLAVES_FIRST_ADDRESS;
     }
     if (row == (uint8_t)VW_ROW_NONE) {
@@ -78,7 +78,7 @@ static bool transfer(void *context, const uint8_t *tx, size_t tx_length, uint8_t
     } else {
         if ((row != simulated->row || (pack == 0u && group == 0u)) &&
             !simulated->of_python.read_row(simulated->bus_us, row)) {
-            put_check_words(&simulated->io);
+            vw_simulated_put_check_words(&simulated->io);
         }
         (void)memcpy(rx, simulated->io.packets[pack][group], rx_length);
     }
@@ -87,69 +87,69 @@ static bool transfer(void *context, const uint8_t *tx, size_t tx_length, uint8_t
     return true;
 }
 
-static void wait_us(void *context, uint32_t time_us)
+static void vw_simulated_wait_us(void *context, uint32_t time_us)
 {
     ((vw_simulated_t *)context)->bus_us += time_us;
 }
 
 /* --- the board */
 
-static bool eeprom_read(void *context, uint16_t address, uint8_t *data, uint16_t length)
+static bool vw_simulated_read_eeprom(void *context, uint16_t address, uint8_t *data, uint16_t length)
 {
     ((vw_simulated_t *)context)->of_python.eeprom_read(address, data, length);
     return true;
 }
 
-static bool eeprom_write(void *context, uint16_t address, const uint8_t *data, uint16_t length)
+static bool vw_simulated_write_eeprom(void *context, uint16_t address, const uint8_t *data, uint16_t length)
 {
     const vw_simulated_t *simulated = context;
     simulated->of_python.eeprom_write(simulated->now_ms, address, data, length);
     return true;
 }
 
-static bool eeprom_is_busy(void *context)
+static bool vw_simulated_is_eeprom_busy(void *context)
 {
     const vw_simulated_t *simulated = context;
     return simulated->of_python.eeprom_is_busy(simulated->now_ms);
 }
 
-static bool may_configure(void *context)
+static bool vw_simulated_may_configure(void *context)
 {
     return vw_master_may_configure(&((vw_simulated_t *)context)->task);
 }
 
-static void config_changed(void *context)
+static void vw_simulated_mark_new_cells(void *context)
 {
     ((vw_simulated_t *)context)->task.has_new_cells = true;
 }
 
-static void restart(void *context)
+static void vw_simulated_restart(void *context)
 {
     ((vw_simulated_t *)context)->io.is_restarting = true;
 }
 
 #define COMMAND(name, code, low, high) \
-    static enum vw_result do_##name(void *context, int32_t argument) \
+    static enum vw_result vw_simulated_do_##name(void *context, int32_t argument) \
     { \
         return vw_master_command(&((vw_simulated_t *)context)->task, code, argument); \
     }
 VW_COMMANDS(COMMAND)
 
-#define MEMBER(name, code, low, high) .name = do_##name,
+#define MEMBER(name, code, low, high) .name = vw_simulated_do_##name,
 static const vw_board_t functions = {
-    .may_configure = may_configure,
-    .config_changed = config_changed,
-    .eeprom_read = eeprom_read,
-    .eeprom_write = eeprom_write,
-    .eeprom_is_busy = eeprom_is_busy,
-    .restart = restart,
+    .may_configure = vw_simulated_may_configure,
+    .config_changed = vw_simulated_mark_new_cells,
+    .eeprom_read = vw_simulated_read_eeprom,
+    .eeprom_write = vw_simulated_write_eeprom,
+    .eeprom_is_busy = vw_simulated_is_eeprom_busy,
+    .restart = vw_simulated_restart,
     .commands = { VW_COMMANDS(MEMBER) },
 };
 
 /* --- time and state */
 
 /* What the firmware does each millisecond; a longer gap, or a step back, is jumped over. */
-static void advance(vw_simulated_t *simulated, uint32_t now_ms)
+static void vw_simulated_advance_time(vw_simulated_t *simulated, uint32_t now_ms)
 {
     if (now_ms - simulated->now_ms > LONGEST_GAP_MS) {
         simulated->now_ms = now_ms;
@@ -161,7 +161,7 @@ static void advance(vw_simulated_t *simulated, uint32_t now_ms)
 }
 
 /* When there may be a frame for the line, after it has been asked for one now. */
-static void find_line_due(vw_simulated_t *simulated)
+static void vw_simulated_find_line_due(vw_simulated_t *simulated)
 {
     const vw_answer_t *answer = &simulated->link.answer;
     const vw_stream_t *stream = &answer->stream;
@@ -176,7 +176,7 @@ static void find_line_due(vw_simulated_t *simulated)
     }
 }
 
-static void show(vw_simulated_t *simulated)
+static void vw_simulated_publish_state(vw_simulated_t *simulated)
 {
     const vw_master_task_t *task = &simulated->task;
     vw_simulated_io_t *io = &simulated->io;
@@ -187,7 +187,7 @@ static void show(vw_simulated_t *simulated)
     io->is_charging = task->charging.is_active;
     io->is_open = task->protection.is_open;
     io->is_streaming = simulated->link.is_streaming;
-    find_line_due(simulated);
+    vw_simulated_find_line_due(simulated);
 }
 
 void vw_simulated_boot(vw_simulated_t *simulated, const vw_simulated_board_t *of_python,
@@ -204,19 +204,19 @@ void vw_simulated_boot(vw_simulated_t *simulated, const vw_simulated_board_t *of
     vw_link_init(&simulated->link, &simulated->board, &simulated->io.memory, &simulated->can, &ident);
     vw_master_init(&simulated->task, &simulated->link, is_open, 0u);
     simulated->bus.context = simulated;
-    simulated->bus.transfer = transfer;
-    simulated->bus.wait_us = wait_us;
+    simulated->bus.transfer = vw_simulated_transfer;
+    simulated->bus.wait_us = vw_simulated_wait_us;
     simulated->row = (uint8_t)VW_ROW_NONE;
     (void)memcpy(simulated->sensor_inputs, sensor_inputs, sizeof simulated->sensor_inputs);
     vw_slaves_init(&simulated->slaves, &simulated->bus, simulated->io.memory.slave);
     simulated->slaves.sensor_inputs = simulated->sensor_inputs;
     (void)vw_slaves_start(&simulated->slaves);
     vw_measuring_init(&simulated->measuring, &simulated->slaves, &simulated->io.memory, 0u);
-    show(simulated);
+    vw_simulated_publish_state(simulated);
 }
 
 /* Serve the tables of CAN as in each millisecond of the pass: a period shorter than it keeps its rate. */
-static void send_can(vw_simulated_t *simulated, uint32_t pass_ms)
+static void vw_simulated_send_can(vw_simulated_t *simulated, uint32_t pass_ms)
 {
     vw_simulated_io_t *io = &simulated->io;
     if (simulated->now_ms - simulated->can_ms > pass_ms) {
@@ -241,30 +241,30 @@ void vw_simulated_pass(vw_simulated_t *simulated, uint32_t now_ms, uint32_t pass
     inputs.link_permille = io->link_permille;
     inputs.hardware = io->hardware;
     simulated->bus_us = 0u;
-    advance(simulated, now_ms);
+    vw_simulated_advance_time(simulated, now_ms);
     (void)vw_measuring_add_samples(&simulated->measuring, io->samples, n_samples);
     vw_measuring_run(&simulated->measuring, &inputs, pass_ms, now_ms);
     vw_master_step(&simulated->task, &inputs, now_ms);
     (void)vw_measuring_write_bleeding(&simulated->measuring, simulated->task.balance.cells,
      simulated->task.has_new_cells, now_ms);
     simulated->task.has_new_cells = false;
-    send_can(simulated, pass_ms);
-    show(simulated);
+    vw_simulated_send_can(simulated, pass_ms);
+    vw_simulated_publish_state(simulated);
 }
 
 uint8_t vw_simulated_command(vw_simulated_t *simulated, uint32_t now_ms, uint8_t command, int32_t argument)
 {
     enum vw_result result;
-    advance(simulated, now_ms);
+    vw_simulated_advance_time(simulated, now_ms);
     result = vw_master_command(&simulated->task, command, argument);
-    show(simulated);
+    vw_simulated_publish_state(simulated);
     return (uint8_t)result;
 }
 
 uint8_t vw_simulated_store(vw_simulated_t *simulated, uint32_t now_ms)
 {
     enum vw_result result;
-    advance(simulated, now_ms);
+    vw_simulated_advance_time(simulated, now_ms);
     result = vw_store_begin(&simulated->link.answer.store, (const uint8_t *)&simulated->io.memory.conf, now_ms);
     if (result == VW_RESULT_DONE) {
         simulated->link.answer.store_sequence = 0u;
@@ -274,22 +274,22 @@ uint8_t vw_simulated_store(vw_simulated_t *simulated, uint32_t now_ms)
 
 void vw_simulated_received(vw_simulated_t *simulated, uint32_t now_ms, const uint8_t *data, size_t length)
 {
-    advance(simulated, now_ms);
+    vw_simulated_advance_time(simulated, now_ms);
     vw_link_received(&simulated->link, now_ms, data, length);
-    show(simulated);
+    vw_simulated_publish_state(simulated);
 }
 
 void vw_simulated_can_received(vw_simulated_t *simulated, uint32_t now_ms, const vw_can_frame_t *frame)
 {
-    advance(simulated, now_ms);
+    vw_simulated_advance_time(simulated, now_ms);
     vw_can_received(&simulated->can, now_ms, frame);
 }
 
 size_t vw_simulated_next(vw_simulated_t *simulated, uint32_t now_ms)
 {
     size_t length;
-    advance(simulated, now_ms);
+    vw_simulated_advance_time(simulated, now_ms);
     length = vw_link_next(&simulated->link, now_ms, simulated->io.frame);
-    show(simulated);
+    vw_simulated_publish_state(simulated);
     return length;
 }

@@ -24,22 +24,22 @@ static uint32_t ring_read;
 static uint8_t frame[VW_MAX_FRAME]; /* belongs to the DMA until the UART is ready again */
 static uint32_t saved_primask;
 static void (*your_config_changed)(void *context);
-static uint8_t prescaler_in_force;
+static uint8_t active_prescaler;
 
-static void lock(void *context)
+static void vw_stm32f4_lock(void *context)
 {
     (void)context;
     saved_primask = __get_PRIMASK();
     __disable_irq();
 }
 
-static void unlock(void *context)
+static void vw_stm32f4_unlock(void *context)
 {
     (void)context;
     __set_PRIMASK(saved_primask);
 }
 
-static void restart(void *context)
+static void vw_stm32f4_restart(void *context)
 {
     (void)context;
     NVIC_SystemReset();
@@ -47,13 +47,13 @@ static void restart(void *context)
 
 /* -- EEPROM -------------------------------------------------------------------------------------------------------- */
 
-static bool eeprom_read(void *context, uint16_t address, uint8_t *data, uint16_t length)
+static bool vw_stm32f4_read_eeprom(void *context, uint16_t address, uint8_t *data, uint16_t length)
 {
     (void)context;
     return HAL_I2C_Mem_Read(&I2C, EEPROM_ADDRESS, address, I2C_MEMADD_SIZE_16BIT, data, length, I2C_TIMEOUT_MS) == HAL_OK;
 }
 
-static bool eeprom_write(void *context, uint16_t address, const uint8_t *data, uint16_t length)
+static bool vw_stm32f4_write_eeprom(void *context, uint16_t address, const uint8_t *data, uint16_t length)
 {
     uint8_t page[VW_EEPROM_PAGE_SIZE]; /* the HAL takes no const */
     uint16_t i;
@@ -65,7 +65,7 @@ static bool eeprom_write(void *context, uint16_t address, const uint8_t *data, u
 }
 
 /* While it writes a page the chip does not acknowledge its address. */
-static bool eeprom_is_busy(void *context)
+static bool vw_stm32f4_is_eeprom_busy(void *context)
 {
     (void)context;
     return HAL_I2C_IsDeviceReady(&I2C, EEPROM_ADDRESS, 1u, 2u) != HAL_OK;
@@ -74,13 +74,13 @@ static bool eeprom_is_busy(void *context)
 /* -- CAN ----------------------------------------------------------------------------------------------------------- */
 
 /* What a filter compares: bits 31..3 the id, bit 2 its kind. */
-static uint32_t filter_word(uint32_t id)
+static uint32_t vw_stm32f4_make_filter_word(uint32_t id)
 {
     return (id & VW_CAN_ID_EXTENDED) != 0u ? ((id & MAX_EXTENDED_ID) << 3) | CAN_ID_EXT : id << 21;
 }
 
 /* Two ids a bank; a message that is not listened for repeats one that is. */
-static void set_filters(void)
+static void vw_stm32f4_set_filters(void)
 {
     const vw_config_t *conf = &vw_memory.conf;
     uint32_t bank;
@@ -89,8 +89,8 @@ static void set_filters(void)
         uint32_t first = 2u * bank, second = first + 1u;
         bool has_first = (vw_can.rx_enabled & (1u << first)) != 0u;
         bool has_second = (vw_can.rx_enabled & (1u << second)) != 0u;
-        uint32_t word_1 = filter_word(conf->can_rx_msg_id[has_first ? first : second]);
-        uint32_t word_2 = filter_word(conf->can_rx_msg_id[has_second ? second : first]);
+        uint32_t word_1 = vw_stm32f4_make_filter_word(conf->can_rx_msg_id[has_first ? first : second]);
+        uint32_t word_2 = vw_stm32f4_make_filter_word(conf->can_rx_msg_id[has_second ? second : first]);
         filter.FilterIdHigh = word_1 >> 16;
         filter.FilterIdLow = word_1 & 0xFFFFu;
         filter.FilterMaskIdHigh = word_2 >> 16;
@@ -105,27 +105,27 @@ static void set_filters(void)
     }
 }
 
-static void configure_can(void)
+static void vw_stm32f4_configure_can(void)
 {
-    if (vw_memory.conf.can_brp != prescaler_in_force) {
-        prescaler_in_force = vw_memory.conf.can_brp;
+    if (vw_memory.conf.can_brp != active_prescaler) {
+        active_prescaler = vw_memory.conf.can_brp;
         (void)HAL_CAN_Stop(&CAN);
-        CAN.Init.Prescaler = (uint32_t)prescaler_in_force + 1u;
+        CAN.Init.Prescaler = (uint32_t)active_prescaler + 1u;
         (void)HAL_CAN_Init(&CAN);
     }
-    set_filters();
+    vw_stm32f4_set_filters();
     (void)HAL_CAN_Start(&CAN);
 }
 
-static void config_changed(void *context)
+static void vw_stm32f4_apply_config(void *context)
 {
-    configure_can();
+    vw_stm32f4_configure_can();
     if (your_config_changed != NULL) {
         your_config_changed(context);
     }
 }
 
-static void run_can(uint32_t now_ms)
+static void vw_stm32f4_run_can(uint32_t now_ms)
 {
     vw_can_frame_t message;
     while (HAL_CAN_GetRxFifoFillLevel(&CAN, CAN_RX_FIFO0) != 0u) {
@@ -155,7 +155,7 @@ static void run_can(uint32_t now_ms)
 /* -- RS232 --------------------------------------------------------------------------------------------------------- */
 
 /* The DMA writes round the ring; a parity error ends it in the HAL, so it is started again. */
-static void run_receiver(uint32_t now_ms)
+static void vw_stm32f4_run_receiver(uint32_t now_ms)
 {
     uint32_t written;
     if (UART.RxState == HAL_UART_STATE_READY) {
@@ -173,7 +173,7 @@ static void run_receiver(uint32_t now_ms)
     }
 }
 
-static void run_transmitter(uint32_t now_ms)
+static void vw_stm32f4_run_transmitter(uint32_t now_ms)
 {
     size_t length;
     if (UART.gState != HAL_UART_STATE_READY) {
@@ -185,7 +185,7 @@ static void run_transmitter(uint32_t now_ms)
     }
 }
 
-static uint8_t reset_cause(void)
+static uint8_t vw_stm32f4_read_reset_cause(void)
 {
     uint8_t cause = 0u;
     if (__HAL_RCC_GET_FLAG(RCC_FLAG_IWDGRST) || __HAL_RCC_GET_FLAG(RCC_FLAG_WWDGRST)) {
@@ -201,32 +201,32 @@ static uint8_t reset_cause(void)
     return cause;
 }
 
-void vw_stm32_init(const vw_board_t *yours, const uint8_t firmware[3])
+void vw_stm32f4_init(const vw_board_t *yours, const uint8_t firmware[3])
 {
     vw_ident_t ident = { 0 };
     board = *yours;
     your_config_changed = yours->config_changed;
-    board.lock = lock;
-    board.unlock = unlock;
-    board.config_changed = config_changed;
-    board.eeprom_read = eeprom_read;
-    board.eeprom_write = eeprom_write;
-    board.eeprom_is_busy = eeprom_is_busy;
-    board.restart = restart;
+    board.lock = vw_stm32f4_lock;
+    board.unlock = vw_stm32f4_unlock;
+    board.config_changed = vw_stm32f4_apply_config;
+    board.eeprom_read = vw_stm32f4_read_eeprom;
+    board.eeprom_write = vw_stm32f4_write_eeprom;
+    board.eeprom_is_busy = vw_stm32f4_is_eeprom_busy;
+    board.restart = vw_stm32f4_restart;
     ident.firmware[0] = firmware[0];
     ident.firmware[1] = firmware[1];
     ident.firmware[2] = firmware[2];
-    ident.reset_cause = reset_cause();
+    ident.reset_cause = vw_stm32f4_read_reset_cause();
     vw_link_init(&vw_line, &board, &vw_memory, &vw_can, &ident);
-    prescaler_in_force = (uint8_t)~vw_memory.conf.can_brp;
-    configure_can();
+    active_prescaler = (uint8_t)~vw_memory.conf.can_brp;
+    vw_stm32f4_configure_can();
 }
 
-void vw_stm32_run(void)
+void vw_stm32f4_run(void)
 {
     uint32_t now_ms = HAL_GetTick();
-    run_receiver(now_ms);
+    vw_stm32f4_run_receiver(now_ms);
     vw_link_run(&vw_line, now_ms);
-    run_transmitter(now_ms);
-    run_can(now_ms);
+    vw_stm32f4_run_transmitter(now_ms);
+    vw_stm32f4_run_can(now_ms);
 }
