@@ -67,7 +67,7 @@ CELL_ROWS: Final = {
     "slow_mean_v": 1,
     "slow_square_v2": 1,
 }  # rows that each array of `vw_cells` has
-CLIMATE_ROWS: Final = 12 + RC_MAX - 1  # rows of `vw_climate`, which the engine keeps for itself
+TERM_ROWS: Final = 12 + RC_MAX - 1  # rows of `vw_temperature_terms`, which the engine keeps for itself
 COLUMNS_MAX: Final = 8
 SEGMENT: Final = np.dtype(
     [("column", np.int32, LANES), *[(name, np.float64, (COLUMNS_MAX, LANES)) for name in ("low", "rise")]]
@@ -75,7 +75,7 @@ SEGMENT: Final = np.dtype(
 SEGMENTS: Final = 4
 CELLS: Final = np.dtype(
     [
-        *[(name, np.float64, (rows, LANES)) for name, rows in (CELL_ROWS | {"climate": CLIMATE_ROWS}).items()],
+        *[(name, np.float64, (rows, LANES)) for name, rows in (CELL_ROWS | {"terms": TERM_ROWS}).items()],
         ("segments", SEGMENT, SEGMENTS),
     ]
 )

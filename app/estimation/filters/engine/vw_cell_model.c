@@ -1,7 +1,8 @@
 #include "vw_cell_model.h"
 
 /* x = sum_r clip((T - T_r) / (T_r+1 - T_r), 0, 1): whole part the row, the rest the weight of the next. */
-void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place)
+void vw_cell_model_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc,
+                                     vw_temperature_place *place)
 {
     const vw_real *grid = model->temperature_degc;
     const vw_real last = (vw_real)(model->n_temperatures > 1 ? model->n_temperatures - 2 : 0);
@@ -18,7 +19,7 @@ void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature
     }
 }
 
-void vw_cell_model_uncertainty(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *uncertainty)
+void vw_cell_model_read_uncertainty(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *uncertainty)
 {
     const vw_real last = (vw_real)(model->n_uncertainty - 1), per_step = 1 / model->uncertainty_step_k;
     VW_EACH_CELL(c)
@@ -32,7 +33,7 @@ void vw_cell_model_uncertainty(const vw_cell_model *model, const vw_lanes temper
 }
 
 /* Beyond the ends of the tables their last values hold. */
-void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place)
+void vw_cell_model_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place)
 {
     const vw_real low = model->soc_low, per_step = 1 / model->soc_step;
     const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
@@ -45,9 +46,9 @@ void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *
 }
 
 /* Linear in temperature at both points; only cells that have left their segment are looked up. */
-VW_INLINE void renew(const vw_cell_model *model, const vw_real *table, const int width, const int n_columns,
-                     const vw_temperature_place *restrict at, const vw_soc_place *restrict soc,
-                  vw_segment *restrict segment)
+VW_INLINE void vw_cell_model_renew_segment(const vw_cell_model *model, const vw_real *table, const int width,
+                                           const int n_columns, const vw_temperature_place *restrict at,
+                                           const vw_soc_place *restrict soc, vw_segment *restrict segment)
 {
     const int32_t warmer = model->n_temperatures > 1 ? model->n_soc * width : 0;
     int n_left = 0;
@@ -66,39 +67,40 @@ VW_INLINE void renew(const vw_cell_model *model, const vw_real *table, const int
     }
 }
 
-void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
-                vw_segment *segment)
+void vw_cell_model_read_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                                vw_segment *segment)
 {
-    if (VW_LANES > 1 && model->width == 4) renew(model, model->table, 4, 4, at, soc, segment);
-    else renew(model, model->table, model->width, vw_columns(model), at, soc, segment);
+    if (VW_LANES > 1 && model->width == 4) vw_cell_model_renew_segment(model, model->table, 4, 4, at, soc, segment);
+    else vw_cell_model_renew_segment(model, model->table, model->width, vw_cell_model_count_columns(model), at, soc, segment);
 }
 
-void vw_values(const vw_cell_model *model, const vw_segment *restrict segment, const vw_soc_place *restrict soc,
-               vw_lanes *restrict values)
+void vw_cell_model_read_values(const vw_cell_model *model, const vw_segment *restrict segment,
+                               const vw_soc_place *restrict soc, vw_lanes *restrict values)
 {
-    const int n_columns = vw_columns(model);
+    const int n_columns = vw_cell_model_count_columns(model);
     for (int q = 0; q < n_columns; q++)
-        VW_EACH_CELL(c) values[q][c] = vw_between(segment, soc, q, c);
+        VW_EACH_CELL(c) values[q][c] = vw_cell_model_interpolate(segment, soc, q, c);
 }
 
-void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_segment *segment)
+void vw_cell_model_read_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                            vw_segment *segment)
 {
-    renew(model, model->table + VW_OCV, model->width, 1, at, soc, segment);
+    vw_cell_model_renew_segment(model, model->table + VW_OCV, model->width, 1, at, soc, segment);
 }
 
-void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
-                       vw_lanes *tau_s)
+void vw_cell_model_read_time_constants(const vw_cell_model *model, const vw_temperature_place *at,
+                                       const vw_soc_place *soc, vw_lanes *tau_s)
 {
     vw_segment segment;
     VW_EACH_CELL(c) segment.column[c] = VW_NOWHERE;
-    if (model->has_tau_table) renew(model, model->tau_s, model->n_rc, model->n_rc, at, soc, &segment);
+    if (model->has_tau_table) vw_cell_model_renew_segment(model, model->tau_s, model->n_rc, model->n_rc, at, soc, &segment);
     for (int k = 0; k < model->n_rc; k++)
-        VW_EACH_CELL(c) tau_s[k][c] = model->has_tau_table ? vw_between(&segment, soc, k, c) : model->tau_s[k];
+        VW_EACH_CELL(c) tau_s[k][c] = model->has_tau_table ? vw_cell_model_interpolate(&segment, soc, k, c) : model->tau_s[k];
 }
 
-void vw_surface(const vw_cell_model *model, const vw_temperature_place *at, vw_lanes *surface)
+void vw_cell_model_read_surface(const vw_cell_model *model, const vw_temperature_place *at, vw_lanes *surface)
 {
-    const int n_pairs = vw_pairs(model), warmer = model->n_temperatures > 1 ? n_pairs : 0;
+    const int n_pairs = vw_cell_model_count_pairs(model), warmer = model->n_temperatures > 1 ? n_pairs : 0;
     for (int k = 0; k < VW_RC_MAX - 1; k++)
         VW_EACH_CELL(c)
         {
@@ -108,7 +110,7 @@ void vw_surface(const vw_cell_model *model, const vw_temperature_place *at, vw_l
 }
 
 /* OCV at point j of the table, linear between the temperatures. */
-static vw_real ocv_at(const vw_cell_model *model, const vw_temperature_place *at, int c, int j)
+static vw_real vw_cell_model_find_ocv(const vw_cell_model *model, const vw_temperature_place *at, int c, int j)
 {
     const int width = model->width;
     const vw_real *here = model->table + ((int32_t)at->row[c] * model->n_soc + j) * width;
@@ -117,7 +119,7 @@ static vw_real ocv_at(const vw_cell_model *model, const vw_temperature_place *at
 }
 
 /* Linear between the points of a table over SOC alone. */
-static void over_soc(const vw_real *table, const vw_soc_place *restrict soc, vw_lanes values)
+static void vw_cell_model_interpolate_soc(const vw_real *table, const vw_soc_place *restrict soc, vw_lanes values)
 {
     const vw_real *next = table + 1;
     VW_EACH_CELL(c)
@@ -127,46 +129,46 @@ static void over_soc(const vw_real *table, const vw_soc_place *restrict soc, vw_
     }
 }
 
-void vw_ocv_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v)
+void vw_cell_model_read_ocv_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v)
 {
-    over_soc(model->ocv_slope_v, soc, slope_v);
+    vw_cell_model_interpolate_soc(model->ocv_slope_v, soc, slope_v);
 }
 
-void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v)
+void vw_cell_model_read_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v)
 {
-    over_soc(model->reading_slope_v, soc, slope_v);
+    vw_cell_model_interpolate_soc(model->reading_slope_v, soc, slope_v);
 }
 
-vw_real vw_ocv_of(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc)
+vw_real vw_cell_model_compute_ocv(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc)
 {
     const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
     const vw_real x = vw_clip((soc - model->soc_low) / model->soc_step, 0, end);
     const int j = (int)vw_min(x, last);
-    const vw_real low_v = ocv_at(model, at, c, j);
-    return low_v + (x - (vw_real)j) * (ocv_at(model, at, c, j + 1) - low_v);
+    const vw_real low_v = vw_cell_model_find_ocv(model, at, c, j);
+    return low_v + (x - (vw_real)j) * (vw_cell_model_find_ocv(model, at, c, j + 1) - low_v);
 }
 
 /* The last point that does not lie above the voltage, by bisection; the OCV never falls. */
-vw_real vw_soc_of_ocv(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real voltage_v)
+vw_real vw_cell_model_find_soc(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real voltage_v)
 {
     int below = 0, above = model->n_soc - 1;
     while (above - below > 1) {
         const int middle = (below + above) / 2;
-        if (ocv_at(model, at, c, middle) <= voltage_v) below = middle;
+        if (vw_cell_model_find_ocv(model, at, c, middle) <= voltage_v) below = middle;
         else above = middle;
     }
-    const vw_real low_v = ocv_at(model, at, c, below), high_v = ocv_at(model, at, c, above);
+    const vw_real low_v = vw_cell_model_find_ocv(model, at, c, below), high_v = vw_cell_model_find_ocv(model, at, c, above);
     const vw_real weight = high_v > low_v ? (voltage_v - low_v) / (high_v - low_v) : 0;
     const vw_real soc = model->soc_low + model->soc_step * ((vw_real)below + weight);
     return vw_clip(soc, (vw_real)-0.05, (vw_real)1.05);
 }
 
 /* The farther of both sides: at the foot of a step of the OCV the near one says little. */
-vw_real vw_reading_sigma(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc,
-                         vw_real sigma_v)
+vw_real vw_cell_model_compute_soc_sigma(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc,
+                                        vw_real sigma_v)
 {
-    const vw_real ocv_v = vw_ocv_of(model, at, c, soc);
-    const vw_real above = vw_soc_of_ocv(model, at, c, ocv_v + sigma_v) - soc;
-    const vw_real below = soc - vw_soc_of_ocv(model, at, c, ocv_v - sigma_v);
+    const vw_real ocv_v = vw_cell_model_compute_ocv(model, at, c, soc);
+    const vw_real above = vw_cell_model_find_soc(model, at, c, ocv_v + sigma_v) - soc;
+    const vw_real below = soc - vw_cell_model_find_soc(model, at, c, ocv_v - sigma_v);
     return vw_max(vw_max(above, below), (vw_real)1e-3);
 }

@@ -85,55 +85,58 @@ typedef struct {
 
 #define VW_NOWHERE (-1)
 
-static inline vw_real vw_between(const vw_segment *segment, const vw_soc_place *soc, int column, int c)
+static inline vw_real vw_cell_model_interpolate(const vw_segment *segment, const vw_soc_place *soc, int column, int c)
 {
     return segment->low[column][c] + soc->weight[c] * segment->rise[column][c];
 }
 
 /* RC pairs of the model: its branches but the lasting error. */
-static inline int vw_pairs(const vw_cell_model *model) { return model->n_rc - 1; }
+static inline int vw_cell_model_count_pairs(const vw_cell_model *model) { return model->n_rc - 1; }
 
 /* Numbers in use at a point of the table. */
-static inline int vw_columns(const vw_cell_model *model)
+static inline int vw_cell_model_count_columns(const vw_cell_model *model)
 {
-    return VW_R1 + vw_pairs(model) + model->has_overpotential + model->has_surface;
+    return VW_R1 + vw_cell_model_count_pairs(model) + model->has_overpotential + model->has_surface;
 }
 
-void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place);
-void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place);
+void vw_cell_model_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc,
+                                     vw_temperature_place *place);
+void vw_cell_model_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place);
 
 /* The uncertainty at each temperature: `uncertainty` has VW_UNCERTAINTIES rows. */
-void vw_cell_model_uncertainty(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *uncertainty);
+void vw_cell_model_read_uncertainty(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *uncertainty);
 
 /* Bring the segments of a block up to the places of its cells: OCV, R0, R_k and e, or the OCV alone. */
-void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
-                vw_segment *segment);
-void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_segment *segment);
+void vw_cell_model_read_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                                vw_segment *segment);
+void vw_cell_model_read_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                            vw_segment *segment);
 
-/* What a segment says of each cell, as rows: `values` has VW_COLUMNS_MAX of them, of which vw_columns are set. */
-void vw_values(const vw_cell_model *model, const vw_segment *segment, const vw_soc_place *soc, vw_lanes *values);
+/* Values of each cell in a segment: `values` has VW_COLUMNS_MAX rows, vw_cell_model_count_columns of them are set. */
+void vw_cell_model_read_values(const vw_cell_model *model, const vw_segment *segment, const vw_soc_place *soc,
+                               vw_lanes *values);
 
 /* dOCV/dSOC [V] of each cell; its own table, which may be smoothed. */
-void vw_ocv_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);
+void vw_cell_model_read_ocv_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);
 
 /* Time constants of each cell [s]: `tau_s` has n_rc rows. */
-void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
-                       vw_lanes *tau_s);
+void vw_cell_model_read_time_constants(const vw_cell_model *model, const vw_temperature_place *at,
+                                       const vw_soc_place *soc, vw_lanes *tau_s);
 
 /* d_k of each cell [1/A]: `surface` has VW_RC_MAX - 1 rows, zeros where the model has none. */
-void vw_surface(const vw_cell_model *model, const vw_temperature_place *at, vw_lanes *surface);
+void vw_cell_model_read_surface(const vw_cell_model *model, const vw_temperature_place *at, vw_lanes *surface);
 
 /* Volts per SOC at which a voltage reads the SOC of each cell. */
-void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);
+void vw_cell_model_read_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);
 
 /* OCV [V] of one cell. */
-vw_real vw_ocv_of(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc);
+vw_real vw_cell_model_compute_ocv(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc);
 
 /* How far the SOC may lie from `soc` where the voltage there has the standard deviation sigma_v. */
-vw_real vw_reading_sigma(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc,
-                         vw_real sigma_v);
+vw_real vw_cell_model_compute_soc_sigma(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc,
+                                        vw_real sigma_v);
 
 /* The SOC of cell c, -0.05 .. 1.05, whose OCV at its temperature is `voltage_v`. */
-vw_real vw_soc_of_ocv(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real voltage_v);
+vw_real vw_cell_model_find_soc(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real voltage_v);
 
 #endif

@@ -118,7 +118,7 @@ typedef struct {
     vw_lanes lowest_soc;         /* that the cell file has seen under load */
     vw_lanes cold2;              /* square by which slow overpotentials grow in the cold */
     vw_lanes surface[VW_RC_MAX - 1]; /* d_k of the model [1/A] */
-} vw_climate;
+} vw_temperature_terms;
 
 /* Places at which the tables are looked up at each step. */
 enum {
@@ -170,9 +170,9 @@ typedef struct {
     vw_lanes check_square_v2;      /* mean of its square over check_s [V^2] */
     vw_lanes slow_mean_v;          /* mean of the scaled innovation over bias_s [V] */
     vw_lanes slow_square_v2;       /* mean of the square of that over check_s [V^2] */
-    vw_climate climate;            /* follows from temperature_degc */
+    vw_temperature_terms terms;              /* follows from temperature_degc */
 #if VW_KEEPS_SEGMENTS
-    vw_segment segments[VW_SEGMENTS]; /* follow from climate and SOC */
+    vw_segment segments[VW_SEGMENTS]; /* follow from terms and SOC */
 #endif
 } vw_cells;
 

@@ -11,18 +11,18 @@
  * trusted less, and below the lowest SOC that the cell file has seen at this temperature it only shows that it is below.
  * The slope is that of the sigma points or, if it is less, of a voltage that is read: in a plateau's step neither may be
  * local. */
-void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
+void vw_fusion_compute_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_real bias_v2 = vw_square(filter->tuning.bias_v), floor_v2 = vw_square(VW_SLOPE_FLOOR_V);
     vw_lanes reading_slope_v;
-    vw_place_soc(&filter->model, x->soc, &work->at);
-    vw_reading_slope(&filter->model, &work->at, reading_slope_v);
+    vw_cell_model_place_soc(&filter->model, x->soc, &work->at);
+    vw_cell_model_read_reading_slope(&filter->model, &work->at, reading_slope_v);
     VW_EACH_CELL(c)
     {
         const vw_real slope_v = vw_min(work->ocv_slope_v[c], reading_slope_v[c]);
         const vw_real slope_v2 = vw_max(vw_square(slope_v), floor_v2);
         work->soc[c] = x->soc[c];
-        const vw_real below = vw_max(x->climate.lowest_soc[c] - x->soc[c], 0);
+        const vw_real below = vw_max(x->terms.lowest_soc[c] - x->soc[c], 0);
         const vw_real own_v2 = (x->slow_square_v2[c] + bias_v2) / slope_v2 + x->cov[0][c] + vw_square(below);
         work->soc_v2[c] = vw_min(own_v2, VW_SOC_VARIANCE_MAX);
         work->slope_v2[c] = slope_v2;
@@ -30,10 +30,13 @@ void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_wor
 }
 
 /* Normal density of d with variance v2. */
-static vw_real normal(vw_real d, vw_real v2) { return vw_exp(-d * d / v2 / 2) / vw_sqrt(v2 * (vw_real)6.283185307179586); }
+static vw_real vw_fusion_compute_normal(vw_real d, vw_real v2)
+{
+    return vw_exp(-d * d / v2 / 2) / vw_sqrt(v2 * (vw_real)6.283185307179586);
+}
 
 /* Student's density with 31 degrees of freedom: tails a little heavier than normal, and no exponential to compute. */
-static vw_real student(vw_real d, vw_real v2)
+static vw_real vw_fusion_compute_student(vw_real d, vw_real v2)
 {
     const vw_real tail2 = vw_square(1 + d * d / v2 * (vw_real)(1.0 / 32.0)), tail4 = tail2 * tail2;
     return 1 / (vw_square(vw_square(tail4)) * vw_sqrt(v2) * (vw_real)2.5066282746310002);
@@ -41,7 +44,8 @@ static vw_real student(vw_real d, vw_real v2)
 
 /* Mean voltage of a rest from the start on, and how it leans: the moments of a regression over time. What a small
  * current drops is no relaxation. */
-void vw_watch_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
+void vw_fusion_accumulate_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                               const vw_work *restrict work)
 {
     const vw_real drop_v = filter->model.drop_per_a_v * motion->current_a;
     VW_EACH_CELL(c)
@@ -67,15 +71,15 @@ typedef struct {
  *   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
  *
  * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice. */
-static void read_rest_voltage(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, int c,
-                              int is_given, vw_reading *readings)
+static void vw_fusion_read_rest_voltage(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
+                                        int c, int is_given, vw_reading *readings)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
     const vw_real n2 = vw_square(t->rest_tail_s * t->rest_noise_v) * per_moment * motion->dt_s;
     const vw_real slope = per_moment * x->rest_moment[c], left_v = t->rest_tail_s * slope;
     const vw_real unsure = is_given ? 1 : 2, settled_v2 = vw_square(unsure * t->rest_left_v);
-    const vw_real driven_v2 = vw_max(vw_square(x->resistance[c]) * x->climate.relaxing_v2[c], settled_v2);
+    const vw_real driven_v2 = vw_max(vw_square(x->resistance[c]) * x->terms.relaxing_v2[c], settled_v2);
     const vw_real likely[READINGS] = {settled_v2 + n2, driven_v2 + n2};
     const vw_real odds = t->rest_settled / (1 - t->rest_settled) * vw_sqrt(likely[1] / likely[0]) *
                          vw_exp(vw_square(left_v) / 2 * (1 / likely[1] - 1 / likely[0]));
@@ -83,10 +87,10 @@ static void read_rest_voltage(const vw_filter *filter, const vw_motion *motion, 
         const vw_real left_v2 = j == 0 ? settled_v2 : driven_v2, slow_v2 = j == 0 ? 0 : vw_square(t->rest_slow) * driven_v2;
         const vw_real f = left_v2 / (left_v2 + n2), half_v = f * left_v / 2;
         const vw_real rest_v = x->rest_mean_v[c] + slope * T / 2 + half_v;
-        const vw_real ocv_v2 = x->climate.lasting_v2[c] - vw_square(t->lasting_v);
+        const vw_real ocv_v2 = x->terms.lasting_v2[c] - vw_square(t->lasting_v);
         const vw_real error_v2 = vw_square(unsure * t->rest_v) + ocv_v2 + f * n2 + vw_square(half_v) + slow_v2;
-        const vw_real read = vw_soc_of_ocv(&filter->model, &x->climate.place, c, rest_v);
-        const vw_real sigma = vw_reading_sigma(&filter->model, &x->climate.place, c, read, vw_sqrt(error_v2));
+        const vw_real read = vw_cell_model_find_soc(&filter->model, &x->terms.place, c, rest_v);
+        const vw_real sigma = vw_cell_model_compute_soc_sigma(&filter->model, &x->terms.place, c, read, vw_sqrt(error_v2));
         readings[j] = (vw_reading){read + x->drawn[c], vw_square(sigma), (j == 0 ? odds : 1) / (1 + odds)};
     }
 }
@@ -95,16 +99,17 @@ static void read_rest_voltage(const vw_filter *filter, const vw_motion *motion, 
  *
  *   u^2 = min(rest_unsettled^2 max(a^2 - (3 n)^2, 0), (2 p)^2)
  */
-static vw_real unsettled_v2(const vw_tuning *t, const vw_motion *motion, const vw_cells *restrict x, int c)
+static vw_real vw_fusion_compute_unsettled_v2(const vw_tuning *t, const vw_motion *motion, const vw_cells *restrict x,
+                                              int c)
 {
     const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
     const vw_real n2 = vw_square(t->rest_tail_s * t->rest_noise_v) * per_moment * motion->dt_s;
     const vw_real seen_v2 = vw_max(vw_square(t->rest_tail_s * per_moment * x->rest_moment[c]) - 9 * n2, 0);
-    return vw_min(vw_square(t->rest_unsettled) * seen_v2, 4 * vw_square(x->resistance[c]) * x->climate.relaxing_v2[c]);
+    return vw_min(vw_square(t->rest_unsettled) * seen_v2, 4 * vw_square(x->resistance[c]) * x->terms.relaxing_v2[c]);
 }
 
 /* A hypothesis made of others: their moments. */
-static void add(vw_real *sum, vw_real weight, vw_real soc, vw_real v2)
+static void vw_fusion_add_hypothesis(vw_real *sum, vw_real weight, vw_real soc, vw_real v2)
 {
     sum[0] += weight;
     sum[1] += weight * soc;
@@ -119,25 +124,26 @@ static void add(vw_real *sum, vw_real weight, vw_real soc, vw_real v2)
  *
  * A rest that ends early counts against a SOC that was given only. One that goes on counts for the moment, and again
  * as a whole. */
-void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
+void vw_fusion_update_from_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                                const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     VW_EACH_CELL(c)
     {
         const int is_given = x->start_weight[0][c] > 0;
         if (vw_is_missing(work->voltage_v[c])) continue;
-        if (!is_given) x->unsettled_v2[c] = unsettled_v2(t, motion, x, c);
+        if (!is_given) x->unsettled_v2[c] = vw_fusion_compute_unsettled_v2(t, motion, x, c);
         if (!is_given && !motion->is_whole_rest) continue;
         vw_reading readings[READINGS];
-        read_rest_voltage(filter, motion, x, c, is_given, readings);
+        vw_fusion_read_rest_voltage(filter, motion, x, c, is_given, readings);
         vw_real sums[VW_STARTS][3] = {{0}}, total = 0;
         for (int j = 0; j < READINGS; j++) {
             const vw_reading *read = &readings[j];
             vw_real kept = read->v2 / (read->v2 + vw_square(t->rest_uncertainty_soc));
             for (int k = 0; is_given && k < GIVEN; k++) {
                 const vw_real soc = x->start_soc[k][c], v2 = x->start_v2[k][c], d = read->soc - soc, both_v2 = v2 + read->v2;
-                const vw_real weight = x->start_weight[k][c] * read->weight * normal(d, both_v2) * kept;
-                add(sums[k], weight, soc + v2 / both_v2 * d, v2 * read->v2 / both_v2);
+                const vw_real weight = x->start_weight[k][c] * read->weight * vw_fusion_compute_normal(d, both_v2) * kept;
+                vw_fusion_add_hypothesis(sums[k], weight, soc + v2 / both_v2 * d, v2 * read->v2 / both_v2);
                 kept = 1;
             }
             sums[GIVEN + j][0] = read->weight * (is_given ? 1 - t->start_exact - t->start_rough : 1);
@@ -154,13 +160,13 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
     }
 }
 
-/* How far the capacity of the cell file is uncertaintyed, and so the gain that filter and counts go with.
+/* Posterior of the capacity error: the gain that filter and counts go with, and its variance.
  *
  *   p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = uncertainty M
  *
  * `gain_v2` becomes the variance of p g.
  */
-static void weigh_gain(const vw_tuning *t, vw_cells *restrict x, vw_lanes gain_v2)
+static void vw_fusion_update_gain_posterior(const vw_tuning *t, vw_cells *restrict x, vw_lanes gain_v2)
 {
     const vw_real odds = (1 - t->gain_prior) / t->gain_prior * t->gain_sigma;
     vw_lanes s2, likely;
@@ -175,7 +181,7 @@ static void weigh_gain(const vw_tuning *t, vw_cells *restrict x, vw_lanes gain_v
 }
 
 /* The filter's error that it does not know of: within minutes a count cannot wander, whatever its start. */
-static void wander(const vw_tuning *t, const vw_motion *motion, vw_cells *restrict x)
+static void vw_fusion_update_drift(const vw_tuning *t, const vw_motion *motion, vw_cells *restrict x)
 {
     const vw_real a = motion->wander_share;
     VW_EACH_CELL(c)
@@ -188,13 +194,14 @@ static void wander(const vw_tuning *t, const vw_motion *motion, vw_cells *restri
 }
 
 /* Weigh the starts, and fuse the filter, which knows voltages only, with the count from each of them. */
-static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
+static void vw_fusion_weigh_hypotheses(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                                       const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     vw_lanes gain_v2, lasting_v2;
-    weigh_gain(t, x, gain_v2);
-    wander(t, motion, x);
-    VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(motion, x, filter->model.slow_pair, c);
+    vw_fusion_update_gain_posterior(t, x, gain_v2);
+    vw_fusion_update_drift(t, motion, x);
+    VW_EACH_CELL(c) lasting_v2[c] = vw_parts_compute_lasting_v2(motion, x, filter->model.slow_pair, c);
     VW_EACH_CELL(c) x->unsettled_v2[c] -= motion->settled_share * x->unsettled_v2[c];
     VW_EACH_CELL(c)
     {
@@ -221,7 +228,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         x->best_v2[c] = vw_pick(is_best, now_v2, x->best_v2[c]);
         const vw_real kept_v2 = vw_min(errs_v2, aged_v2), off = z - (x->best_soc[c] - counted);
         const vw_real best_v2 = kept_v2 * (1 + vw_square(off * off / (9 * (errs_v2 + kept_v2))));
-        const int is_below = x->soc[c] < x->climate.lowest_soc[c];
+        const int is_below = x->soc[c] < x->terms.lowest_soc[c];
         const vw_real surer4 = vw_square(vw_square(errs_v2 / best_v2)), kept = vw_pick(is_below, surer4 / (1 + surer4), 0);
         /* beginning with the case that no start is right; moments count from the filter's SOC */
         vw_real sum = t->start_unknown, moved = -sum * kept * off, square = sum * vw_square(kept * off);
@@ -232,7 +239,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
             const vw_real d = z - (x->start_soc[k][c] - counted);
             const vw_real total_v2 = vw_min(errs_v2 + count_v2, vw_square(t->apart_soc_max));
             const vw_real contradicted = vw_max(d * d / total_v2 / 2 - CONTRADICTION, 0);
-            const vw_real w = x->start_weight[k][c] * student(d, total_v2);
+            const vw_real w = x->start_weight[k][c] * vw_fusion_compute_student(d, total_v2);
             x->start_weight[k][c] /= 1 + motion->wander_share * contradicted;
             const int is_less_sure = is_below & (k == ROUGH) & (best_v2 < count_v2);
             const vw_real sure_v2 = vw_pick(is_less_sure, best_v2, count_v2), apart = vw_pick(is_less_sure, off, d);
@@ -278,9 +285,10 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *
  * Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see conflict_s.
  */
-void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
+void vw_fusion_fuse_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                          vw_work *restrict work)
 {
-    if (motion->weighed_s > 0) weigh(filter, motion, x, work);
+    if (motion->weighed_s > 0) vw_fusion_weigh_hypotheses(filter, motion, x, work);
     VW_EACH_CELL(c)
     {
         work->soc[c] = x->fused_soc[c];
@@ -295,13 +303,14 @@ void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restric
  * over check_s for y and y^2, over bias_s for y, and over check_s again for the square of that: an innovation that
  * does not average out is an error that the filter takes for charge.
  */
-void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
+void vw_fusion_check_model(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                           vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     VW_EACH_CELL(c)
     {
         const int counts = work->used[c] > 0;
-        const vw_real scale = t->model_error_v / vw_sqrt(vw_noise_v2(motion, x, c));
+        const vw_real scale = t->model_error_v / vw_sqrt(vw_parts_compute_noise_v2(motion, x, c));
         const vw_real y = vw_pick(counts, work->innovation_v[c] * scale, 0);
         const vw_real share = vw_pick(counts, motion->check_share, 0);
         const vw_real bias_share = vw_pick(counts, motion->bias_share, 0);
@@ -312,7 +321,7 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
         x->slow_mean_v[c] += bias_share * (y - slow);
         const int is_small = x->check_square_v2[c] < vw_square(t->check_rms_v);
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
-        const int is_near = (x->climate.drop_error[c] < t->drop_error_max) & (work->soc[c] >= x->climate.lowest_soc[c]);
+        const int is_near = (x->terms.drop_error[c] < t->drop_error_max) & (work->soc[c] >= x->terms.lowest_soc[c]);
         const int is_known = is_near & (vw_abs(motion->current_a) <= filter->model.seen_a);
         work->valid[c] = vw_pick(is_small & is_centred & is_known & (x->conflict[c] < t->conflict_max), 1, 0);
     }

@@ -54,24 +54,31 @@ typedef struct {
     vw_lanes valid;
 } vw_work;
 
-void vw_hold_current(vw_filter *filter, vw_real current_a);
-vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a);
-void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work);
-void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x);
-/* R0 i + sum R_k i_k + e asinh(i / i_ref) of each cell at the resistances of `here`, which vw_values sets [V]. */
-void vw_drop_of(const vw_cell_model *model, const vw_motion *motion, const vw_cells *restrict x, vw_lanes *restrict here,
-                vw_lanes drop_v);
-void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
-void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
-void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
-void vw_watch_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
-void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
-void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work);
-void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
-void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
+void vw_filter_hold_current(vw_filter *filter, vw_real current_a);
+vw_motion vw_predict_make_motion(const vw_filter *filter, vw_real dt_s, vw_real current_a);
+void vw_filter_read_sample(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first,
+                           vw_work *restrict work);
+void vw_predict_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x);
+/* R0 i + sum R_k i_k + e asinh(i / i_ref) of each cell [V]; vw_cell_model_read_values sets the resistances `here`. */
+void vw_output_compute_drop(const vw_cell_model *model, const vw_motion *motion, const vw_cells *restrict x,
+                            vw_lanes *restrict here, vw_lanes drop_v);
+void vw_output_run_sigma(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                         vw_work *restrict work);
+void vw_output_run_tangent(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                           vw_work *restrict work);
+void vw_update_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
+void vw_fusion_accumulate_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                               const vw_work *restrict work);
+void vw_fusion_update_from_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                                const vw_work *restrict work);
+void vw_fusion_compute_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work);
+void vw_fusion_fuse_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                          vw_work *restrict work);
+void vw_fusion_check_model(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                           vw_work *restrict work);
 
 /* The segment of a block for a place at which the tables are looked up: that of the step before, or a new one. */
-static inline vw_segment *vw_segment_of(vw_cells *x, int place, vw_segment *fresh)
+static inline vw_segment *vw_parts_find_segment(vw_cells *x, int place, vw_segment *fresh)
 {
 #if VW_KEEPS_SEGMENTS
     (void)fresh;
@@ -86,16 +93,16 @@ static inline vw_segment *vw_segment_of(vw_cells *x, int place, vw_segment *fres
 static inline vw_real vw_square(vw_real x) { return x * x; }
 
 /* z_s = z - rho sum d_k i_k, the SOC at the surface */
-static inline vw_real vw_surface_soc(const vw_cells *x, int n_pairs, int c)
+static inline vw_real vw_parts_compute_surface_soc(const vw_cells *x, int n_pairs, int c)
 {
     vw_real below = 0;
-    VW_UNROLL for (int k = 0; k < n_pairs; k++) below += x->climate.surface[k][c] * x->branch_a[k][c];
+    VW_UNROLL for (int k = 0; k < n_pairs; k++) below += x->terms.surface[k][c] * x->branch_a[k][c];
     return x->soc[c] - x->resistance[c] * below;
 }
 
 /* asinh(x) = sign(x) ln(|x| + root) with root = sqrt(x^2 + 1), without a call, so that vector instructions take several
  * cells at a time; to 1e-10. */
-static inline vw_real vw_asinh_with(vw_real x, vw_real root)
+static inline vw_real vw_parts_compute_asinh_with(vw_real x, vw_real root)
 {
 #if VW_LANES == 1
     (void)root;
@@ -126,29 +133,32 @@ static inline vw_real vw_asinh_with(vw_real x, vw_real root)
 #endif
 }
 
-static inline vw_real vw_asinh_of(vw_real x) { return vw_asinh_with(x, vw_sqrt(1 + vw_square(x))); }
+static inline vw_real vw_parts_compute_asinh(vw_real x)
+{
+    return vw_parts_compute_asinh_with(x, vw_sqrt(1 + vw_square(x)));
+}
 
 /* r = r_0 + (share of the drop that a lasting current causes at this temperature)^2, with uncertainty [V^2] */
-static inline vw_real vw_noise_v2(const vw_motion *motion, const vw_cells *x, int c)
+static inline vw_real vw_parts_compute_noise_v2(const vw_motion *motion, const vw_cells *x, int c)
 {
-    return motion->noise_v2 + x->climate.noise_ohm2[c] * vw_square(motion->current_a);
+    return motion->noise_v2 + x->terms.noise_ohm2[c] * vw_square(motion->current_a);
 }
 
 /* Growth of the model's error where the cell is nearly empty, which in the cold it looks early. */
-static inline vw_real vw_empty_growth(const vw_cells *x, int c)
+static inline vw_real vw_parts_compute_empty_growth(const vw_cells *x, int c)
 {
-    return 1 + vw_max(x->climate.empty_soc[c] - x->soc[c], 0) * x->climate.empty_rise[c];
+    return 1 + vw_max(x->terms.empty_soc[c] - x->soc[c], 0) * x->terms.empty_rise[c];
 }
 
 /* Variance that the lasting error comes to: at rest, by hysteresis, and as a share of what the slow current drops. */
-static inline vw_real vw_lasting_v2(const vw_motion *motion, const vw_cells *x, int slow_pair, int c)
+static inline vw_real vw_parts_compute_lasting_v2(const vw_motion *motion, const vw_cells *x, int slow_pair, int c)
 {
     const vw_real slow_a = slow_pair < 0 ? motion->current_a : x->branch_a[slow_pair][c];
-    const vw_real grown_a2 = vw_square(slow_a * vw_empty_growth(x, c));
-    return vw_min(x->climate.lasting_v2[c] + x->climate.lasting_ohm2[c] * grown_a2, VW_LASTING_VARIANCE_MAX);
+    const vw_real grown_a2 = vw_square(slow_a * vw_parts_compute_empty_growth(x, c));
+    return vw_min(x->terms.lasting_v2[c] + x->terms.lasting_ohm2[c] * grown_a2, VW_LASTING_VARIANCE_MAX);
 }
 
-static inline vw_real vw_count_v2(const vw_cells *restrict x, int c)
+static inline vw_real vw_parts_compute_count_v2(const vw_cells *restrict x, int c)
 {
     return vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]) + x->anchor_v2[c];
 }

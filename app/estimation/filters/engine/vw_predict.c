@@ -1,11 +1,16 @@
-/* What happens to a state between two samples: everything that moves is linear. */
+/* The prediction: what happens to a state between two samples. Everything that moves is linear.
+ *
+ *   x' = A x + B i,   P' = A P A' + Q,   A = diag(1, a_1 ..),  a_k = exp(-dt / tau_k)
+ *
+ * Source: STATE-SPACE (exact for a current that is constant within a step), EKF-CDKF-2022 (currents as states).
+ */
 #include "vw_parts.h"
 
 #define BEYOND_SHARE ((vw_real)0.1) /* of the charge, at currents beyond those of the cell file */
 
-static vw_real share_of(vw_real dt_s, vw_real time_s) { return 1 - vw_exp(-dt_s / time_s); }
+static vw_real vw_predict_compute_share(vw_real dt_s, vw_real time_s) { return 1 - vw_exp(-dt_s / time_s); }
 
-vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
+vw_motion vw_predict_make_motion(const vw_filter *filter, vw_real dt_s, vw_real current_a)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_cell_model *model = &filter->model;
@@ -29,8 +34,8 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.is_beyond = filter->beyond_a > BEYOND_SHARE * filter->flow_a;
     to.own_share = to.is_beyond ? 1 - 1 / (vw_real)filter->n_cells : 1;
     to.shared_gain = 0;
-    to.check_share = share_of(dt_s, t->check_s);
-    to.bias_share = share_of(dt_s, t->bias_s);
+    to.check_share = vw_predict_compute_share(dt_s, t->check_s);
+    to.bias_share = vw_predict_compute_share(dt_s, t->bias_s);
     const vw_real rest_s = filter->rest_s + dt_s, since_s = filter->since_s + dt_s;
     const int has_rested = filter->rest_s >= 0 && dt_s > 0;
     const int rests = has_rested && vw_abs(current_a) < t->rest_c * model->capacity_ah;
@@ -42,14 +47,15 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.is_rest_cut = has_rested && !rests;
     to.is_rest_on = rests && !to.is_whole_rest && to.weighed_s > 0;
     to.read_rest_s = to.is_whole_rest || to.is_rest_on ? rest_s : is_broken ? filter->rest_s : 0;
-    to.wander_share = share_of(to.weighed_s, t->wander_s);
-    to.conflict_share = share_of(to.weighed_s, t->conflict_s);
-    to.settled_share = share_of(2 * to.weighed_s, t->rest_lasts_s);
+    to.wander_share = vw_predict_compute_share(to.weighed_s, t->wander_s);
+    to.conflict_share = vw_predict_compute_share(to.weighed_s, t->conflict_s);
+    to.settled_share = vw_predict_compute_share(2 * to.weighed_s, t->rest_lasts_s);
     return to;
 }
 
 /* a_k = exp(-dt / tau_k) of each cell. */
-static void decays(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_lanes *decay)
+static void vw_predict_compute_decays(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
+                                      vw_lanes *decay)
 {
     const vw_cell_model *model = &filter->model;
     if (!model->has_tau_table) {
@@ -58,21 +64,21 @@ static void decays(const vw_filter *filter, const vw_motion *motion, const vw_ce
         return;
     }
     vw_soc_place at;
-    vw_place_soc(model, x->soc, &at);
-    vw_time_constants(model, &x->climate.place, &at, decay);
+    vw_cell_model_place_soc(model, x->soc, &at);
+    vw_cell_model_read_time_constants(model, &x->terms.place, &at, decay);
     for (int k = 0; k < model->n_rc; k++)
         VW_EACH_CELL(c) decay[k][c] = vw_exp(-motion->dt_s / decay[k][c]);
 }
 
-void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x)
+void vw_predict_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x)
 {
     const vw_tuning *t = &filter->tuning;
     const int n_rc = filter->model.n_rc;
     const vw_real i = motion->current_a;
     vw_lanes decay[VW_RC_MAX];
-    decays(filter, motion, x, decay);
+    vw_predict_compute_decays(filter, motion, x, decay);
     vw_lanes lasting_v2;
-    VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(motion, x, filter->model.slow_pair, c);
+    VW_EACH_CELL(c) lasting_v2[c] = vw_parts_compute_lasting_v2(motion, x, filter->model.slow_pair, c);
     /* z' = z - m,  P_zz' = keep^2 P_zz + walk,  m = eta i dt / capacity; the count and its sigmas likewise.
      * With a gain g it would be z - m (1 + g): V_z' = V_z - m. */
     const vw_real offset = t->counter_offset_c / VW_SECONDS_PER_HOUR * motion->dt_s;

@@ -20,8 +20,9 @@
 #define ERROR_MIN_V2 ((vw_real)1e-6)
 
 /* Split the drops of a sample into what is slow and the rest; returns the largest of the rest that the model predicts. */
-static vw_real split(int n, vw_real *restrict rows, vw_real dt_s, vw_real share, const vw_real *restrict estimates,
-                     const vw_real *restrict factor, const vw_real *restrict voltage_v)
+static vw_real vw_resistance_split_drift(int n, vw_real *restrict rows, vw_real dt_s, vw_real share,
+                                         const vw_real *restrict estimates, const vw_real *restrict factor,
+                                         const vw_real *restrict voltage_v)
 {
     const vw_real *ocv_v = estimates + VW_OCV_V * n, *model_v = estimates + VW_VOLTAGE_V * n;
     vw_real *slow_y = rows + VW_SLOW_MEASURED * n, *slow_x = rows + VW_SLOW_MODELLED * n, *has = rows + VW_HAS_SLOW * n;
@@ -44,7 +45,7 @@ static vw_real split(int n, vw_real *restrict rows, vw_real dt_s, vw_real share,
     return most;
 }
 
-static void add(int n, vw_real *restrict rows, vw_real dt_s, vw_real fade)
+static void vw_resistance_add_sums(int n, vw_real *restrict rows, vw_real dt_s, vw_real fade)
 {
     const vw_real *y = rows + VW_FAST_MEASURED * n, *x = rows + VW_FAST_MODELLED * n, *known = rows + VW_KNOWN * n;
     vw_real *xx = rows + VW_SUM_XX * n, *xy = rows + VW_SUM_XY * n, *yy = rows + VW_SUM_YY * n;
@@ -57,8 +58,8 @@ static void add(int n, vw_real *restrict rows, vw_real dt_s, vw_real fade)
     }
 }
 
-void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const vw_real *dt_s, const vw_real *estimates,
-                          const vw_real *factor, const vw_real *voltage_v)
+void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const vw_real *dt_s,
+                          const vw_real *estimates, const vw_real *factor, const vw_real *voltage_v)
 {
     vw_real share = 0, fade = 1;
     for (int64_t k = 0; k < n_steps; k++) {
@@ -67,8 +68,9 @@ void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const
             share = 1 - vw_exp(-dt / DRIFT_S);
             fade = vw_exp(-dt / MEMORY_S);
         }
-        const vw_real most = split(n_cells, rows, dt, share, estimates + k * VW_ESTIMATES * n_cells, factor, voltage_v + k * n_cells);
-        if (most >= QUIET_V) add(n_cells, rows, dt, fade);
+        const vw_real most = vw_resistance_split_drift(n_cells, rows, dt, share, estimates + k * VW_ESTIMATES * n_cells,
+                                                       factor, voltage_v + k * n_cells);
+        if (most >= QUIET_V) vw_resistance_add_sums(n_cells, rows, dt, fade);
     }
 }
 
@@ -88,7 +90,7 @@ void vw_resistance_judge(int32_t n_cells, vw_real *rows)
 }
 
 /* 1 + g / (1 + (s / g)^6), g = factor - 1: see shared_factor in resistance_scale.py. */
-static vw_real shared(const vw_learning *learning, vw_real factor)
+static vw_real vw_resistance_shrink_factor(const vw_learning *learning, vw_real factor)
 {
     const vw_real growth = factor - 1, error = growth < 0 ? learning->less_shape_error : learning->shape_error;
     const vw_real growth2 = growth * growth, error2 = error * error;
@@ -96,23 +98,23 @@ static vw_real shared(const vw_learning *learning, vw_real factor)
     return 1 + growth * growth6 / (growth6 + error6);
 }
 
-static int is_learned(const vw_learning *learning, const vw_real *rows, int n, int c)
+static int vw_resistance_is_learned(const vw_learning *learning, const vw_real *rows, int n, int c)
 {
     return rows[VW_FACTOR_SIGMA * n + c] <= learning->sigma_max;
 }
 
 /* Median of the factors that were learned, NaN without any: by ranks, once a second, since nothing is allocated. */
-static vw_real median_factor(const vw_learning *learning, const vw_real *rows, int n)
+static vw_real vw_resistance_find_median(const vw_learning *learning, const vw_real *rows, int n)
 {
     const vw_real *factor = rows + VW_FACTOR * n;
     int n_learned = 0;
     vw_real low = NAN, high = NAN;
-    for (int c = 0; c < n; c++) n_learned += is_learned(learning, rows, n, c);
+    for (int c = 0; c < n; c++) n_learned += vw_resistance_is_learned(learning, rows, n, c);
     for (int c = 0; c < n; c++) {
-        if (!is_learned(learning, rows, n, c)) continue;
+        if (!vw_resistance_is_learned(learning, rows, n, c)) continue;
         int n_less = 0, n_not_more = 0;
         for (int other = 0; other < n; other++) {
-            if (!is_learned(learning, rows, n, other)) continue;
+            if (!vw_resistance_is_learned(learning, rows, n, other)) continue;
             n_less += factor[other] < factor[c];
             n_not_more += factor[other] <= factor[c];
         }
@@ -123,23 +125,27 @@ static vw_real median_factor(const vw_learning *learning, const vw_real *rows, i
 }
 
 /* factor = shared(median) f / median: see filter_factor in resistance_scale.py. */
-static void use_factors(const vw_learning *learning, const vw_real *rows, int n, vw_cells *cells, vw_real *factor)
+static void vw_resistance_use_factors(const vw_learning *learning, const vw_real *rows, int n, vw_cells *cells,
+                                      vw_real *factor)
 {
-    const vw_real median = median_factor(learning, rows, n), typical = vw_is_missing(median) ? 1 : shared(learning, median);
+    const vw_real median = vw_resistance_find_median(learning, rows, n), typical = vw_is_missing(median) ? 1
+        : vw_resistance_shrink_factor(learning, median);
     for (int c = 0; c < n; c++) {
-        const vw_real ratio = is_learned(learning, rows, n, c) ? rows[VW_FACTOR * n + c] / median : 1;
+        const vw_real ratio = vw_resistance_is_learned(learning, rows, n, c) ? rows[VW_FACTOR * n + c] / median : 1;
         cells[c / VW_LANES].resistance[c % VW_LANES] = factor[c] = typical * ratio;
     }
 }
 
 void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_learning *learning, int64_t n_steps,
-                         const vw_real *dt_s, const vw_real *lasted_s, const vw_real *current_a, const vw_real *voltage_v,
-                         const vw_real *learnt_v, const vw_real *temperature_degc, vw_real *factor, vw_real *estimates)
+                         const vw_real *dt_s, const vw_real *lasted_s, const vw_real *current_a,
+                         const vw_real *voltage_v, const vw_real *learnt_v, const vw_real *temperature_degc,
+                         vw_real *factor, vw_real *estimates)
 {
     const int n = filter->n_cells;
     for (int64_t k = 0; k < n_steps; k++) {
         vw_real *row = estimates + k * VW_ESTIMATES * n;
-        vw_filter_record(filter, cells, 1, dt_s + k, current_a + k, voltage_v + k * n, temperature_degc + k * n, VW_ESTIMATES, row);
+        vw_filter_record(filter, cells, 1, dt_s + k, current_a + k, voltage_v + k * n, temperature_degc + k * n,
+                         VW_ESTIMATES, row);
         /* at rest the filter settles, and a voltage that it moves by is no drop */
         const int flows = filter->flow_a > filter->tuning.rest_c * filter->model.capacity_ah;
         if (flows) vw_resistance_record(n, rows, 1, lasted_s + k, row, factor, learnt_v + k * n);
@@ -147,6 +153,6 @@ void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_l
         if (learning->since_s < learning->every_s) continue;
         learning->since_s = 0;
         vw_resistance_judge(n, rows);
-        use_factors(learning, rows, n, cells, factor);
+        vw_resistance_use_factors(learning, rows, n, cells, factor);
     }
 }

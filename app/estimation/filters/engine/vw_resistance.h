@@ -28,8 +28,8 @@ enum {
 
 /* Take n_steps samples: estimates by vw_filter_record, the resistances (n_cells) used for them over those of the
  * model, and the voltages that were measured (n_steps x n_cells), NaN = missing. */
-void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const vw_real *dt_s, const vw_real *estimates,
-                          const vw_real *factor, const vw_real *voltage_v);
+void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const vw_real *dt_s,
+                          const vw_real *estimates, const vw_real *factor, const vw_real *voltage_v);
 
 /* Put factors and their sigmas into their rows. */
 void vw_resistance_judge(int32_t n_cells, vw_real *rows);
@@ -46,7 +46,8 @@ typedef struct {
 /* vw_filter_record, with resistances learned and used on the way. `lasted_s` is the time since the sample before, gaps
  * included; `learnt_v` the voltages that are learned from; `factor` (n_cells) what is in use. */
 void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_learning *learning, int64_t n_steps,
-                         const vw_real *dt_s, const vw_real *lasted_s, const vw_real *current_a, const vw_real *voltage_v,
-                         const vw_real *learnt_v, const vw_real *temperature_degc, vw_real *factor, vw_real *estimates);
+                         const vw_real *dt_s, const vw_real *lasted_s, const vw_real *current_a,
+                         const vw_real *voltage_v, const vw_real *learnt_v, const vw_real *temperature_degc,
+                         vw_real *factor, vw_real *estimates);
 
 #endif

@@ -8,59 +8,60 @@
 
 enum { VW_OCV_SLOPE = VW_COLUMNS_MAX, N_ROWS }; /* after the columns of the tables: dOCV/dz_s [V] */
 
-static vw_real number_of(const vw_real *values, int k) { return values ? values[k] : NAN; }
+static vw_real vw_start_read_number(const vw_real *values, int k) { return values ? values[k] : NAN; }
 
 /* Variance of the voltage at the start where the SOC is x->soc, and what each branch has of it: ohm^2 branch_v2 [V^2],
  * ohm = rho (R_k + d_k dOCV/dz_s). */
-static vw_real start_voltage_v2(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
-                                vw_lanes *here, int c, vw_real *ohm, vw_real *branch_v2)
+static vw_real vw_start_compute_voltage_v2(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
+                                           vw_lanes *here, int c, vw_real *ohm, vw_real *branch_v2)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_cell_model *model = &filter->model;
     const vw_real pair_v2 =
         vw_square(t->start_branch_c * model->capacity_ah) + vw_square(t->start_branch_rel * motion->current_a);
-    vw_real voltage_v2 = vw_noise_v2(motion, x, c);
+    vw_real voltage_v2 = vw_parts_compute_noise_v2(motion, x, c);
     for (int k = 0; k < model->n_rc; k++) {
-        const int is_pair = k < vw_pairs(model);
-        branch_v2[k] = is_pair ? pair_v2 : vw_lasting_v2(motion, x, model->slow_pair, c);
-        ohm[k] = x->resistance[c] * (is_pair ? here[VW_R1 + k][c] + x->climate.surface[k][c] * here[VW_OCV_SLOPE][c] : 1);
+        const int is_pair = k < vw_cell_model_count_pairs(model);
+        branch_v2[k] = is_pair ? pair_v2 : vw_parts_compute_lasting_v2(motion, x, model->slow_pair, c);
+        ohm[k] = x->resistance[c] * (is_pair ? here[VW_R1 + k][c] + x->terms.surface[k][c] * here[VW_OCV_SLOPE][c] : 1);
         voltage_v2 += vw_square(ohm[k]) * branch_v2[k];
     }
     return voltage_v2;
 }
 
 /* Tables where the surface is at x->soc and the branch currents, and the slope of the OCV there: N_ROWS rows. */
-static void look_up(const vw_filter *filter, const vw_cells *restrict x, vw_lanes *here)
+static void vw_start_read_tables(const vw_filter *filter, const vw_cells *restrict x, vw_lanes *here)
 {
     vw_soc_place at;
     vw_segment segment;
     vw_lanes soc;
     VW_EACH_CELL(c) segment.column[c] = VW_NOWHERE;
-    VW_EACH_CELL(c) soc[c] = vw_surface_soc(x, vw_pairs(&filter->model), c);
-    vw_place_soc(&filter->model, soc, &at);
-    vw_ocv_slope(&filter->model, &at, here[VW_OCV_SLOPE]);
-    vw_circuit(&filter->model, &x->climate.place, &at, &segment);
-    vw_values(&filter->model, &segment, &at, here);
+    VW_EACH_CELL(c) soc[c] = vw_parts_compute_surface_soc(x, vw_cell_model_count_pairs(&filter->model), c);
+    vw_cell_model_place_soc(&filter->model, soc, &at);
+    vw_cell_model_read_ocv_slope(&filter->model, &at, here[VW_OCV_SLOPE]);
+    vw_cell_model_read_circuit(&filter->model, &x->terms.place, &at, &segment);
+    vw_cell_model_read_values(&filter->model, &segment, &at, here);
 }
 
 /* RC currents: a fast pair has followed half of the current, a slow one what flowed before, in a drive far less.
  *
  *   i_k = start_branch_rel i / (1 + tau_k / start_branch_s)
  */
-static void start_branches(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x)
+static void vw_start_init_branches(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x)
 {
     const vw_cell_model *model = &filter->model;
     const vw_tuning *t = &filter->tuning;
     vw_lanes tau_s[VW_RC_MAX];
     vw_soc_place at;
     VW_EACH_CELL(c) x->soc[c] = (vw_real)0.5;
-    vw_place_soc(model, x->soc, &at);
-    if (model->has_tau_table) vw_time_constants(model, &x->climate.place, &at, tau_s);
+    vw_cell_model_place_soc(model, x->soc, &at);
+    if (model->has_tau_table) vw_cell_model_read_time_constants(model, &x->terms.place, &at, tau_s);
     for (int k = 0; k < model->n_rc; k++)
         VW_EACH_CELL(c)
         {
             const vw_real tau = model->has_tau_table ? tau_s[k][c] : model->tau_s[k];
-            x->branch_a[k][c] = k < vw_pairs(model) ? t->start_branch_rel * motion->current_a / (1 + tau / t->start_branch_s) : 0;
+            x->branch_a[k][c] = k < vw_cell_model_count_pairs(model)
+                ? t->start_branch_rel * motion->current_a / (1 + tau / t->start_branch_s) : 0;
         }
 }
 
@@ -70,22 +71,22 @@ static void start_branches(const vw_filter *filter, const vw_motion *motion, vw_
  *
  * In a plateau that is its middle, as unsure as it is wide. Exponents count from the likeliest SOC so far.
  */
-static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
-                             const vw_work *restrict work, vw_lanes *here, vw_lanes variance)
+static void vw_start_estimate_soc(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                                  const vw_work *restrict work, vw_lanes *here, vw_lanes variance)
 {
     const vw_cell_model *model = &filter->model;
     vw_lanes best, sum, first, second, drop_v;
-    start_branches(filter, motion, x);
+    vw_start_init_branches(filter, motion, x);
     VW_EACH_CELL(c) sum[c] = first[c] = second[c] = best[c] = 0;
     for (int j = 0; j < START_POINTS; j++) {
         const vw_real z = (vw_real)j / (START_POINTS - 1);
         VW_EACH_CELL(c) x->soc[c] = z;
-        look_up(filter, x, here);
-        vw_drop_of(model, motion, x, here, drop_v);
+        vw_start_read_tables(filter, x, here);
+        vw_output_compute_drop(model, motion, x, here, drop_v);
         VW_EACH_CELL(c)
         {
             vw_real ohm[VW_RC_MAX], branch_v2[VW_RC_MAX];
-            const vw_real voltage_v2 = start_voltage_v2(filter, motion, x, here, c, ohm, branch_v2);
+            const vw_real voltage_v2 = vw_start_compute_voltage_v2(filter, motion, x, here, c, ohm, branch_v2);
             const vw_real off_v = work->voltage_v[c] - (here[VW_OCV][c] - x->resistance[c] * drop_v[c]);
             const vw_real likely = -vw_square(off_v) / voltage_v2 / 2;
             const int is_best = j == 0 || likely > best[c];
@@ -104,17 +105,17 @@ static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, v
         variance[c] = vw_max(second[c] / sum[c] - vw_square(x->soc[c]), 0) + vw_square(filter->tuning.start_voltage_sigma);
         variance[c] = is_missing ? VW_SOC_VARIANCE_MAX : vw_min(variance[c], VW_SOC_VARIANCE_MAX);
     }
-    look_up(filter, x, here);
+    vw_start_read_tables(filter, x, here);
 }
 
 /* The RC currents' spread is one of the SOC too, so both share a covariance: as over a line of slope s / sigma. */
-static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work,
-                       vw_lanes *here, const vw_lanes variance)
+static void vw_start_init_covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                                     const vw_work *restrict work, vw_lanes *here, const vw_lanes variance)
 {
     VW_EACH_CELL(c)
     {
         vw_real branch_v2[VW_RC_MAX], ohm[VW_RC_MAX];
-        const vw_real voltage_v2 = start_voltage_v2(filter, motion, x, here, c, ohm, branch_v2);
+        const vw_real voltage_v2 = vw_start_compute_voltage_v2(filter, motion, x, here, c, ohm, branch_v2);
         const vw_real slope_v = vw_sqrt(voltage_v2 / variance[c]);
         x->cov[0][c] = variance[c];
         for (int k = 0; k < filter->model.n_rc; k++) {
@@ -125,7 +126,7 @@ static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cell
     }
 }
 
-static void forget(const vw_filter *filter, vw_cells *restrict x)
+static void vw_start_reset_state(const vw_filter *filter, vw_cells *restrict x)
 {
     VW_EACH_CELL(c)
     {
@@ -140,7 +141,7 @@ static void forget(const vw_filter *filter, vw_cells *restrict x)
 }
 
 /* A given SOC is right within its sigma, or roughly, or not at all. */
-static void suppose(const vw_tuning *t, vw_cells *restrict x, int c, vw_real soc, vw_real sigma)
+static void vw_start_init_hypotheses(const vw_tuning *t, vw_cells *restrict x, int c, vw_real soc, vw_real sigma)
 {
     const int is_given = !vw_is_missing(soc);
     const vw_real exact = vw_is_missing(sigma) ? t->counter_soc_sigma : sigma;
@@ -159,14 +160,14 @@ static void suppose(const vw_tuning *t, vw_cells *restrict x, int c, vw_real soc
 }
 
 /* The count begins at the SOC given, or else where the voltage says; a filter without a count begins there too. */
-static void begin(const vw_filter *filter, vw_cells *restrict x, int c, vw_real soc, vw_real sigma)
+static void vw_start_init_cell(const vw_filter *filter, vw_cells *restrict x, int c, vw_real soc, vw_real sigma)
 {
     x->count_soc[c] = vw_clip(x->soc[c], VW_SOC_MIN, VW_SOC_MAX);
     x->anchor_v2[c] = x->cov[0][c];
     x->soc[c] = x->count_soc[c];
     x->apart[c] = 0;
     x->apart_v2[c] = x->cov[0][c];
-    suppose(&filter->tuning, x, c, soc, sigma);
+    vw_start_init_hypotheses(&filter->tuning, x, c, soc, sigma);
     if (vw_is_missing(soc)) return;
     const int is_counted = filter->kind == VW_COUNT || filter->kind == VW_SIGMA_FUSED;
     if (vw_is_missing(sigma))
@@ -190,7 +191,7 @@ void vw_filter_init(vw_filter *filter, vw_cells *cells)
         VW_EACH_CELL(c)
         {
             x->temperature_degc[c] = TEMPERATURE_UNKNOWN_DEGC;
-            x->climate.degc[c] = NAN;
+            x->terms.degc[c] = NAN;
             x->capacity_ah[c] = filter->model.capacity_ah;
             x->resistance[c] = 1;
         }
@@ -198,20 +199,21 @@ void vw_filter_init(vw_filter *filter, vw_cells *cells)
 }
 
 /* A block as its voltages alone say. */
-static void start_block(const vw_filter *filter, const vw_motion *motion, const vw_sample *sample, int block, vw_cells *cells)
+static void vw_start_init_block(const vw_filter *filter, const vw_motion *motion, const vw_sample *sample, int block,
+                                vw_cells *cells)
 {
     vw_cells *restrict x = &cells[block];
     vw_work work;
     vw_lanes here[N_ROWS], variance;
-    vw_read(filter, x, sample, block * VW_LANES, &work);
-    soc_from_voltage(filter, motion, x, &work, here, variance);
-    covariance(filter, motion, x, &work, here, variance);
-    forget(filter, x);
+    vw_filter_read_sample(filter, x, sample, block * VW_LANES, &work);
+    vw_start_estimate_soc(filter, motion, x, &work, here, variance);
+    vw_start_init_covariance(filter, motion, x, &work, here, variance);
+    vw_start_reset_state(filter, x);
     VW_EACH_CELL(c) x->rest_mean_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
 }
 
 /* Mean SOC of the cells that were measured. */
-static vw_real mean_soc(const vw_filter *filter, vw_cells *cells, const vw_sample *sample)
+static vw_real vw_start_compute_mean_soc(const vw_filter *filter, vw_cells *cells, const vw_sample *sample)
 {
     vw_real sum = 0;
     int n_seen = 0;
@@ -219,7 +221,7 @@ static vw_real mean_soc(const vw_filter *filter, vw_cells *cells, const vw_sampl
     for (int k = 0; k < filter->n_cells; k++) {
         vw_cells *restrict x = &cells[k / VW_LANES];
         const int c = k % VW_LANES;
-        if (c == 0) vw_read(filter, x, sample, k, &work);
+        if (c == 0) vw_filter_read_sample(filter, x, sample, k, &work);
         if (vw_is_missing(work.voltage_v[c])) continue;
         sum += x->soc[c];
         n_seen++;
@@ -231,21 +233,21 @@ void vw_filter_start_part(vw_filter *filter, vw_cells *cells, const vw_sample *s
                           const vw_real *soc_sigma, int32_t first, int32_t n)
 {
     const int32_t n_blocks = VW_BLOCKS(filter->n_cells), end = first + n < n_blocks ? first + n : n_blocks;
-    vw_hold_current(filter, sample->current_a);
+    vw_filter_hold_current(filter, sample->current_a);
     filter->since_s = filter->tuning.weighing_s;
     filter->rest_s = 0;
-    const vw_motion motion = vw_motion_of(filter, 0, filter->current_a);
-    for (int32_t block = first; block < end; block++) start_block(filter, &motion, sample, block, cells);
+    const vw_motion motion = vw_predict_make_motion(filter, 0, filter->current_a);
+    for (int32_t block = first; block < end; block++) vw_start_init_block(filter, &motion, sample, block, cells);
     if (end < n_blocks) return;
     /* a cell that was not measured begins at the mean of the others, as unknown as can be */
-    const vw_real mean = mean_soc(filter, cells, sample);
+    const vw_real mean = vw_start_compute_mean_soc(filter, cells, sample);
     vw_work work;
     for (int k = 0; k < filter->n_cells; k++) {
         vw_cells *restrict x = &cells[k / VW_LANES];
         const int c = k % VW_LANES;
-        if (c == 0) vw_read(filter, x, sample, k, &work);
+        if (c == 0) vw_filter_read_sample(filter, x, sample, k, &work);
         if (vw_is_missing(work.voltage_v[c])) x->soc[c] = mean;
-        begin(filter, x, c, number_of(soc, k), number_of(soc_sigma, k));
+        vw_start_init_cell(filter, x, c, vw_start_read_number(soc, k), vw_start_read_number(soc_sigma, k));
     }
 }
 

@@ -5,7 +5,7 @@
  *
  * P' cannot lose definiteness: S - P_xy' P^-1 P_xy = R + k q^2 > 0, and R is never below the model's own variance.
  *
- * The gain g of the charge is learned next to the filter, which goes on as if there were none (Friedland 1969): with one
+ * The gain g of the charge is learned next to the filter, which goes on as if there were none (Friedland): with one
  * the mean would be x + V g and its innovation nu - H V g.
  *
  *   g' = g + M H V (nu - H V g) / (S_g + (H V)^2 M),   M' = M S_g / (S_g + (H V)^2 M),   V' = V - K H V
@@ -15,11 +15,13 @@
  * a cold cell, whose slow overpotential looks like charge. Beyond the temperatures that the cell file has seen nothing is
  * learned. Beyond its currents the model errs as charge would, and alike for all cells: what they differ by counts, their
  * mean does not. Each of n cells moves by what its sample says less the mean of the sample before, M by a share 1 - 1/n.
+ *
+ * Source: EKF-CDKF-2022 for x, P and K; Friedland, IEEE Trans. Automatic Control 14 (1969) 359, for g, V and M.
  */
 #include "vw_parts.h"
 
-VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
-                      vw_work *restrict work)
+VW_INLINE void vw_update_states(const int n_states, const vw_filter *filter, const vw_motion *motion,
+                                vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real gate_v2 = vw_square(t->gate), widening = vw_square(t->gate_recovery) * motion->dt_s;
@@ -35,7 +37,7 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
             HV += work->H[u][c] * x->gain_slope[u][c];
         }
         /* the model's error grows near empty and where nothing was measured */
-        const vw_real noise_v2 = vw_noise_v2(motion, x, c) * vw_square(vw_empty_growth(x, c));
+        const vw_real noise_v2 = vw_parts_compute_noise_v2(motion, x, c) * vw_square(vw_parts_compute_empty_growth(x, c));
         const vw_real expected_v2 = Pyy + noise_v2, S = Pyy + noise_v2 * motion->correlation;
         const vw_real nu = work->voltage_v[c] - work->h[c];
         /* gate: nu^2 <= gate^2 S, or outside it for longer than gate_hold_s; then the SOC's variance grows */
@@ -51,9 +53,9 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
         work->used[c] = vw_pick(is_used, 1, 0);
         /* g */
-        const int learns = is_used & (motion->own_share > 0) & (x->climate.drop_error[c] < t->drop_error_max);
+        const int learns = is_used & (motion->own_share > 0) & (x->terms.drop_error[c] < t->drop_error_max);
         const vw_real lasting_v2 = vw_square(work->H[0][c]) * x->wander_v2[c] + x->slow_square_v2[c];
-        const vw_real S_g = x->climate.cold2[c] * (S + motion->correlation * lasting_v2);
+        const vw_real S_g = x->terms.cold2[c] * (S + motion->correlation * lasting_v2);
         const vw_real M = x->gain_v2[c], gain_v2 = S_g + vw_square(HV) * M;
         const vw_real per_both = 1 / (gain_v2 * S), per_v2 = S * per_both; /* a division takes longer than all else */
         const vw_real moved = M * HV * (nu - HV * x->gain[c]) * per_v2;
@@ -73,15 +75,15 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
     }
 }
 
-void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
+void vw_update_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     const int n_states = 1 + filter->model.n_rc;
     /* with a number that the compiler knows a cell's covariance stays in registers */
     switch (VW_LANES > 1 ? n_states : 0) {
-    case 2: update(2, filter, motion, x, work); break;
-    case 3: update(3, filter, motion, x, work); break;
-    case 4: update(4, filter, motion, x, work); break;
-    case 5: update(5, filter, motion, x, work); break;
-    default: update(VW_LANES > 1 ? VW_STATES_MAX : n_states, filter, motion, x, work);
+    case 2: vw_update_states(2, filter, motion, x, work); break;
+    case 3: vw_update_states(3, filter, motion, x, work); break;
+    case 4: vw_update_states(4, filter, motion, x, work); break;
+    case 5: vw_update_states(5, filter, motion, x, work); break;
+    default: vw_update_states(VW_LANES > 1 ? VW_STATES_MAX : n_states, filter, motion, x, work);
     }
 }

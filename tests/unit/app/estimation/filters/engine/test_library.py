@@ -44,10 +44,10 @@ def test_structs_have_the_fields_of_their_headers_in_order(struct, name, ours):
 
 
 def test_state_rows_have_the_same_names_in_c_in_numpy_and_in_the_reference():
-    *rows, climate, segments = fields_of("vw_cells", "vw_filter.h")
+    *rows, terms, segments = fields_of("vw_cells", "vw_filter.h")
     assert rows == list(library.CELL_ROWS) == [each.name for each in fields(State)]
     # what the engine keeps of temperatures and tables to look them up but once
-    assert (climate, segments) == ("climate", "segments")
+    assert (terms, segments) == ("terms", "segments")
     assert list(library.SEGMENT.names) == fields_of("vw_segment", "vw_cell_model.h")
 
 
