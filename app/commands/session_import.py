@@ -107,7 +107,7 @@ def show_columns(args: argparse.Namespace) -> int:
 
     path = existing("file", args.file)
     if args.dbc is not None:
-        signals = sorted(read_signals(path, args.dbc).found)
+        signals = sorted(read_signals(path, args.dbc).by_name)
         print(json.dumps({"signals": signals}, indent=2) if args.json else "\n".join(signals))
         return 0
     table = read_table(path)
@@ -116,9 +116,9 @@ def show_columns(args: argparse.Namespace) -> int:
         notes = [render(note) for note in table.notes]
         print(json.dumps({"columns": columns, "notes": notes, "profile": asdict(guess(table))}, indent=2))
         return 0
-    for i, each in enumerate(columns, 1):
-        span = "empty" if each["lowest"] is None else f"{each['lowest']:.6g} to {each['highest']:.6g}"
-        print(printable(f"{i:>4}  {each['name']}: {span}"))
+    for i, column in enumerate(columns, 1):
+        span = "empty" if column["lowest"] is None else f"{column['lowest']:.6g} to {column['highest']:.6g}"
+        print(printable(f"{i:>4}  {column['name']}: {span}"))
     for note in table.notes:
         print(f"# {render(note)}")
     print("# guessed profile\n" + profile_text(guess(table)), end="")
@@ -126,8 +126,8 @@ def show_columns(args: argparse.Namespace) -> int:
 
 
 def _span(name: str, values: FloatArray) -> dict[str, Any]:
-    known = [value for value in values.tolist() if math.isfinite(value)]
-    lowest, highest = (min(known), max(known)) if known else (None, None)
+    finite = [value for value in values.tolist() if math.isfinite(value)]
+    lowest, highest = (min(finite), max(finite)) if finite else (None, None)
     return {"name": name, "lowest": lowest, "highest": highest}
 
 

@@ -83,14 +83,14 @@ def load_connections(folder: Path) -> Connections | None:
         return None
     try:
         try:
-            found = _choice(path.read_bytes())
+            connections = _choice(path.read_bytes())
         except (TypeError, ValueError):
             set_aside(path)
             return None
     except OSError as error:
         raise ConfigError("data", path, str(error)) from error
-    check_battery(folder, found.battery)
-    return found
+    check_battery(folder, connections.battery)
+    return connections
 
 
 def check_battery(folder: Path, battery: str) -> None:
@@ -188,22 +188,22 @@ class Setup:
 
     def batteries(self) -> dict[str, LoadedBattery]:
         """Return bundled, uploaded and present batteries by what `--battery` takes, without those that are wrong."""
-        found = {}
+        batteries = {}
         for name in (*bundled_profiles(), self.in_force.battery):
             with contextlib.suppress(Exception):
-                found[name] = load_battery(name)
+                batteries[name] = load_battery(name)
         for path in _uploaded(self._folder):
             with contextlib.suppress(Exception):
-                found[str(path)] = self._uploaded_battery(path)
-        return found
+                batteries[str(path)] = self._uploaded_battery(path)
+        return batteries
 
     def _uploaded_battery(self, path: Path) -> LoadedBattery:
         """An uploaded battery, read again where its profile changed."""
         changed_ns = path.stat().st_mtime_ns
-        known = self._loaded.get(path)
-        if known is None or known[0] != changed_ns:
-            known = self._loaded[path] = changed_ns, self.load(str(path), own_folder=True)
-        return known[1]
+        loaded = self._loaded.get(path)
+        if loaded is None or loaded[0] != changed_ns:
+            loaded = self._loaded[path] = changed_ns, self.load(str(path), own_folder=True)
+        return loaded[1]
 
     def upload(self, files: dict[str, bytes]) -> str:
         """Keep a profile and its DBCs in the data folder; return the name by which it can be chosen.

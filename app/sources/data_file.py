@@ -66,11 +66,11 @@ def _hints(kind: type) -> dict[str, Any]:
 def _fits(value: object, hint: Any) -> bool:
     origin, args = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
-        return any(_fits(value, each) for each in args)
+        return any(_fits(value, arg) for arg in args)
     if origin is Literal:
         return value in args
     if origin is tuple:
-        return isinstance(value, tuple) and all(_fits(each, args[0]) for each in value)
+        return isinstance(value, tuple) and all(_fits(element, args[0]) for element in value)
     if hint in (int, float):
         is_number = isinstance(value, hint | int) and not isinstance(value, bool)
         return is_number and (isinstance(value, float) or -(1 << 63) <= value < 1 << 63)  # type: ignore[operator]
@@ -109,8 +109,8 @@ def _require_depth(value: object, left: int) -> None:
     if isinstance(value, dict | list):
         if left == 0:
             raise ValueError("nested too deep")
-        for each in value.values() if isinstance(value, dict) else value:
-            _require_depth(each, left - 1)
+        for element in value.values() if isinstance(value, dict) else value:
+            _require_depth(element, left - 1)
 
 
 def replace_file(path: Path, content: bytes, *, is_private: bool = False) -> None:

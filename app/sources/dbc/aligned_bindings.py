@@ -26,33 +26,33 @@ class AlignedBindings:
         """Collect them out of all lanes."""
         self.ids = tuple(
             can_id
-            for can_id, each in sorted(lanes.by_id.items())
-            if all(_is_plain(lane, lanes.messages[can_id]) for lane in each)
+            for can_id, bindings in sorted(lanes.by_id.items())
+            if all(_is_plain(lane, lanes.messages[can_id]) for lane in bindings)
         )
-        found = [lane for can_id in self.ids for lane in lanes.by_id[can_id]]
-        layouts = [lane.layout for lane in found]
+        ordered = [lane for can_id in self.ids for lane in lanes.by_id[can_id]]
+        layouts = [lane.layout for lane in ordered]
         self._can_id = np.array(self.ids, np.uint32)
         self._count = np.array([len(lanes.by_id[can_id]) for can_id in self.ids], np.intp)
         self._first = np.cumsum(self._count) - self._count  # lane of each message
-        self.kinds = tuple(dict.fromkeys(lane.kind for lane in found))
-        self._kind = np.array([self.kinds.index(lane.kind) for lane in found], np.intp)
-        self._index = np.array([lane.index for lane in found], np.intp)
-        self._is_little = np.array([each.is_little_endian for each in layouts], np.bool_)
-        places = [_place(lane) for lane in found]
+        self.kinds = tuple(dict.fromkeys(lane.kind for lane in ordered))
+        self._kind = np.array([self.kinds.index(lane.kind) for lane in ordered], np.intp)
+        self._index = np.array([lane.index for lane in ordered], np.intp)
+        self._is_little = np.array([layout.is_little_endian for layout in layouts], np.bool_)
+        places = [_place(lane) for lane in ordered]
         self._at = np.array([at for at, _ in places], np.intp)  # offset of the word in a padded frame
         self._shift = np.array([shift for _, shift in places], np.uint64)
-        self._mask = np.array([(1 << each.length) - 1 for each in layouts], np.uint64)
-        self._sign = np.array([1 << (each.length - 1) if each.is_signed else 0 for each in layouts], np.int64)
-        self._scale = np.array([each.scale for each in layouts])
-        self._offset = np.array([each.offset for each in layouts])
-        self._end = np.array([each.end_byte for each in layouts], np.intp)
-        codes = [() if lane.entry is None else lane.entry.invalid for lane in found]
-        self._invalid = np.full((len(found), max(map(len, codes), default=0)), _NO_CODE, np.int64)
-        for row, each in zip(self._invalid, codes, strict=True):
-            row[: len(each)] = each
-        ranges = [None if lane.entry is None else lane.entry.valid_range for lane in found]
-        self._low = np.array([-np.inf if each is None else each[0] for each in ranges])
-        self._high = np.array([np.inf if each is None else each[1] for each in ranges])
+        self._mask = np.array([(1 << layout.length) - 1 for layout in layouts], np.uint64)
+        self._sign = np.array([1 << (layout.length - 1) if layout.is_signed else 0 for layout in layouts], np.int64)
+        self._scale = np.array([layout.scale for layout in layouts])
+        self._offset = np.array([layout.offset for layout in layouts])
+        self._end = np.array([layout.end_byte for layout in layouts], np.intp)
+        codes = [() if lane.entry is None else lane.entry.invalid for lane in ordered]
+        self._invalid = np.full((len(ordered), max(map(len, codes), default=0)), _NO_CODE, np.int64)
+        for row, code in zip(self._invalid, codes, strict=True):
+            row[: len(code)] = code
+        ranges = [None if lane.entry is None else lane.entry.valid_range for lane in ordered]
+        self._low = np.array([-np.inf if bounds is None else bounds[0] for bounds in ranges])
+        self._high = np.array([np.inf if bounds is None else bounds[1] for bounds in ranges])
 
     def decode(self, frames: Frames) -> Iterator[tuple[str, tuple[IntArray, IntArray, FloatArray]]]:
         """Yield kind, and rows of the frames, channels and values, in the order of the frames."""

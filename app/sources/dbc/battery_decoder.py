@@ -36,7 +36,7 @@ class BatteryDecoder:
         self.source = source
         self.lanes = bind_signals(battery, source, definitions)
         self._plain = AlignedBindings(self.lanes)
-        self._remaining = {k: each for k, each in self.lanes.messages.items() if k not in set(self._plain.ids)}
+        self._remaining = {k: message for k, message in self.lanes.messages.items() if k not in set(self._plain.ids)}
         self.bad_checksums = 0
         self.beyond: dict[str, int] = defaultdict(int)  # values of numbers that no cell has, by signal
 
@@ -59,7 +59,7 @@ class BatteryDecoder:
                 if read is not None:
                     here, index, value = read
                     parts[lane.kind].append((rows if here is None else rows[here], index, value))
-        return {kind: _in_order(frames, each) for kind, each in parts.items()}
+        return {kind: _in_order(frames, part) for kind, part in parts.items()}
 
     def _read(
         self, lane: SignalBinding, group: MessageFrames, here: BoolArray | None
@@ -80,12 +80,12 @@ class BatteryDecoder:
         elif lane.numbers and lane.entry is not None:
             index = self._channels(lane, group)
         if index is not None:
-            known = index >= 0
-            if lane.numbers and not known.all():
-                counted = known if here is None else known | ~here
+            is_known = index >= 0
+            if lane.numbers and not is_known.all():
+                counted = is_known if here is None else is_known | ~here
                 self.beyond[f"{group.message.name}.{lane.signal}"] += int(np.count_nonzero(~counted))
-            if lane.table is not None or not known.all():
-                here = _both(here, known)
+            if lane.table is not None or not is_known.all():
+                here = _both(here, is_known)
         rows = None if here is None or here.all() else np.flatnonzero(here)
         if rows is not None and not len(rows):
             return None
@@ -147,8 +147,8 @@ def _has_orion_checksum(group: MessageFrames) -> BoolArray:
     frames = group.frames
     total = (frames.can_id & _ORION_ID).astype(np.int64) + frames.length + frames.data.sum(axis=1, dtype=np.int64)
     last = frames.data[np.arange(len(frames)), np.maximum(frames.length, 1).astype(np.intp) - 1].astype(np.int64)
-    found: BoolArray = ((total - last) & 0xFF) == last
-    return found
+    is_valid: BoolArray = ((total - last) & 0xFF) == last
+    return is_valid
 
 
 def _in_order(frames: Frames, parts: list[tuple[IntArray, IntArray, FloatArray]]) -> ChannelValues:

@@ -57,8 +57,8 @@ def known_conversion(kind: str, unit: str) -> tuple[float, float] | None:
     if kind == "soc":
         return {"%": (0.01 * count, 0.0), "percent": (0.01 * count, 0.0), "pct": (0.01 * count, 0.0)}.get(low)
     if kind == "temperature":
-        found = _TEMPERATURES.get(low.replace("�", "°").replace("º", "°").replace("â", ""))
-        return (found[0] * count, found[1]) if found else None
+        conversion = _TEMPERATURES.get(low.replace("�", "°").replace("º", "°").replace("â", ""))
+        return (conversion[0] * count, conversion[1]) if conversion else None
     base = _BASE.get(kind, "")
     low = _WORDS.get(low, low).replace("ω", "ohm").replace("ohms", "ohm")
     if not base or not low.endswith(base):
@@ -70,8 +70,8 @@ def known_conversion(kind: str, unit: str) -> tuple[float, float] | None:
 
 def _count(text: str) -> tuple[float, str]:
     """A number in front of the unit, as in 0.1mV or 100uV."""
-    found = re.match(r"(\d+(?:[.,]\d+)?)[*x]?(.+)", text)
-    return (float(found[1].replace(",", ".")), found[2]) if found else (1.0, text)
+    match = re.match(r"(\d+(?:[.,]\d+)?)[*x]?(.+)", text)
+    return (float(match[1].replace(",", ".")), match[2]) if match else (1.0, text)
 
 
 _UNITS = {
@@ -170,30 +170,30 @@ def bind_signals(battery: Battery, source: DbcMapping, definitions: Definitions)
     """Return which bits of which frame are which cell, and what of the profile fits nothing."""
     troubles: list[BindingIssue] = []
     segments = {kind: segments_of(battery, kind) for kind in source.cells}
-    found: list[SignalBinding] = []
+    bindings: list[SignalBinding] = []
     for kind, entries in source.cells.items():
         for i, entry in enumerate(entries):
             lanes = list(_cell_lanes(kind, entry, segments[kind], definitions, troubles, f"source.{kind}[{i}]"))
-            found += lanes
+            bindings += lanes
     for name in ("current", "pack_voltage", "soc", "charger_voltage", "charger_current"):
         reading: ScalarSignal | None = getattr(source, name)
         if reading is not None:
-            found += _reading_lanes(name, reading, definitions, troubles)
+            bindings += _reading_lanes(name, reading, definitions, troubles)
     for name, state in source.states.items():
         for message, signal in find_signals(definitions, state.signal, troubles, f"source.state.{name}", state.line):
-            found.append(_lane(f"state.{name}", message, signal))
+            bindings.append(_lane(f"state.{name}", message, signal))
     for name, limit in battery.limits.items():
         if isinstance(limit, SignalName):
             for message, signal in find_signals(definitions, limit, troubles, f"battery.limits.{name}", None):
-                found.append(_lane(f"limit.{name}", message, signal))
-    merged = _merged(found)
+                bindings.append(_lane(f"limit.{name}", message, signal))
+    merged = _merged(bindings)
     by_id: dict[int, list[SignalBinding]] = defaultdict(list)
     for lane in merged:
         by_id[lane.can_id].append(lane)
     messages = {can_id: m for can_id, m in definitions.by_id().items() if can_id in by_id}
-    sizes = {kind: sum(each) for kind, each in segments.items()}
+    sizes = {kind: sum(segment) for kind, segment in segments.items()}
     return SignalBindings(
-        {can_id: tuple(each) for can_id, each in by_id.items()}, messages, tuple(troubles), sizes, segments
+        {can_id: tuple(of_id) for can_id, of_id in by_id.items()}, messages, tuple(troubles), sizes, segments
     )
 
 
@@ -254,7 +254,9 @@ def _cell_lane(
         numbers.append((part, of_frame))
     index = 0
     if not numbers:
-        index = int(channel(entry, segments, {part: np.array([each]) for part, each in named_parts.items()})[0])
+        index = int(
+            channel(entry, segments, {part: np.array([named_part]) for part, named_part in named_parts.items()})[0]
+        )
     flag_name = filled(entry.valid_signal or entry.invalid_signal, texts)
     flag = message.signal(flag_name)
     if flag_name and flag is None:
@@ -299,17 +301,17 @@ def find_signals(
     definitions: Definitions, name: SignalName, troubles: list[BindingIssue], path: str, line: int | None
 ) -> list[tuple[MessageDefinition, SignalDefinition]]:
     """Return the signal of a name; none or several messages that have it are a trouble, the first counts."""
-    found = [
+    matches = [
         (message, signal)
         for message in definitions.by_id().values()
         if name.message in ("", message.name) and (signal := message.signal(name.signal)) is not None
     ]
-    if not found:
+    if not matches:
         troubles.append(BindingIssue(line, f"{path}.signal", Message("signal-not-in-dbc", name=str(name))))
-    elif len(found) > 1:
-        names = tuple(message.name for message, _ in found)
+    elif len(matches) > 1:
+        names = tuple(message.name for message, _ in matches)
         troubles.append(BindingIssue(line, f"{path}.signal", Message("signal-of-several", name=str(name), names=names)))
-    return found[:1]
+    return matches[:1]
 
 
 def _merged(lanes: list[SignalBinding]) -> list[SignalBinding]:

@@ -45,20 +45,20 @@ def issues_of(
         file: the profile's name.
         frames: of a log, None where there is none.
     """
-    found = oddities_of(definitions)
+    issues = oddities_of(definitions)
     decoder = BatteryDecoder(battery, source, definitions)
     for trouble in decoder.lanes.troubles:
         is_error = isinstance(trouble.what, Message) and trouble.what.code in _ERRORS
-        found.append(ProfileIssue(file, trouble.line, trouble.field, trouble.what, is_error))
-    found += [ProfileIssue(file, None, field, what) for field, what in _of_profile(battery, source, decoder.lanes)]
+        issues.append(ProfileIssue(file, trouble.line, trouble.field, trouble.what, is_error))
+    issues += [ProfileIssue(file, None, field, what) for field, what in _of_profile(battery, source, decoder.lanes)]
     if frames is not None:
-        found += [ProfileIssue(file, None, field, what) for field, what in _of_log(decoder, frames)]
-    return sorted(found, key=lambda issue: not issue.is_error)
+        issues += [ProfileIssue(file, None, field, what) for field, what in _of_log(decoder, frames)]
+    return sorted(issues, key=lambda issue: not issue.is_error)
 
 
 def oddities_of(definitions: Definitions) -> list[ProfileIssue]:
     """Return what was odd in the DBCs."""
-    return [ProfileIssue(each.file, each.line, "DBC", each.what) for each in definitions.oddities]
+    return [ProfileIssue(oddity.file, oddity.line, "DBC", oddity.what) for oddity in definitions.oddities]
 
 
 def _of_profile(battery: Battery, source: DbcMapping, lanes: SignalBindings) -> Iterator[tuple[str, Text]]:
@@ -68,7 +68,7 @@ def _of_profile(battery: Battery, source: DbcMapping, lanes: SignalBindings) -> 
         yield "source.current", Message("check-no-current")
     for kind, size in lanes.sizes.items():
         signals = _signals_of_channels(lanes, kind)
-        is_numbered = any(lane.numbers for each in lanes.by_id.values() for lane in each if lane.kind == kind)
+        is_numbered = any(lane.numbers for bindings in lanes.by_id.values() for lane in bindings if lane.kind == kind)
         missing = [i for i in range(size) if i not in signals]
         if missing and not is_numbered:
             yield f"source.{kind}", Message("check-without-signal", kind=kind, numbers=_listed(missing), n=len(missing))
@@ -99,20 +99,20 @@ def _of_rules(battery: Battery) -> Iterator[tuple[str, Text]]:
 
 def _signals_of_channels(lanes: SignalBindings, kind: str) -> dict[int, list[str]]:
     """The signals that tell each channel, where names or multiplexers tell it."""
-    found: dict[int, list[str]] = defaultdict(list)
-    for can_id, each in lanes.by_id.items():
+    signals: dict[int, list[str]] = defaultdict(list)
+    for can_id, bindings in lanes.by_id.items():
         message = lanes.messages[can_id].name
-        for lane in each:
+        for lane in bindings:
             if lane.kind != kind or lane.numbers:
                 continue
             channels = [lane.index] if lane.table is None else [int(i) for i in lane.table if i >= 0]
             names = lane.signal_names if lane.table is not None else (lane.signal,)
             if lane.table is None:
-                found[lane.index].append(f"{message}.{names[0]}")
+                signals[lane.index].append(f"{message}.{names[0]}")
             else:
                 for i in channels:
-                    found[i].append(message)
-    return found
+                    signals[i].append(message)
+    return signals
 
 
 def _of_log(decoder: BatteryDecoder, frames: Frames) -> Iterator[tuple[str, Text]]:
@@ -140,8 +140,8 @@ def _of_channels(
     if values is None:
         yield field, Message("check-nothing-of-it", kind=kind)
         return
-    known = np.isfinite(values.value)
-    received = np.bincount(values.index[known], minlength=size)
+    is_finite = np.isfinite(values.value)
+    received = np.bincount(values.index[is_finite], minlength=size)
     silent = np.flatnonzero(received == 0).tolist()
     if silent:
         yield field, Message("check-cells-not-received", kind=kind, numbers=_listed(silent), n=len(silent))
@@ -158,7 +158,7 @@ def _of_channels(
             yield f"{field}.max_age_s", Message("check-age-too-short", age=entry.max_age_s, longest=longest)
     if kind == "voltage":
         low, high = _PLAUSIBLE_V
-        wrong = known & ((values.value < low) | (values.value > high))
+        wrong = is_finite & ((values.value < low) | (values.value > high))
         if wrong.any():
             cells = sorted(set(values.index[wrong].tolist()))
             worst = Quantity(float(values.value[wrong][0]), "V", 3)
@@ -171,21 +171,21 @@ def _periods(values: ChannelValues, size: int) -> FloatArray:
     index, t_ns = values.index[order], values.t_ns[order]
     same = index[1:] == index[:-1]
     gaps, of = (np.diff(t_ns) / 1e9)[same], index[1:][same]
-    found = np.full(size, np.nan)
+    periods_s = np.full(size, np.nan)
     for i in np.unique(of):
-        found[i] = np.median(gaps[of == i])
-    return found
+        periods_s[i] = np.median(gaps[of == i])
+    return periods_s
 
 
 def _of_sum(battery: Battery, values: dict[str, ChannelValues]) -> Iterator[tuple[str, Text]]:
     if "voltage" not in values or "pack_voltage" not in values:
         return
     cells = values["voltage"]
-    known = np.isfinite(cells.value)
-    count = np.bincount(cells.index[known], minlength=battery.n_cells)
+    is_finite = np.isfinite(cells.value)
+    count = np.bincount(cells.index[is_finite], minlength=battery.n_cells)
     if not (count > 0).all():
         return
-    total = np.bincount(cells.index[known], weights=cells.value[known], minlength=battery.n_cells)
+    total = np.bincount(cells.index[is_finite], weights=cells.value[is_finite], minlength=battery.n_cells)
     sum_v, pack_v = float((total / count).sum()), float(np.nanmean(values["pack_voltage"].value))
     if pack_v and abs(sum_v - pack_v) > SUM_OFF * abs(pack_v):
         yield (
@@ -198,7 +198,7 @@ def _listed(indices: list[int]) -> Text:
     """Numbers from 1, runs as from-to, shortened."""
     runs: list[str] = []
     start = before = None
-    for i in [*(each + 1 for each in indices), None]:
+    for i in [*(index + 1 for index in indices), None]:
         if before is not None and i == before + 1:
             before = i
             continue

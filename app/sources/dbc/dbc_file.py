@@ -68,8 +68,8 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
     oddities: list[Oddity] = []
     text = _text(data, name, oddities)
     if ending == ".dbc":
-        text, found = repaired(text, name)
-        oddities += found
+        text, repairs = repaired(text, name)
+        oddities += repairs
     options = {"database_format": ending[1:]} if ending in DEFINITION_ENDINGS else {}
     logging.getLogger("cantools").setLevel(logging.ERROR)  # its warnings are oddities
     while True:
@@ -96,9 +96,9 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
             continue
         messages.append(definition)
         oddities += [
-            Oddity(name, lines.get(definition.name), Message("dbc-float-bits", name=each.name, bits=each.length))
-            for each in message.signals
-            if each.is_float and each.length not in FLOAT_BITS
+            Oddity(name, lines.get(definition.name), Message("dbc-float-bits", name=signal.name, bits=signal.length))
+            for signal in message.signals
+            if signal.is_float and signal.length not in FLOAT_BITS
         ]
         oddities += _issues(definition, name, lines.get(definition.name))
     if not messages:
@@ -108,10 +108,12 @@ def _parsed(database: Any, data: bytes, name: str) -> Definitions:
 
 def _without_line(text: str, name: str, error: Exception, oddities: list[Oddity]) -> str | None:
     """Return the text without the unreadable line, which becomes an oddity; None where that does not help."""
-    found = re.search(r"at line (\d+)", str(error))
+    match = re.search(r"at line (\d+)", str(error))
     lines = text.split("\n")
-    number = int(found[1]) if found else 0
-    left_out = [each for each in oddities if isinstance(each.what, Message) and each.what.code == "dbc-line-unreadable"]
+    number = int(match[1]) if match else 0
+    left_out = [
+        oddity for oddity in oddities if isinstance(oddity.what, Message) and oddity.what.code == "dbc-line-unreadable"
+    ]
     if not 1 <= number <= len(lines) or not lines[number - 1].strip() or len(left_out) >= _MOST_LEFT_OUT:
         return None
     oddities.append(Oddity(name, number, Message("dbc-line-unreadable", text=lines[number - 1].strip()[:60])))
@@ -124,7 +126,7 @@ def _text(data: bytes, name: str, oddities: list[Oddity]) -> str:
         with contextlib.suppress(UnicodeDecodeError):
             text = data.decode(encoding)
             if encoding != "utf-8-sig":
-                line = next((n for n, each in enumerate(data.split(b"\n"), 1) if not _is_utf8(each)), None)
+                line = next((n for n, line in enumerate(data.split(b"\n"), 1) if not _is_utf8(line)), None)
                 oddities.append(Oddity(name, line, Message("dbc-not-utf-8", encoding=encoding)))
             return text
     return data.decode("latin-1")
@@ -144,20 +146,20 @@ def _first_line(error: Exception) -> str:
 
 def _lines_of_messages(text: str) -> dict[str, int]:
     return {
-        found[1]: number
+        match[1]: number
         for number, line in enumerate(text.split("\n"), 1)
-        if (found := re.match(r"BO_ \d+ (\w+)\s*:", line))
+        if (match := re.match(r"BO_ \d+ (\w+)\s*:", line))
     }
 
 
 def _message(message: Any) -> MessageDefinition:
     can_id = int(message.frame_id) | (CAN_ID_EXTENDED if message.is_extended_frame else 0)
-    by_name = {each.name: each for each in message.signals}
+    by_name = {signal.name: signal for signal in message.signals}
     senders = list(message.senders or [])
     longest = max(map(len, (str(message.name), *by_name)))
     if longest > LONGEST_NAME:
         raise ValueError(f"a name of {longest} characters; at most {LONGEST_NAME}")
-    signals = tuple(_signal(each, by_name) for each in message.signals if 1 <= each.length <= 64)
+    signals = tuple(_signal(signal, by_name) for signal in message.signals if 1 <= signal.length <= 64)
     sender = senders[0] if senders else ""
     cycle_ms = message.cycle_time  # an attribute of the file: of whatever kind that says
     period_s = cycle_ms / 1000 if isinstance(cycle_ms, int | float) and 0 < cycle_ms < MOST_CYCLE_MS else None
@@ -181,7 +183,9 @@ def _signal(signal: Any, by_name: dict[str, Any]) -> SignalDefinition:
     inner = signal
     while inner.multiplexer_ids is not None and inner.multiplexer_signal in by_name and len(conditions) < 8:
         conditions.append(
-            MultiplexCondition(inner.multiplexer_signal, tuple(int(each) for each in inner.multiplexer_ids))
+            MultiplexCondition(
+                inner.multiplexer_signal, tuple(int(multiplexer_id) for multiplexer_id in inner.multiplexer_ids)
+            )
         )
         inner = by_name[inner.multiplexer_signal]
     choices = {int(number): str(text) for number, text in (signal.choices or {}).items()}
@@ -200,16 +204,16 @@ def _signal(signal: Any, by_name: dict[str, Any]) -> SignalDefinition:
 
 def _issues(message: MessageDefinition, file: str, line: int | None) -> list[Oddity]:
     """A length that no frame has, signals that stand beyond it."""
-    found = []
+    oddities = []
     if message.length > 8 and message.length not in _LENGTHS_FD:
-        found.append(Oddity(file, line, Message("dbc-length", name=message.name, bytes=message.length)))
-    beyond = [each.name for each in message.signals if each.layout.end_byte > max(message.length, 0)]
+        oddities.append(Oddity(file, line, Message("dbc-length", name=message.name, bytes=message.length)))
+    beyond = [signal.name for signal in message.signals if signal.layout.end_byte > max(message.length, 0)]
     if beyond:
-        found.append(
+        oddities.append(
             Oddity(
                 file,
                 line,
                 Message("dbc-signals-beyond", name=message.name, bytes=message.length, names=tuple(beyond[:6])),
             )
         )
-    return found
+    return oddities

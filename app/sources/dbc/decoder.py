@@ -97,17 +97,17 @@ class MessageFrames:
     def carrying(self, signal: SignalDefinition) -> BoolArray | None:
         """(n,) which frames carry a signal; None = all: long enough, and its multiplexers say so."""
         needed = signal.layout.end_byte
-        found: BoolArray | None = None
+        is_carried: BoolArray | None = None
         if len(self.frames) and int(self.frames.length.min()) < needed:
-            found = self.frames.length >= needed
+            is_carried = self.frames.length >= needed
         for condition in signal.conditions:
             raw = self.raw(condition.multiplexer)
             if len(condition.values) == 1:
                 here = raw == raw.dtype.type(condition.values[0])
             else:
                 here = np.isin(raw, np.array(condition.values).astype(raw.dtype))
-            found = here if found is None else found & here
-        return found
+            is_carried = here if is_carried is None else is_carried & here
+        return is_carried
 
     def raw(self, name: str) -> NDArray[np.int64] | NDArray[np.uint64]:
         """(n,) raw numbers of a signal in every frame, whether it carries them or not."""
@@ -124,13 +124,13 @@ def by_message(frames: Frames, messages: Mapping[int, MessageDefinition]) -> Ite
     """Yield the frames of each message with their rows, in the order in which they came; unknown ids are left out."""
     if not len(frames) or not messages:
         return
-    known = np.array(sorted(messages), np.uint32)
-    place = np.searchsorted(known, frames.can_id)
-    place[place == len(known)] = 0
-    code = np.where(known[place] == frames.can_id, place, len(known)).astype(np.uint16)
+    known_ids = np.array(sorted(messages), np.uint32)
+    place = np.searchsorted(known_ids, frames.can_id)
+    place[place == len(known_ids)] = 0
+    code = np.where(known_ids[place] == frames.can_id, place, len(known_ids)).astype(np.uint16)
     order = np.argsort(code, kind="stable")  # 16 bits: a radix sort
-    bounds = np.searchsorted(code[order], np.arange(len(known) + 1))
-    for i, can_id in enumerate(known.tolist()):
+    bounds = np.searchsorted(code[order], np.arange(len(known_ids) + 1))
+    for i, can_id in enumerate(known_ids.tolist()):
         rows = order[bounds[i] : bounds[i + 1]]
         if len(rows):
             yield rows, MessageFrames(messages[can_id], frames.part(rows))
@@ -138,15 +138,15 @@ def by_message(frames: Frames, messages: Mapping[int, MessageDefinition]) -> Ite
 
 def decode_frames(frames: Frames, definitions: Definitions) -> dict[tuple[str, str], SignalSeries]:
     """Return the series of each signal that was received, by message and signal."""
-    found: dict[tuple[str, str], SignalSeries] = {}
+    series: dict[tuple[str, str], SignalSeries] = {}
     for _, group in by_message(frames, definitions.by_id()):
-        found.update(decode_message(group))
-    return found
+        series.update(decode_message(group))
+    return series
 
 
 def decode_message(group: MessageFrames) -> dict[tuple[str, str], SignalSeries]:
     """Return the series of each signal of one message."""
-    found = {}
+    series = {}
     for signal in group.message.signals:
         if signal.layout.end_byte > group.frames.data.shape[1]:
             continue
@@ -154,5 +154,5 @@ def decode_message(group: MessageFrames) -> dict[tuple[str, str], SignalSeries]:
         frames = group.frames if carrying is None else group.frames.part(np.flatnonzero(carrying))
         if len(frames):
             values = physical_values(raw_values(frames.data, signal.layout), signal.layout)
-            found[group.message.name, signal.name] = SignalSeries(frames.t_ns, values)
-    return found
+            series[group.message.name, signal.name] = SignalSeries(frames.t_ns, values)
+    return series

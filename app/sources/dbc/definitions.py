@@ -64,7 +64,7 @@ class MessageDefinition:
 
     def signal(self, name: str) -> SignalDefinition | None:
         """The signal of this name."""
-        return next((each for each in self.signals if each.name == name), None)
+        return next((signal for signal in self.signals if signal.name == name), None)
 
 
 @dataclass(frozen=True, slots=True)

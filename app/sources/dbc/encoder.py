@@ -44,12 +44,12 @@ def turns_of(
         numbers: Numbers = {}
         slots: list[Slot] = []
         before = len(sent)
-        for group in sorted(groups, key=lambda each: not each.has_news(sent)):
-            found = group.choose(numbers, sent)
-            if found is not None:
-                numbers |= found.numbers
-                slots += found.slots
-                sent |= {(lane.kind, index) for lane, index in found.slots}
+        for group in sorted(groups, key=lambda group: not group.has_news(sent)):
+            turn = group.choose(numbers, sent)
+            if turn is not None:
+                numbers |= turn.numbers
+                slots += turn.slots
+                sent |= {(lane.kind, index) for lane, index in turn.slots}
         if len(sent) == before:
             return turns
         turns.append(Turn(numbers, tuple(slots)))
@@ -63,19 +63,19 @@ class _Group:
         self._fresh = entries
 
     def has_news(self, sent: set[tuple[str, int]]) -> bool:
-        self._fresh = [each for each in self._fresh if _news(each, sent)]
+        self._fresh = [entry for entry in self._fresh if _news(entry, sent)]
         return bool(self._fresh)
 
     def choose(self, numbers: Numbers, sent: set[tuple[str, int]]) -> Turn | None:
         """The entry that fits numbers already chosen: all new if there is one, else partly, else one sent before."""
         best = None
-        for each in self._fresh:
-            news = _news(each, sent) if _fits(each, numbers) else 0
-            if news == len(each.slots):
-                return each
+        for entry in self._fresh:
+            news = _news(entry, sent) if _fits(entry, numbers) else 0
+            if news == len(entry.slots):
+                return entry
             if news and best is None:
-                best = each
-        return best or next((each for each in self._all if _fits(each, numbers)), None)
+                best = entry
+        return best or next((entry for entry in self._all if _fits(entry, numbers)), None)
 
 
 def _news(entry: Turn, sent: set[tuple[str, int]]) -> int:
@@ -108,7 +108,7 @@ def _entries(
             if index >= 0:
                 yield {**outer, lane.multiplexer: raw}, index
         return
-    fixed = {each.multiplexer: each.values[0] for each in lane.conditions}
+    fixed = {condition.multiplexer: condition.values[0] for condition in lane.conditions}
     if not lane.numbers or lane.entry is None:
         yield fixed, lane.index
         return
@@ -128,7 +128,7 @@ def _entries(
 
 
 def _outer(signal: SignalDefinition | None) -> Numbers:
-    return {each.multiplexer: each.values[0] for each in signal.conditions} if signal else {}
+    return {condition.multiplexer: condition.values[0] for condition in signal.conditions} if signal else {}
 
 
 def _encodable(
@@ -147,8 +147,8 @@ def _encodable(
     base = lane.entry.base.get(part, 0)
     low, high = bounds(signal.layout)
     scale, offset = signal.layout.scale, signal.layout.offset
-    found = ((number, (number - offset) / scale) for number in range(base, base + n))
-    return [(number, round(raw)) for number, raw in found if raw == round(raw) and low <= raw <= high]
+    pairs = ((number, (number - offset) / scale) for number in range(base, base + n))
+    return [(number, round(raw)) for number, raw in pairs if raw == round(raw) and low <= raw <= high]
 
 
 _FLOATS = {16: ("<e", "<H"), 32: ("<f", "<I"), 64: ("<d", "<Q")}
@@ -263,18 +263,18 @@ class MessageEncoder:
             name = lane.kind.removeprefix("state.")
             if name != lane.kind:
                 wanted.setdefault(lane.signal, {})[name] = bool(readings.get(lane.kind, np.zeros(1))[0] == 1.0)
-        found = []
+        entries = []
         for name, states in wanted.items():
             signal = self._signal(name)
             low, high = bounds(signal.layout)
             state_signals = {state: self._source.states[state] for state in states}
-            known = (n for each in state_signals.values() for n in (*each.equals, each.mask))
+            numbers = (n for state in state_signals.values() for n in (*state.equals, state.mask))
             masks = 0
-            for state, each in state_signals.items():
-                masks |= each.mask if states[state] else 0
-            choices = [n for n in (*range(_MOST_STATE), *known, masks) if low <= n <= high]
-            found.append((signal, max(choices, key=lambda raw: _agreeing(raw, state_signals, states))))
-        return found
+            for state, state_signal in state_signals.items():
+                masks |= state_signal.mask if states[state] else 0
+            choices = [n for n in (*range(_MOST_STATE), *numbers, masks) if low <= n <= high]
+            entries.append((signal, max(choices, key=lambda raw: _agreeing(raw, state_signals, states))))
+        return entries
 
     def _signal(self, name: str) -> SignalDefinition:
         signal = self.message.signal(name)
@@ -308,7 +308,7 @@ class FrameEncoder:
             MessageEncoder(self.lanes.messages[can_id], lanes, source, self.lanes)
             for can_id, lanes in sorted(self.lanes.by_id.items())
         ]
-        self._encoders = [each for each in encoders if each.turns]
+        self._encoders = [encoder for encoder in encoders if encoder.turns]
         self._periods_s = _periods_s(self._encoders)
         self._due: list[tuple[float, int, int]] = []  # a heap: when, which message, how many before
         self.begin(0.0)
@@ -316,7 +316,7 @@ class FrameEncoder:
     @property
     def has_fd_frames(self) -> bool:
         """Some frame is longer than classic CAN carries."""
-        return any(each.size > 8 for each in self._encoders)
+        return any(encoder.size > 8 for encoder in self._encoders)
 
     @property
     def due_s(self) -> float:
@@ -325,7 +325,7 @@ class FrameEncoder:
 
     def not_encoded(self) -> dict[str, list[int]]:
         """Return the channels that no frame tells, by kind."""
-        sent = {(lane.kind, i) for each in self._encoders for turn in each.turns for lane, i in turn.slots}
+        sent = {(lane.kind, i) for encoder in self._encoders for turn in encoder.turns for lane, i in turn.slots}
         of = {kind: [i for i in range(n) if (kind, i) not in sent] for kind, n in self.lanes.sizes.items()}
         return {kind: channels for kind, channels in of.items() if channels}
 
@@ -337,23 +337,23 @@ class FrameEncoder:
 
     def frames(self, now_s: float, readings: Readings) -> list[tuple[int, bytes]]:
         """Return the frames that are due, id (bit 31: 29-bit) and data."""
-        found = []
+        frames = []
         while self._due and self._due[0][0] <= now_s:
             due_s, k, n = self._due[0]
             heapq.heapreplace(self._due, (due_s + self._periods_s[k], k, n + 1))
             data = self._encoders[k].frame(n, readings)
             if data is not None:
-                found.append((self._encoders[k].message.can_id, data))
-        return found
+                frames.append((self._encoders[k].message.can_id, data))
+        return frames
 
 
 def _periods_s(encoders: list[MessageEncoder]) -> list[float]:
     """Between two frames of each message: the DBC's cycle time, else a usual one, longer where a bus has no room."""
-    named_s = [_named_s(each) for each in encoders]
-    usual_s = [PERIOD_S if len(each.turns) == 1 else PERIOD_OF_TURNS_S for each in encoders]
+    named_s = [_named_s(encoder) for encoder in encoders]
+    usual_s = [PERIOD_S if len(encoder.turns) == 1 else PERIOD_OF_TURNS_S for encoder in encoders]
     bits_per_s = sum(
-        (8 * each.size + _OVERHEAD_BITS) / period_s
-        for each, period_s, named in zip(encoders, usual_s, named_s, strict=True)
+        (8 * encoder.size + _OVERHEAD_BITS) / period_s
+        for encoder, period_s, named in zip(encoders, usual_s, named_s, strict=True)
         if named is None
     )
     longer = max(1.0, bits_per_s / _MOST_BITS_PER_S)

@@ -28,15 +28,15 @@ def tokens(pattern: str) -> tuple[_Token, ...]:
     placeholders = list(_PLACEHOLDER.finditer(pattern))
     if len(pattern) > LONGEST_PATTERN or len(placeholders) > MOST_PLACEHOLDERS:
         raise PatternError(Message("pattern-too-long", most=LONGEST_PATTERN, placeholders=MOST_PLACEHOLDERS))
-    found: list[_Token] = []
+    parts: list[_Token] = []
     at = 0
-    for each in placeholders:
-        found.append(("", pattern[at : each.start()]))
-        at = each.end()
-        if each[1] is not None and each[1] not in PARTS:
-            raise PatternError(Message("no-such-placeholder", name=each[1]))
-        found.append((_STAR, "") if each[1] is None else (each[1], "a" if each[2] else "0"))
-    return (*found, ("", pattern[at:]))
+    for placeholder in placeholders:
+        parts.append(("", pattern[at : placeholder.start()]))
+        at = placeholder.end()
+        if placeholder[1] is not None and placeholder[1] not in PARTS:
+            raise PatternError(Message("no-such-placeholder", name=placeholder[1]))
+        parts.append((_STAR, "") if placeholder[1] is None else (placeholder[1], "a" if placeholder[2] else "0"))
+    return (*parts, ("", pattern[at:]))
 
 
 def numbers_in(pattern: str, name: str, base: dict[str, int]) -> dict[str, int] | None:
@@ -56,7 +56,7 @@ def numbers_in(pattern: str, name: str, base: dict[str, int]) -> dict[str, int] 
 
 def filled(pattern: str, numbers: dict[str, str]) -> str:
     """Return a pattern with the texts of another name's parts in it; `*` and others stay."""
-    return _PLACEHOLDER.sub(lambda found: numbers.get(found[1] or "", found[0]), pattern)
+    return _PLACEHOLDER.sub(lambda match: numbers.get(match[1] or "", match[0]), pattern)
 
 
 def texts_in(pattern: str, name: str) -> dict[str, str]:
@@ -99,5 +99,5 @@ def _matched(pattern: str, name: str) -> dict[str, str] | None:
             end += 1
         return range(end, at, -1)
 
-    found = rest(0, 0, ())
-    return None if found is None else dict(found)
+    numbers = rest(0, 0, ())
+    return None if numbers is None else dict(numbers)

@@ -46,7 +46,7 @@ class _Repair:
     def __init__(self, file: str, text: str) -> None:
         self._file = file
         self._lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        self._defined = {found[1] for line in self._lines if (found := _DEFINITION.match(line))}
+        self._defined = {match[1] for line in self._lines if (match := _DEFINITION.match(line))}
         self._multiplexers = _unmarked_multiplexers(self._lines)
         self.oddities: list[Oddity] = []
         self._ids: dict[int, dict[str, int]] = {}  # names of a message's signals, as `_unique` counts them
@@ -98,10 +98,10 @@ class _Repair:
         return not after or re.match(r"[A-Z]+_", after) is not None
 
     def _noted_line(self, number: int, line: str) -> str | None:
-        found = _OF_ID.match(line)
-        if found is None:
+        match = _OF_ID.match(line)
+        if match is None:
             return line
-        can_id = int(found[1])
+        can_id = int(match[1])
         if can_id not in self._ids:
             what = Message("dbc-of-pseudo-message", id=_hex(can_id))
             if can_id not in _PSEUDO_IDS:
@@ -117,18 +117,18 @@ class _Repair:
         return line
 
     def _message_line(self, number: int, line: str) -> str | None:
-        found = _MESSAGE.match(line)
+        match = _MESSAGE.match(line)
         self._message, self._is_dropping = None, True
-        if found is None:
+        if match is None:
             self._note(number, Message("dbc-line-unreadable", text=line.strip()[:60]))
             return None
-        can_id, name, length, sender = int(found[1]), found[2], int(found[3]), found[4]
+        can_id, name, length, sender = int(match[1]), match[2], int(match[3]), match[4]
         if can_id in _PSEUDO_IDS:
             self._note(number, Message("dbc-pseudo-message", name=name))
             return None
         if can_id & ~0x80000000 > _MOST_29_BITS or (not can_id & 0x80000000 and can_id > 0x7FF):
             can_id = (can_id & _MOST_29_BITS) | 0x80000000
-            self._note(number, Message("dbc-id-29-bit", name=name, id=_hex(int(found[1]))))
+            self._note(number, Message("dbc-id-29-bit", name=name, id=_hex(int(match[1]))))
         if can_id in self._ids:
             self._note(number, Message("dbc-id-twice", name=name, id=_hex(can_id)))
             return None
@@ -140,26 +140,26 @@ class _Repair:
     def _signal_line(self, number: int, line: str) -> str | None:
         if self._is_dropping or self._message is None:
             return None
-        found = _SIGNAL.match(line)
-        if found is None:
+        match = _SIGNAL.match(line)
+        if match is None:
             self._note(number, Message("dbc-line-unreadable", text=line.strip()[:60]))
             return None
-        if not 1 <= int(found["length"]) <= 64:
-            self._note(number, Message("dbc-signal-length", name=found["name"], bits=int(found["length"])))
+        if not 1 <= int(match["length"]) <= 64:
+            self._note(number, Message("dbc-signal-length", name=match["name"], bits=int(match["length"])))
             return None
-        name = self._unique(number, found["name"], self._ids[self._message])
-        mux = f" {found['mux']}" if found["mux"] else ""
+        name = self._unique(number, match["name"], self._ids[self._message])
+        mux = f" {match['mux']}" if match["mux"] else ""
         if number in self._multiplexers:
             mux = " M"
             self._note(number, Message("dbc-multiplexer-unmarked", name=name))
-        numbers = [_number(found[key], default) for key, default in (("factor", 1.0), ("offset", 0.0))]
-        low, high = (_number(found[key], 0.0) for key in ("low", "high"))
+        numbers = [_number(match[key], default) for key, default in (("factor", 1.0), ("offset", 0.0))]
+        low, high = (_number(match[key], 0.0) for key in ("low", "high"))
         if numbers[0] == "0":
             self._note(number, Message("dbc-factor-zero", name=name))
             numbers[0] = "1"
-        unit = found["unit"].strip()
+        unit = match["unit"].strip()
         return (
-            f" SG_ {name}{mux} : {found['start']}|{found['length']}@{found['order']}{found['sign']}"
+            f" SG_ {name}{mux} : {match['start']}|{match['length']}@{match['order']}{match['sign']}"
             f' ({numbers[0]},{numbers[1]}) [{low}|{high}] "{unit}" Vector__XXX'
         )
 
@@ -180,7 +180,7 @@ class _Repair:
 
 def _unmarked_multiplexers(lines: list[str]) -> set[int]:
     """Lines of signals that must be the multiplexer of their message, because others stand under its values."""
-    found: set[int] = set()
+    multiplexers: set[int] = set()
     plain: list[tuple[int, str]] = []
     kinds: set[str] = set()
     for number, line in enumerate([*lines, "BO_ 0"], 1):
@@ -188,14 +188,14 @@ def _unmarked_multiplexers(lines: list[str]) -> set[int]:
             if "m" in kinds and "M" not in kinds and plain:
                 named = [n for n, name in plain if _SELECTS.search(name)]
                 if len(named) == 1 or len(plain) == 1:
-                    found.add(named[0] if named else plain[0][0])
+                    multiplexers.add(named[0] if named else plain[0][0])
             plain, kinds = [], set()
         elif signal := _SIGNAL.match(line):
             mux = signal["mux"] or ""
             kinds |= {mux[-1:] if mux.endswith("M") else mux[:1]}
             if not mux:
                 plain.append((number, signal["name"]))
-    return found
+    return multiplexers
 
 
 def _is_open(line: str, is_open: bool) -> bool:

@@ -42,9 +42,9 @@ class UpdateInterval:
     newest_ns: dict[str, int] = field(default_factory=dict)
     gap_s: dict[str, float] = field(default_factory=dict)
 
-    def see(self, found: BatteryMeasurement) -> None:
+    def see(self, measurement: BatteryMeasurement) -> None:
         """Take a measurement: the gap of a part is its longest of late, which fades; a pause counts as few gaps."""
-        for part, t_ns in found.newest_ns.items():
+        for part, t_ns in measurement.newest_ns.items():
             before_ns = self.newest_ns.get(part)
             if before_ns is None or t_ns <= before_ns:
                 self.newest_ns.setdefault(part, t_ns)
@@ -83,24 +83,28 @@ class AssembledSource:
 
     def _take_values(self, values: Mapping[str, ChannelValues], until_ns: int) -> BatteryMeasurement | None:
         """Return, of the periods that ended, the newest with a sample, else the newest; None: none ended."""
-        found = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
-        if not found:
+        measurements = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
+        if not measurements:
             return None
-        for each in found:
-            self._rhythm.see(each)
-        self._newest = next((each for each in reversed(found) if each.is_sample), found[-1])
+        for measurement in measurements:
+            self._rhythm.see(measurement)
+        self._newest = next(
+            (measurement for measurement in reversed(measurements) if measurement.is_sample), measurements[-1]
+        )
         return self._newest
 
-    def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
-        is_sample = is_fresh and found.is_sample
+    def _measurement(
+        self, measured: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool
+    ) -> Measurement:
+        is_sample = is_fresh and measured.is_sample
         dt_s, is_new = None, None
         if is_sample:
-            before_ns, self._sampled_ns = self._sampled_ns, found.t_ns
-            dt_s = None if before_ns is None else (found.t_ns - before_ns) / 1e9
-            is_new = np.ones(self.battery.n_cells, np.bool_) if before_ns is None else found.voltage_t_ns > before_ns
+            before_ns, self._sampled_ns = self._sampled_ns, measured.t_ns
+            dt_s = None if before_ns is None else (measured.t_ns - before_ns) / 1e9
+            is_new = np.ones(self.battery.n_cells, np.bool_) if before_ns is None else measured.voltage_t_ns > before_ns
         return measurement_of(
             self.battery,
-            found,
+            measured,
             t_mono_ns,
             t_wall_ns,
             dt_s=dt_s,
@@ -147,12 +151,12 @@ class DbcSource(AssembledSource):
             self._waiting.append(item)
             return NOTHING_RECEIVED
         self._waiting_of = period
-        found = self._take(item.t_mono_ns)
+        taken = self._take(item.t_mono_ns)
         self._waiting.append(item)
         events = self._two_senders.events(item.t_wall_ns)
-        if found is None:
+        if taken is None:
             return Received(events=events)
-        measurement = self._measurement(found, item.t_mono_ns, item.t_wall_ns, is_fresh=True)
+        measurement = self._measurement(taken, item.t_mono_ns, item.t_wall_ns, is_fresh=True)
         return Received(measurement=measurement, events=events)
 
     @property
@@ -166,9 +170,9 @@ class DbcSource(AssembledSource):
         """Return a measurement of this instant; what waited is in it."""
         is_fresh = bool(self._waiting)
         waits = self.due_ns is not None and t_mono_ns < self.due_ns
-        found = None if waits else self._take(t_mono_ns)
-        newest = found or self._newest or self._assembler.measure(t_mono_ns)
-        return self._measurement(newest, t_mono_ns, t_wall_ns, is_fresh=is_fresh and found is not None)
+        measurement = None if waits else self._take(t_mono_ns)
+        newest = measurement or self._newest or self._assembler.measure(t_mono_ns)
+        return self._measurement(newest, t_mono_ns, t_wall_ns, is_fresh=is_fresh and measurement is not None)
 
     def _take(self, until_ns: int) -> BatteryMeasurement | None:
         values = self._decoder.decode(frames_of_items(self._waiting)) if self._waiting else {}
@@ -177,8 +181,10 @@ class DbcSource(AssembledSource):
             self._two_senders.take(values["voltage"])
         return self._take_values(values, until_ns)
 
-    def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
-        of_one = replace(found, voltage_v=np.where(self._two_senders.cells, np.nan, found.voltage_v))
+    def _measurement(
+        self, measured: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool
+    ) -> Measurement:
+        of_one = replace(measured, voltage_v=np.where(self._two_senders.cells, np.nan, measured.voltage_v))
         return super()._measurement(of_one, t_mono_ns, t_wall_ns, is_fresh=is_fresh)
 
     def _on_change(self, change: LinkChange) -> Received:
@@ -199,32 +205,34 @@ def link_event(change: LinkChange) -> Received:
 
 
 def measurement_of(
-    battery: Battery, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, **more: Any
+    battery: Battery, measured: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, **more: Any
 ) -> Measurement:
     """Return what a battery without a master of ours measured, as it is at an instant; `more` are other fields."""
     unknown = np.full(battery.n_cells, np.nan)
     return Measurement(
         t_mono_ns=t_mono_ns,
         t_wall_ns=t_wall_ns,
-        uptime_ms=found.t_ns // 1_000_000,
-        current_a=_number(found.current_a),
-        voltage_v=found.voltage_v,
-        temperature_degc=battery.cell_temperatures(found.temperature_degc),
-        resistance_ohm=found.resistance_ohm,
+        uptime_ms=measured.t_ns // 1_000_000,
+        current_a=_number(measured.current_a),
+        voltage_v=measured.voltage_v,
+        temperature_degc=battery.cell_temperatures(measured.temperature_degc),
+        resistance_ohm=measured.resistance_ohm,
         capacity_ah=unknown,
         chip_voltage_v=unknown,
-        balancing=None if np.isnan(found.balancing).all() else found.balancing == 1.0,
-        relays_open=found.states.get("closed") is False,
+        balancing=None if np.isnan(measured.balancing).all() else measured.balancing == 1.0,
+        relays_open=measured.states.get("closed") is False,
         slave_status=(None,) * battery.n_segments,
-        reported=Reported(_number(found.pack_voltage_v), *(_NO_EXTREME,) * 4, None, voltage_error=PACK_VOLTAGE_ERROR),
-        master=_master(found),
-        charger=_charger(found),
-        age_s=_of_parts({part: (t_mono_ns - t_ns) / 1e9 for part, t_ns in found.newest_ns.items()}),
+        reported=Reported(
+            _number(measured.pack_voltage_v), *(_NO_EXTREME,) * 4, None, voltage_error=PACK_VOLTAGE_ERROR
+        ),
+        master=_master(measured),
+        charger=_charger(measured),
+        age_s=_of_parts({part: (t_mono_ns - t_ns) / 1e9 for part, t_ns in measured.newest_ns.items()}),
         disagreements=(),
-        limits=_limits(battery, found.limits),
+        limits=_limits(battery, measured.limits),
         config=None,
         config_hash=None,
-        voltage_age_s=np.where(np.isfinite(found.voltage_v), (t_mono_ns - found.voltage_t_ns) / 1e9, np.nan),
+        voltage_age_s=np.where(np.isfinite(measured.voltage_v), (t_mono_ns - measured.voltage_t_ns) / 1e9, np.nan),
         **more,
     )
 
@@ -237,15 +245,15 @@ def _of_parts(seconds: Mapping[str, float]) -> Ages:
     return Ages(**{field.name: seconds.get(field.name) for field in fields(Ages)})
 
 
-def _master(found: BatteryMeasurement) -> Master:
-    states = [state for name, state in _STATES if found.states.get(name)]
-    state: MasterState = states[0] if states else ("idle" if found.states.get("closed") is False else "unknown")
+def _master(measured: BatteryMeasurement) -> Master:
+    states = [state for name, state in _STATES if measured.states.get(name)]
+    state: MasterState = states[0] if states else ("idle" if measured.states.get("closed") is False else "unknown")
     return Master(
         state=state,
         why=Message("bms-state") if state != "unknown" else Message("bms-no-state"),
-        fit=None if found.states.get("fault") is None else not found.states["fault"],
+        fit=None if measured.states.get("fault") is None else not measured.states["fault"],
         flags=None,
-        soc=_number(found.soc),
+        soc=_number(measured.soc),
         charge_drawn_ah=None,
         n_slaves=None,
         can_tx_enabled=None,
@@ -261,8 +269,8 @@ def _master(found: BatteryMeasurement) -> Master:
     )
 
 
-def _charger(found: BatteryMeasurement) -> Charger:
-    voltage_v, current_a = _number(found.charger_voltage_v), _number(found.charger_current_a)
+def _charger(measured: BatteryMeasurement) -> Charger:
+    voltage_v, current_a = _number(measured.charger_voltage_v), _number(measured.charger_current_a)
     return Charger(None, None, None, voltage_v, current_a, None, ())
 
 

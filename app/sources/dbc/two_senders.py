@@ -34,15 +34,15 @@ class TwoSenders:
 
     def take(self, voltages: ChannelValues) -> None:
         """Take voltages in the order of their frames; `cells` are then those that read two values in turn."""
-        known = np.isfinite(voltages.value)
-        index, value = voltages.index[known], voltages.value[known]
+        is_finite = np.isfinite(voltages.value)
+        index, value = voltages.index[is_finite], voltages.value[is_finite]
         while len(index):
             cells, first = np.unique(index, return_index=True)
             self._take_one_each(cells, value[first])
             index, value = np.delete(index, first), np.delete(value, first)
         before = self.cells
-        found = (self._jumps >= FOUND) | (before & (self._jumps > 0))
-        self.cells = found & (found.mean() <= MOST_SHARE)
+        is_jumping = (self._jumps >= FOUND) | (before & (self._jumps > 0))
+        self.cells = is_jumping & (is_jumping.mean() <= MOST_SHARE)
         self._unreported = (self._unreported | ~before) & self.cells
 
     def events(self, t_wall_ns: int) -> tuple[Event, ...]:

@@ -53,12 +53,12 @@ def _described(text: str | None) -> str:
 def can_adapters() -> list[Found]:
     """Return the CAN adapters that python-can finds, then serial adapters, which may be SLCAN."""
     named = [name for name in can.VALID_INTERFACES if name not in _NO_ADAPTERS]
-    found = [
-        Found(f"{each['interface']}:{each['channel']}", str(each.get("device_name", "")))
-        for each in can.detect_available_configs(named, timeout=_SEARCH_S)
+    adapters = [
+        Found(f"{config['interface']}:{config['channel']}", str(config.get("device_name", "")))
+        for config in can.detect_available_configs(named, timeout=_SEARCH_S)
     ]
     usb = [port for port in list_ports.comports() if port.vid is not None]
-    return found + [Found(f"slcan:{port.device}", _described(port.description)) for port in usb]
+    return adapters + [Found(f"slcan:{port.device}", _described(port.description)) for port in usb]
 
 
 def check_serial(
@@ -78,7 +78,7 @@ def check_serial(
     received = frames = 0
     if count is None:
         decoder = FrameDecoder()
-        count = lambda data: sum(isinstance(each, Frame) for each in decoder.feed(data))  # noqa: E731
+        count = lambda data: sum(isinstance(frame, Frame) for frame in decoder.feed(data))  # noqa: E731
     settings = MASTER_PORT if mapping is None else mapping.port
     requests = None if mapping is None else Requests(mapping)
     try:

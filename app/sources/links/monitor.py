@@ -96,10 +96,10 @@ class LinkMonitor:
         self._last_good_ns = t_ns
         self._last_sent_ns = t_ns if sent_ns is None else sent_ns
 
-    def on_unframed(self, found: UnframedBytes) -> None:
+    def on_unframed(self, unframed: UnframedBytes) -> None:
         """Bytes arrived that are no frame; those of a bad frame are counted with it."""
-        self._add_bytes(found.t_mono_ns, found.count)
-        self._unframed = found
+        self._add_bytes(unframed.t_mono_ns, unframed.count)
+        self._unframed = unframed
 
     def on_read(self, item: SerialBytes, frames: int, bad: int, last: bytes) -> None:
         """Bytes of a line that a profile describes, how many frames they complete, and the last of all."""
@@ -179,8 +179,8 @@ class LinkMonitor:
         )
 
     def _unframed_now(self, now_ns: int) -> str | None:
-        found = self._unframed
-        return None if found is None or now_ns - found.t_mono_ns > _WINDOW_NS else found.last.hex(" ")
+        unframed = self._unframed
+        return None if unframed is None or now_ns - unframed.t_mono_ns > _WINDOW_NS else unframed.last.hex(" ")
 
     def _load(self, bytes_per_s: float) -> float | None:
         if self._line_bytes_per_s:

@@ -17,7 +17,7 @@ class Requests:
     """What is sent when: each frame's request every `poll_s`, one after the other."""
 
     def __init__(self, mapping: SerialMapping) -> None:
-        self._all = [(each.poll, each.poll_s) for each in mapping.parts if each.poll]
+        self._all = [(part.poll, part.poll_s) for part in mapping.parts if part.poll]
         self._due_s = [0.0] * len(self._all)
         self._free_s = 0.0
 

@@ -64,9 +64,9 @@ class _UnframedWatch:
         self._last = (self._last + data)[-LAST_BYTES:]
         if now_ns - self._since_ns < UNFRAMED_S * 1e9:
             return None
-        found = UnframedBytes(now_ns, wall_ns, max(0, self._count), self._last)
+        unframed_bytes = UnframedBytes(now_ns, wall_ns, max(0, self._count), self._last)
         self._since_ns, self._count = now_ns, 0
-        return found
+        return unframed_bytes
 
 
 class SerialLink:
@@ -166,9 +166,9 @@ class SerialLink:
                 frames = [(frame, self.on_frame(frame)) for frame in decoder.feed(data)]
                 for frame, is_asked in frames:  # replies have left already: the sink may wait
                     self._sink(SerialItem(now_ns, wall_ns, frame, waited_max_ns, is_asked))
-                found = unframed.add(now_ns, wall_ns, data, [frame for frame, _ in frames])
-                if found is not None:
-                    self._sink(found)
+                unframed_bytes = unframed.add(now_ns, wall_ns, data, [frame for frame, _ in frames])
+                if unframed_bytes is not None:
+                    self._sink(unframed_bytes)
                 empty_ns = looked_ns if in_time else None
                 silent_since = now_ns / 1e9
                 continue

@@ -35,8 +35,8 @@ _BOOT_CAUSES = (
 def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | None]:
     """Return the event for the log, and where it opened the shutdown circuit the reason."""
     cell = message.cell if message.cell < N_CELLS else None
-    known = message.code in set(EventCode)
-    code = EventCode(message.code).name.lower().replace("_", "-") if known else "master-event"
+    is_code = message.code in set(EventCode)
+    code = EventCode(message.code).name.lower().replace("_", "-") if is_code else "master-event"
     if message.code in _TRIPS:
         what, scale, unit = _TRIPS[message.code]
         if message.code == EventCode.TRIP_SLAVE_LOST and cell is not None:  # the first of its pack

@@ -185,8 +185,8 @@ class MasterSource:
             self._restart = item.t_mono_ns, Message("boot-cause-unknown")
         was_off = is_reset if self._booted is None else self._booted not in WARM_RESETS
         self._booted = None
-        found = self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True)
-        return Received(replace(found, was_off=was_off))
+        measurement = self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True)
+        return Received(replace(measurement, was_off=was_off))
 
     def _restarted(self, t_mono_ns: int) -> Message | None:
         """Why the master restarted, for RESTART_SHOWN_NS."""

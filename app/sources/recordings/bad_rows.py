@@ -66,8 +66,8 @@ class BadRows:
             reason if line is None else Message("at-line", line=line, reason=reason) for line, reason in self.first
         ]
         text: Text = ""
-        for each in [*named, "..."] if self.count > len(named) else named:
-            text = Message("joined", first=text, then=each) if text else each
+        for name in [*named, "..."] if self.count > len(named) else named:
+            text = Message("joined", first=text, then=name) if text else name
         return text
 
 

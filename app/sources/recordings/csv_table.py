@@ -82,7 +82,7 @@ def read_csv(source: str, raw: bytes, notes: list[Message], on_read: OnRows = la
     if "\0" in text:
         raise TableUnreadable(source, Message("no-text"))
     lines = text.splitlines()
-    first_row = next((found for line in lines[:5] if (found := HEADER_LINES.match(line))), None)
+    first_row = next((match for line in lines[:5] if (match := HEADER_LINES.match(line))), None)
     above = max(int(first_row[1]) - 1, 0) if first_row is not None and int(first_row[1]) <= len(lines) else 0
     numbers = [above + k for k, line in enumerate(lines[above:], 1) if line.strip()]
     lines = [lines[number - 1] for number in numbers]
@@ -146,7 +146,7 @@ def _with_day_first(body: list[str]) -> list[str]:
     spans: list[tuple[timedelta, bool]] = []
     for day_at in (1, 0):  # month first is the usual one
         try:
-            days = [datetime(int(each[2]), int(each[1 - day_at]), int(each[day_at])) for each in dates]
+            days = [datetime(int(date[2]), int(date[1 - day_at]), int(date[day_at])) for date in dates]
         except ValueError:
             continue
         spans.append((max(days) - min(days), day_at == 0))
@@ -186,7 +186,7 @@ def _without_quotes(source: str, lines: list[str]) -> list[str]:
     if not any(line.count('"') >= 2 and any(mark in part for part in line.split('"')[1::2] for mark in DELIMITERS)
                for line in lines):  # fmt: skip
         return lines
-    delimiter = max(DELIMITERS, key=lambda each: max(line.count(each) for line in lines[-20:]))
+    delimiter = max(DELIMITERS, key=lambda delimiter: max(line.count(delimiter) for line in lines[-20:]))
     rows = csv.reader(lines, delimiter=delimiter)
     try:
         return [delimiter.join(field.strip().replace(delimiter, " ") for field in row) for row in rows]

@@ -85,8 +85,8 @@ def parse_cells(text: str) -> list[tuple[int, int]]:
     """
     spans = []
     for part in "".join(text.split()).split(",") if text.strip() else []:
-        found = _CELLS.fullmatch(part)
-        first, last = (int(found[1]), int(found[2] or found[1])) if found is not None else (0, 0)
+        match = _CELLS.fullmatch(part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match is not None else (0, 0)
         if not 1 <= first <= last:
             raise ImportFailed("profile", Message("no-cell-numbers", value=repr(text[:60])))
         spans.append((first, last))
@@ -111,7 +111,7 @@ def profile_of(given: dict[str, object], source: str = "profile") -> ImportMappi
     Raises:
         ImportFailed: a field is unknown or of the wrong kind.
     """
-    kinds = {each.name: type(each.default) for each in fields(ImportMapping)}
+    kinds = {field.name: type(field.default) for field in fields(ImportMapping)}
     for name, value in given.items():
         if name not in kinds:
             raise ImportFailed(source, Message("no-profile-field", field=name, fields=tuple(kinds)))

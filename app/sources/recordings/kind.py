@@ -46,9 +46,9 @@ def kind_of(path: Path) -> str:
                 raw = packed.read(_READ)
     except (OSError, EOFError, zlib.error):
         return by_name
-    found = next((kind for magic, kind in _MAGIC if raw.startswith(magic)), None)
-    if found is not None:
-        return found
+    by_magic = next((kind for magic, kind in _MAGIC if raw.startswith(magic)), None)
+    if by_magic is not None:
+        return by_magic
     if raw.startswith(b"PK\3\4"):
         return _kind_of_zip(path)
     if b"\0" in without_nul_runs(raw) and not wide_encoding(raw):
@@ -69,7 +69,7 @@ def names_in_zip(path: Path) -> list[str]:
     """Return the files in a zip archive, none of one that cannot be read."""
     try:
         with zipfile.ZipFile(path) as packed:
-            return [each.filename for each in packed.infolist() if not each.is_dir()]
+            return [entry.filename for entry in packed.infolist() if not entry.is_dir()]
     except (OSError, zipfile.BadZipFile):
         return []
 

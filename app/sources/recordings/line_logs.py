@@ -51,16 +51,16 @@ def crtd_frame(line: str) -> Frame | None:
     """
     if line.lstrip().startswith("#"):
         return None
-    found = CRTD_LINE.match(line.strip())
-    if found is None:
+    match = CRTD_LINE.match(line.strip())
+    if match is None:
         raise UnreadableLine(Message("line-unlike", shape="TIME R11|R29 ID BYTES", text=line.strip()[:SHOWN_TEXT]))
-    if found["way"] is None:
+    if match["way"] is None:
         return None
-    extended = CAN_ID_EXTENDED if found["bits"] == "29" else 0
-    can_id = int(found["id"], 16)
+    extended = CAN_ID_EXTENDED if match["bits"] == "29" else 0
+    can_id = int(match["id"], 16)
     if can_id > (_ID_BITS if extended else _SHORT_ID):
-        raise UnreadableLine(Message("line-id", id=found["id"], bits=int(found["bits"])))
-    return float(found["time"]), can_id | extended, bytes.fromhex(found["data"])
+        raise UnreadableLine(Message("line-id", id=match["id"], bits=int(match["bits"])))
+    return float(match["time"]), can_id | extended, bytes.fromhex(match["data"])
 
 
 ERROR_FRAME, REMOTE = 0x20000000, "R"
@@ -84,14 +84,14 @@ def candump_frame(line: str) -> tuple[float, int, bytes] | None:
     plain = _PLAIN.fullmatch(line)
     if plain is not None and (seconds := float(plain[1])) < MOST_S:
         return seconds, int(plain[2], 16), bytes.fromhex(plain[3])
-    found = CANDUMP_LINE.match(line)
-    if found is None:
+    match = CANDUMP_LINE.match(line)
+    if match is None:
         raise UnreadableLine(Message("line-unlike", shape="(TIME) BUS ID#BYTES", text=line.strip()[:SHOWN_TEXT]))
-    can_id, text = int(found["id"], 16), found["bytes"] if found["data"] is None else found["data"]
-    if text.startswith((REMOTE, "remote")) or (len(found["id"]) > _SHORT_ID_DIGITS and can_id & ERROR_FRAME):
+    can_id, text = int(match["id"], 16), match["bytes"] if match["data"] is None else match["data"]
+    if text.startswith((REMOTE, "remote")) or (len(match["id"]) > _SHORT_ID_DIGITS and can_id & ERROR_FRAME):
         return None
-    extended = CAN_ID_EXTENDED if len(found["id"]) > _SHORT_ID_DIGITS else 0
-    return _seconds(found["time"]), can_id & 0x1FFFFFFF | extended, bytes.fromhex(text.replace(".", ""))
+    extended = CAN_ID_EXTENDED if len(match["id"]) > _SHORT_ID_DIGITS else 0
+    return _seconds(match["time"]), can_id & 0x1FFFFFFF | extended, bytes.fromhex(text.replace(".", ""))
 
 
 def _seconds(text: str) -> float:

@@ -50,12 +50,12 @@ def _frames_of(file: Any, number: int, start_s: float) -> Iterator[Frame]:
     """The frames of one channel group."""
     n_frames = file.groups[number].channel_group.cycles_nr
     for first in range(0, n_frames, AT_ONCE):
-        found = file.get(_FRAME, group=number, raw=True, record_offset=first, record_count=AT_ONCE)
-        column = {name.rpartition(".")[2]: found.samples[name] for name in found.samples.dtype.names}
+        columns = file.get(_FRAME, group=number, raw=True, record_offset=first, record_count=AT_ONCE)
+        column = {name.rpartition(".")[2]: columns.samples[name] for name in columns.samples.dtype.names}
         can_id = column["ID"].astype(np.uint32)
         extended = (can_id & CAN_ID_EXTENDED != 0) | (column["IDE"] != 0 if "IDE" in column else False)
         ids = (can_id & _ID_BITS) | np.where(extended, np.uint32(CAN_ID_EXTENDED), np.uint32(0))
-        times_s, lengths = found.timestamps + start_s, column["DataLength"].astype(int)
+        times_s, lengths = columns.timestamps + start_s, column["DataLength"].astype(int)
         rows = zip(times_s.tolist(), ids.tolist(), column["DataBytes"], lengths.tolist(), strict=True)
-        for time_s, each, data, length in rows:
-            yield time_s, each, bytes(data[:length])
+        for time_s, frame_id, data, length in rows:
+            yield time_s, frame_id, bytes(data[:length])

@@ -81,7 +81,7 @@ def preview(path: Path, profile: ImportMapping, pick: Iterable[str], dbc: Path |
         columns = _columns({name: values[:SAMPLES] for name, values in table.columns.items()})
         return _of_table(table, with_units(profile, table, pick), columns)
     signals = read_signals(path, dbc, MOST_FRAMES)
-    columns = _columns({name: values[:SAMPLES] for name, (_, values) in sorted(signals.found.items())})
+    columns = _columns({name: values[:SAMPLES] for name, (_, values) in sorted(signals.by_name.items())})
     try:
         table = signals.table(profile)
     except ImportFailed as error:
@@ -106,12 +106,12 @@ def _of_table(table: Table, profile: ImportMapping, columns: tuple[PreviewColumn
 
 def _cells(table: Table, profile: ImportMapping) -> tuple[CellColumn, ...]:
     names = [profile.voltages] if profile.voltages in table.columns else matching(profile.voltages, list(table.columns))
-    found = []
+    cells = []
     for name in names:
-        known = table.columns[name][np.isfinite(table.columns[name])]
-        volts = in_our_unit(known, "voltage", profile.voltage_unit) / profile.cells_in_series
-        found.append(CellColumn(name, float(np.median(volts)) if len(volts) else None))
-    return tuple(found)
+        finite = table.columns[name][np.isfinite(table.columns[name])]
+        volts = in_our_unit(finite, "voltage", profile.voltage_unit) / profile.cells_in_series
+        cells.append(CellColumn(name, float(np.median(volts)) if len(volts) else None))
+    return tuple(cells)
 
 
 def _understood(log: BatteryLog) -> Understood:

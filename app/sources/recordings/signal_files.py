@@ -62,18 +62,18 @@ def _mf4(path: Path) -> tuple[FloatArray, Columns, bool]:
         asammdf = import_module("asammdf")
     except ImportError as error:
         raise ExtraMissing("an MF4 file", "asammdf", "mf4") from error
-    found: dict[str, tuple[FloatArray, FloatArray]] = {}
+    signals: dict[str, tuple[FloatArray, FloatArray]] = {}
     with path.open("rb") as raw, asammdf.MDF(raw) as file:  # it does not close a file that it cannot read
         start_s = file.start_time.timestamp()
         is_ours = _OURS in (file.header.comment or "")
         for signal in file.iter_channels(skip_master=True):
             values = signal.samples
             if values.ndim == 1 and values.dtype.kind in "biuf" and len(values):
-                found[_with_unit(signal.name, signal.unit)] = (signal.timestamps + start_s, values.astype(np.float64))
-    if not found:
+                signals[_with_unit(signal.name, signal.unit)] = (signal.timestamps + start_s, values.astype(np.float64))
+    if not signals:
         return np.array([]), {}, is_ours
-    time_s = max((times for times, _ in found.values()), key=len)
-    return time_s, {name: latest_at(time_s, *each) for name, each in found.items()}, is_ours
+    time_s = max((times for times, _ in signals.values()), key=len)
+    return time_s, {name: latest_at(time_s, *samples) for name, samples in signals.items()}, is_ours
 
 
 def _mcap(path: Path) -> tuple[FloatArray, Columns, bool]:
@@ -82,7 +82,7 @@ def _mcap(path: Path) -> tuple[FloatArray, Columns, bool]:
         classes = _message_classes(import_module("google.protobuf.message_factory"))
     except ImportError as error:
         raise ExtraMissing("an MCAP file", "mcap and protobuf", "mcap") from error
-    found: dict[str, dict[int, float]] = {}
+    signals: dict[str, dict[int, float]] = {}
     with path.open("rb") as file:
         for schema, channel, message in reader.make_reader(file).iter_messages():
             if schema is None or schema.name not in ("voltwall.Number", "voltwall.Numbers"):
@@ -92,11 +92,11 @@ def _mcap(path: Path) -> tuple[FloatArray, Columns, bool]:
             is_array = schema.name.endswith("s")
             for index, value in enumerate(sample.value if is_array else [sample.value]):
                 column = _with_unit(f"{name}[{index}]" if is_array else name, sample.unit)
-                found.setdefault(column, {})[message.log_time] = value
-            found.setdefault("uptime_s", {})[message.log_time] = sample.uptime_s
-    times = np.array(sorted({time for values in found.values() for time in values}), np.int64)
+                signals.setdefault(column, {})[message.log_time] = value
+            signals.setdefault("uptime_s", {})[message.log_time] = sample.uptime_s
+    times = np.array(sorted({time for values in signals.values() for time in values}), np.int64)
     columns = {}
-    for name, values in found.items():
+    for name, values in signals.items():
         columns[name] = np.full(len(times), np.nan)
         columns[name][np.searchsorted(times, list(values))] = list(values.values())
     return times / 1e9, columns, True
@@ -138,7 +138,7 @@ def _ld(path: Path) -> tuple[FloatArray, Columns, bool]:
     is_ours = _OURS.encode() in raw[_LD_COMMENT_AT : _LD_COMMENT_AT + 64]
     if not channels:
         return np.array([]), {}, is_ours
-    most_hz, longest = max(channels.values(), key=lambda each: (each[0], len(each[1])))
+    most_hz, longest = max(channels.values(), key=lambda channel: (channel[0], len(channel[1])))
     time_s = start_s + np.arange(len(longest)) / most_hz
     columns = {}
     for name, (rate_hz, values) in channels.items():
@@ -247,8 +247,8 @@ def _columns(frame: Any) -> dict[str, FloatArray]:
         time_s = in_step_s + _before(in_step_s, columns.get("step_index", np.zeros(len(in_step_s))))
     if time_s is None:
         return {"time_s": stamps, **columns}
-    known = stamps[np.isfinite(stamps)]
-    return {"time_s": time_s + (known[0] - time_s[0] if len(known) else 0.0), **columns}
+    finite = stamps[np.isfinite(stamps)]
+    return {"time_s": time_s + (finite[0] - time_s[0] if len(finite) else 0.0), **columns}
 
 
 def _before(in_step_s: FloatArray, step: FloatArray) -> FloatArray:

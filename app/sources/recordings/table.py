@@ -76,13 +76,13 @@ class Table:
         Raises:
             ImportFailed: no column fits the pattern.
         """
-        found = matching(pattern, list(self.columns))
-        if not found:
+        names = matching(pattern, list(self.columns))
+        if not names:
             raise ImportFailed(
                 self.source,
                 Message("no-column-fits", what=what, pattern=repr(pattern), names=some_of(list(self.columns))),
             )
-        return np.column_stack([self.columns[name] for name in found])
+        return np.column_stack([self.columns[name] for name in names])
 
 
 def column_number(text: str, count: int) -> int | None:
@@ -96,11 +96,11 @@ def matching(pattern: str, names: Sequence[str]) -> list[str]:
     parts = re.split(r"\{([np])\}", pattern)
     expression = "".join(_PLACE[part] if i % 2 else re.escape(part) for i, part in enumerate(parts))
     try:
-        found = [(match.groupdict(), name) for name in names if (match := re.fullmatch(expression, name))]
+        matches = [(match.groupdict(), name) for name in names if (match := re.fullmatch(expression, name))]
     except re.error:
         return []
-    found.sort(key=lambda each: (int(each[0].get("p") or 0), int(each[0].get("n") or 0)))
-    return [name for _, name in found]
+    matches.sort(key=lambda match: (int(match[0].get("p") or 0), int(match[0].get("n") or 0)))
+    return [name for _, name in matches]
 
 
 def load_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:

@@ -20,27 +20,27 @@ _CELL_V = (1.0, 5.0)
 
 def serial_issues(battery: Battery, mapping: SerialMapping, file: str, capture: bytes | None) -> list[ProfileIssue]:
     """Return what is doubtful, errors first; `capture` are bytes that were read from the line, None without."""
-    found = []
+    issues = []
     for i, part in enumerate(mapping.parts):
         checksum = part.checksum if isinstance(part, SerialFrame) else None
         line = part.line if isinstance(part, SerialFrame) else part.row
         path = f"serial.{'frame' if isinstance(part, SerialFrame) else 'line'}[{i}]"
         if checksum is not None and checksum_of(checksum.kind) is None:
-            found.append(ProfileIssue(file, line, f"{path}.checksum", Message("serial-checksum"), is_error=True))
+            issues.append(ProfileIssue(file, line, f"{path}.checksum", Message("serial-checksum"), is_error=True))
         if checksum is None:
-            found.append(ProfileIssue(file, line, path, Message("check-no-checksum", name=part.name)))
-    if found and any(each.is_error for each in found):
-        return sorted(found, key=lambda each: not each.is_error)
+            issues.append(ProfileIssue(file, line, path, Message("check-no-checksum", name=part.name)))
+    if issues and any(issue.is_error for issue in issues):
+        return sorted(issues, key=lambda issue: not issue.is_error)
     missing = _without_field(battery, mapping)
     if "voltage" not in mapping.kinds:
-        found.insert(0, ProfileIssue(file, None, "serial", Message("check-no-voltages"), is_error=True))
+        issues.insert(0, ProfileIssue(file, None, "serial", Message("check-no-voltages"), is_error=True))
     elif missing:
         numbers = tuple(cell + 1 for cell in missing[:10])
         what = Message("check-without-signal", kind="voltage", n=len(missing), numbers=numbers)
-        found.append(ProfileIssue(file, None, "serial", what))
+        issues.append(ProfileIssue(file, None, "serial", what))
     if "current" not in mapping.kinds:
-        found.append(ProfileIssue(file, None, "serial", Message("check-no-current")))
-    return found if capture is None else [*found, *_of_capture(battery, mapping, file, capture)]
+        issues.append(ProfileIssue(file, None, "serial", Message("check-no-current")))
+    return issues if capture is None else [*issues, *_of_capture(battery, mapping, file, capture)]
 
 
 def _without_field(battery: Battery, mapping: SerialMapping) -> list[int]:
@@ -57,11 +57,11 @@ def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: by
     values = decoder.decode([*frames, *reader.idle(reader.silence_ns)])
     n_frames = reader.frames - decoder.implausible_frames
     what = Message("check-captured", n=n_frames, bad=reader.bad_frames, skipped=reader.skipped_bytes)
-    found = [] if n_frames and not reader.bad_frames else [ProfileIssue(file, None, "log", what)]
+    issues = [] if n_frames and not reader.bad_frames else [ProfileIssue(file, None, "log", what)]
     if not n_frames:
-        return found
+        return issues
     for kind in sorted(mapping.kinds - values.keys()):
-        found.append(ProfileIssue(file, None, "log", Message("check-nothing-of-it", kind=kind)))
+        issues.append(ProfileIssue(file, None, "log", Message("check-nothing-of-it", kind=kind)))
     voltage = values.get("voltage")
     if voltage is not None:
         newest = np.full(battery.n_cells, np.nan)
@@ -69,16 +69,16 @@ def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: by
         odd = np.flatnonzero((newest < _CELL_V[0]) | (newest > _CELL_V[1]))
         if len(odd):
             worst = Quantity(float(newest[odd[0]]), "V", 3)
-            numbers = tuple(int(each) + 1 for each in odd[:10])
-            found.append(
+            numbers = tuple(int(cell) + 1 for cell in odd[:10])
+            issues.append(
                 ProfileIssue(file, None, "log", Message("check-implausible", n=len(odd), numbers=numbers, worst=worst))
             )
         pack = values.get("pack_voltage")
         total_v = float(newest.sum())
         if pack is not None and np.isfinite(total_v) and abs(pack.value[-1] - total_v) > _SUM_ERROR * abs(total_v):
             in_all, of_pack = Quantity(total_v, "V", 2), Quantity(float(pack.value[-1]), "V", 2)
-            found.append(ProfileIssue(file, None, "log", Message("check-sum-off", sum=in_all, pack=of_pack)))
-    return found
+            issues.append(ProfileIssue(file, None, "log", Message("check-sum-off", sum=in_all, pack=of_pack)))
+    return issues
 
 
 def shown_values(battery: Battery, mapping: SerialMapping, capture: bytes) -> list[str]:

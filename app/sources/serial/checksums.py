@@ -16,7 +16,7 @@ SUMS: dict[str, tuple[int, Callable[[bytes], int]]] = {  # bytes, and the number
     "sum16-complement": (2, lambda data: -sum(data) & 0xFFFF),
 }
 
-_CRCS = {name.lower(): each for name, each in vars(crc).items() if name.startswith("Crc") and name != "CrcBase"}
+_CRCS = {name.lower(): value for name, value in vars(crc).items() if name.startswith("Crc") and name != "CrcBase"}
 
 
 @cache
@@ -24,8 +24,8 @@ def checksum_of(kind: str) -> tuple[int, Callable[[bytes], int]] | None:
     """Return the size [bytes] and the function of a checksum, None where there is none of this name."""
     if kind in SUMS:
         return SUMS[kind]
-    found = _CRCS.get(re.sub(r"[^a-z0-9]", "", kind.lower()))
-    return None if found is None else ((found.width() + 7) // 8, found.calc)
+    algorithm = _CRCS.get(re.sub(r"[^a-z0-9]", "", kind.lower()))
+    return None if algorithm is None else ((algorithm.width() + 7) // 8, algorithm.calc)
 
 
 def is_sound(checksum: Checksum, frame: bytes) -> bool:
@@ -34,10 +34,10 @@ def is_sound(checksum: Checksum, frame: bytes) -> bool:
     Raises:
         KeyError: there is no checksum of this kind.
     """
-    found = checksum_of(checksum.kind)
-    if found is None:
+    algorithm = checksum_of(checksum.kind)
+    if algorithm is None:
         raise KeyError(checksum.kind)
-    size, number = found
+    size, number = algorithm
     at = checksum.at % len(frame)
     stored = frame[at : at + size]
     return len(stored) == size and int.from_bytes(stored, checksum.byte_order) == number(

@@ -74,15 +74,15 @@ class SerialDecoder:
         """Return what the frames hold, by kind, as `BatteryDecoder.decode` does."""
         parts: dict[str, _Part] = defaultdict(_Part)
         for frame in frames:
-            found = self._of_frame(frame)
-            for of, index, value in found:
+            channels = self._of_frame(frame)
+            for of, index, value in channels:
                 part = parts[of.kind]
                 part.t_ns.append(frame.t_ns)
                 part.index.append(index)
                 part.value.append(value)
         return {
             kind: ChannelValues(
-                np.repeat(np.array(part.t_ns, np.int64), [len(each) for each in part.index]),
+                np.repeat(np.array(part.t_ns, np.int64), [len(indices) for indices in part.index]),
                 np.concatenate(part.index),
                 np.concatenate(part.value),
             )
@@ -91,16 +91,16 @@ class SerialDecoder:
 
     def _of_frame(self, frame: Framed) -> list[tuple[SerialField, IntArray, FloatArray]]:
         try:
-            found = [
-                (of, *each)
+            channels = [
+                (of, *channel)
                 for of, raw, shift in (_of_line(frame) if isinstance(frame.of, SerialLine) else _of_bytes(frame))
-                if (each := self._channels(of, raw, shift)) is not None
+                if (channel := self._channels(of, raw, shift)) is not None
             ]
         except (ValueError, IndexError, UnicodeDecodeError):
             self.implausible_frames += 1
             return []
         checksum = None if isinstance(frame.of, SerialLine) else frame.of.checksum
-        return found if checksum is not None else self._plausible(found)
+        return channels if checksum is not None else self._plausible(channels)
 
     def _channels(self, of: SerialField, raw: FloatArray, shift: int) -> tuple[IntArray, FloatArray] | None:
         if of.kind.startswith("state."):
@@ -118,19 +118,19 @@ class SerialDecoder:
         if size is None:
             return np.zeros(1, np.intp), value[:1]
         index = of.first + shift + np.arange(len(value), dtype=np.intp)
-        known = (index >= 0) & (index < size)
-        return (index[known], value[known]) if known.any() else None
+        is_inside = (index >= 0) & (index < size)
+        return (index[is_inside], value[is_inside]) if is_inside.any() else None
 
     def _plausible(
-        self, found: Sequence[tuple[SerialField, IntArray, FloatArray]]
+        self, read: Sequence[tuple[SerialField, IntArray, FloatArray]]
     ) -> list[tuple[SerialField, IntArray, FloatArray]]:
         """A frame without a checksum: a value beyond what a battery can have, or a jump of one cell, is left out."""
-        wrong = [~_is_plausible(of.kind, value) for of, _, value in found]
-        if sum(each.sum() for each in wrong) > MOST_IMPLAUSIBLE * max(sum(map(len, wrong)), 1):
+        wrong = [~_is_plausible(of.kind, value) for of, _, value in read]
+        if sum(is_wrong.sum() for is_wrong in wrong) > MOST_IMPLAUSIBLE * max(sum(map(len, wrong)), 1):
             self.implausible_frames += 1
             return []
         kept = []
-        for (of, index, value), is_wrong in zip(found, wrong, strict=True):
+        for (of, index, value), is_wrong in zip(read, wrong, strict=True):
             is_left_out = is_wrong
             steps = self._steps.get(of.kind)
             if steps is not None and len(index) >= FEWEST:
@@ -181,15 +181,15 @@ def _of_line(frame: Framed) -> Iterable[tuple[SerialField, FloatArray, int]]:
     text = text.removesuffix(of.end) if of.end else text
     groups = groups_of(of.pattern, text) if of.pattern else {}
     columns = [] if of.pattern else _split(text, of.separator)
-    for each in of.fields:
-        if each.columns is not None:
-            first, last = each.columns
+    for part in of.fields:
+        if part.columns is not None:
+            first, last = part.columns
             texts = columns[first : last + 1]
             if len(texts) != last - first + 1:
                 raise ValueError("the line has too few columns")
         else:
-            texts = _split(groups[each.group], of.separator)
-        yield each, np.array([_number(one, each.base) for one in texts]), 0
+            texts = _split(groups[part.group], of.separator)
+        yield part, np.array([_number(one, part.base) for one in texts]), 0
 
 
 def _split(text: str, separator: str) -> list[str]:

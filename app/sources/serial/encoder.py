@@ -26,8 +26,8 @@ class SerialEncoder:
         self._mapping = mapping
         self._sizes = dict.fromkeys(("voltage", "balancing", "resistance"), battery.n_cells)
         self._sizes["temperature"] = battery.n_sensors
-        self._unasked = tuple(each for each in mapping.parts if not each.poll)
-        gaps_s = [each.gap_s for each in mapping.frames if each.gap_s is not None]
+        self._unasked = tuple(part for part in mapping.parts if not part.poll)
+        gaps_s = [frame.gap_s for frame in mapping.frames if frame.gap_s is not None]
         self._every_s = max([STREAM_S, *(LEAST_GAPS * gap_s for gap_s in gaps_s)])
         self._streams = not mapping.port.start
         self._received = b""
@@ -50,12 +50,12 @@ class SerialEncoder:
         """Take bytes that reach the battery."""
         self._received += data
         port = self._mapping.port
-        requests = [each.poll for each in self._mapping.parts if each.poll]
+        requests = [part.poll for part in self._mapping.parts if part.poll]
         for request in (port.start, port.stop, *requests):
             if not request or request not in self._received:
                 continue
             self._received = self._received.replace(request, b"")
-            self._asked += [each for each in self._mapping.parts if each.poll == request]
+            self._asked += [part for part in self._mapping.parts if part.poll == request]
             if request == port.start:
                 self._streams, self._due_s = True, now_s
             elif request == port.stop:
@@ -74,41 +74,41 @@ class SerialEncoder:
         """Return a frame or line; of a frame with a number of its own as many as hold all channels."""
         if isinstance(part, SerialLine):
             return self._line(part, readings)
-        frames = [-(-self._sizes.get(each.kind, 1) // each.count) for each in part.fields if each.index is not None]
+        frames = [-(-self._sizes.get(field.kind, 1) // field.count) for field in part.fields if field.index is not None]
         return b"".join(self._frame(part, number, readings) for number in range(max(frames, default=1)))
 
     def _frame(self, of: SerialFrame, number: int, readings: Readings) -> bytes:
         tail = len(of.end)
         if of.checksum is not None:
-            found = checksum_of(of.checksum.kind)
-            assert found is not None
+            algorithm = checksum_of(of.checksum.kind)
+            assert algorithm is not None
             tail = max(tail, -of.checksum.at if of.checksum.at < 0 else 0)
-        ends = [_end(each) for each in of.fields]
+        ends = [_end(field) for field in of.fields]
         frame = bytearray(of.length or max(*ends, len(of.header)) + tail)
-        frame[: len(of.header)] = bytes(each or 0 for each in of.header)
+        frame[: len(of.header)] = bytes(byte or 0 for byte in of.header)
         if of.length_at is not None:
             at = of.length_at
             frame[at.offset : at.offset + at.size] = (len(frame) - at.adds).to_bytes(at.size, at.byte_order)
-        for each in of.fields:
+        for field in of.fields:
             shift = 0
-            if each.index is not None:
-                shift = number * each.count
+            if field.index is not None:
+                shift = number * field.count
                 _put(
                     frame,
-                    each.index.type,
-                    each.index.at,
+                    field.index.type,
+                    field.index.at,
                     0,
-                    each.index.byte_order,
-                    np.array([number + each.index.base]),
+                    field.index.byte_order,
+                    np.array([number + field.index.base]),
                 )
-            raw = _raw(each, readings, each.first + shift)
-            if each.bits:
-                raw = _words(raw, 8 * np.dtype(TYPES[each.type]).itemsize)
-            _put(frame, each.type, each.at, each.stride, each.byte_order, raw)
+            raw = _raw(field, readings, field.first + shift)
+            if field.bits:
+                raw = _words(raw, 8 * np.dtype(TYPES[field.type]).itemsize)
+            _put(frame, field.type, field.at, field.stride, field.byte_order, raw)
         if of.end:
             frame[-len(of.end) :] = of.end
-        if of.checksum is not None and found is not None:
-            size, calc = found
+        if of.checksum is not None and algorithm is not None:
+            size, calc = algorithm
             at_byte = of.checksum.at % len(frame)
             value = calc(bytes(frame[of.checksum.first : of.checksum.end]))
             frame[at_byte : at_byte + size] = value.to_bytes(size, of.checksum.byte_order)
@@ -116,35 +116,35 @@ class SerialEncoder:
 
     @staticmethod
     def _line(of: SerialLine, readings: Readings) -> bytes:
-        n_columns = 1 + max((each.columns[1] for each in of.fields if each.columns is not None), default=0)
+        n_columns = 1 + max((field.columns[1] for field in of.fields if field.columns is not None), default=0)
         texts = ["0"] * n_columns
-        for each in of.fields:
-            if each.columns is None:
+        for field in of.fields:
+            if field.columns is None:
                 continue
-            for k, value in enumerate(_raw(each, readings, each.first)):
-                texts[each.columns[0] + k] = f"{int(value):X}" if each.base == 16 else f"{int(value)}"
+            for k, value in enumerate(_raw(field, readings, field.first)):
+                texts[field.columns[0] + k] = f"{int(value):X}" if field.base == 16 else f"{int(value)}"
         return (of.begin + of.separator.join(texts) + (of.end or "\r\n")).encode("ascii")
 
 
-def _end(each: SerialField) -> int:
-    size = np.dtype(TYPES[each.type]).itemsize
-    count = -(-each.count // (8 * size)) if each.bits else each.count
-    return 0 if each.at < 0 else each.at + (count - 1) * (each.stride or size) + size
+def _end(field: SerialField) -> int:
+    size = np.dtype(TYPES[field.type]).itemsize
+    count = -(-field.count // (8 * size)) if field.bits else field.count
+    return 0 if field.at < 0 else field.at + (count - 1) * (field.stride or size) + size
 
 
-def _raw(each: SerialField, readings: Readings, first: int) -> IntArray:
+def _raw(field: SerialField, readings: Readings, first: int) -> IntArray:
     """Return (count,) raw numbers: value = raw * scale + offset; the first invalid one where nothing is known."""
-    values = readings.get(each.kind, np.full(1, np.nan))
-    found = np.full(each.count, np.nan)
-    part = values[first : first + each.count]
-    found[: len(part)] = part
-    if each.kind.startswith("state."):
-        yes = each.mask or (each.equals or (1,))[0]
-        no = 0 if each.mask or yes else 1
-        return np.where(found == 1.0, yes, no).astype(np.int64)
-    signed = -found if each.charge_is_positive else found
-    raw = np.rint((signed - each.offset) / each.scale)
-    return np.where(np.isnan(raw), each.invalid[0] if each.invalid else 0, raw).astype(np.int64)
+    values = readings.get(field.kind, np.full(1, np.nan))
+    numbers = np.full(field.count, np.nan)
+    part = values[first : first + field.count]
+    numbers[: len(part)] = part
+    if field.kind.startswith("state."):
+        yes = field.mask or (field.equals or (1,))[0]
+        no = 0 if field.mask or yes else 1
+        return np.where(numbers == 1.0, yes, no).astype(np.int64)
+    signed = -numbers if field.charge_is_positive else numbers
+    raw = np.rint((signed - field.offset) / field.scale)
+    return np.where(np.isnan(raw), field.invalid[0] if field.invalid else 0, raw).astype(np.int64)
 
 
 def _words(bits: IntArray, width: int) -> IntArray:

@@ -28,10 +28,10 @@ class StreamReader:
     """
 
     def __init__(self, mapping: SerialMapping) -> None:
-        self._framed = tuple(each for each in mapping.frames if each.header)
-        self._by_gap = tuple(each for each in mapping.frames if not each.header)
+        self._framed = tuple(frame for frame in mapping.frames if frame.header)
+        self._by_gap = tuple(frame for frame in mapping.frames if not frame.header)
         self._lines = mapping.lines
-        gaps_s = [each.gap_s for each in self._by_gap if each.gap_s is not None]
+        gaps_s = [frame.gap_s for frame in self._by_gap if frame.gap_s is not None]
         self.silence_ns = round(1e9 * min(gaps_s)) if gaps_s else IDLE_NS
         self._data = bytearray()
         self._pieces: list[tuple[int, int]] = []  # (end in `_data`, time) of each piece that was read
@@ -41,20 +41,20 @@ class StreamReader:
 
     def feed(self, data: bytes, t_ns: int) -> list[Framed]:
         """Take bytes that were read at a time [ns], in order; return the frames that are complete."""
-        found = self.idle(t_ns)
+        framed = self.idle(t_ns)
         if not data:
-            return found
+            return framed
         self._last_ns = t_ns
         self.last = (self.last + data)[-_LAST_BYTES:]
         self._data += data
         self._pieces.append((len(self._data), t_ns))
         if self._lines:
-            found += self._take_lines()
+            framed += self._take_lines()
         elif self._framed:
-            found += self._take_frames(is_over=False)
+            framed += self._take_frames(is_over=False)
         elif len(self._data) > 2 * LONGEST_FRAME:
             self._bad(len(self._data))
-        return found
+        return framed
 
     def idle(self, t_ns: int) -> list[Framed]:
         """Return the frames that silence up to a time completes."""
@@ -67,7 +67,7 @@ class StreamReader:
         return list(self._take_gap())
 
     def _take_gap(self) -> Iterator[Framed]:
-        of = next((each for each in self._by_gap if each.length == len(self._data)), None)
+        of = next((frame for frame in self._by_gap if frame.length == len(self._data)), None)
         if of is not None and self._is_whole(of, bytes(self._data)):
             yield self._frame(of, len(self._data))
         else:
@@ -75,7 +75,7 @@ class StreamReader:
 
     def _take_frames(self, *, is_over: bool) -> Iterator[Framed]:
         while self._data:
-            starts = [each for each in self._framed if _begins(self._data, 0, each)]
+            starts = [frame for frame in self._framed if _begins(self._data, 0, frame)]
             if not starts:
                 self._skip(self._next_start())
                 continue
@@ -116,22 +116,22 @@ class StreamReader:
     def _is_followed(self, length: int, *, is_over: bool) -> bool:
         if length == len(self._data):
             return is_over
-        return any(_begins(self._data, length, each) for each in self._framed)
+        return any(_begins(self._data, length, frame) for frame in self._framed)
 
     def _next_start(self) -> int:
         """Where the next frame may begin: its first byte is found fast, the rest is compared."""
-        found = [len(self._data)]
-        for each in self._framed:
-            first = each.header[0]
+        starts = [len(self._data)]
+        for frame in self._framed:
+            first = frame.header[0]
             at = 1
-            while at < min(found):
+            while at < min(starts):
                 at = at if first is None else self._data.find(first, at)
-                if at < 0 or _begins(self._data, at, each):
+                if at < 0 or _begins(self._data, at, frame):
                     break
                 at += 1
             if at >= 0:
-                found.append(at)
-        return min(found)
+                starts.append(at)
+        return min(starts)
 
     def _take_lines(self) -> Iterator[Framed]:
         end = self._lines[0].end.encode()
@@ -142,7 +142,7 @@ class StreamReader:
                     self._bad(len(self._data))
                 return
             line = bytes(self._data[:at])
-            of = next((each for each in self._lines if each.begin.encode() in line), None)
+            of = next((layout for layout in self._lines if layout.begin.encode() in line), None)
             if not line.strip():
                 self._drop(at + size)
             elif of is None or at > LONGEST_FRAME:

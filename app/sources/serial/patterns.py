@@ -37,7 +37,7 @@ def groups_of(pattern: str, text: str) -> dict[str, str]:
         ValueError: it does not match, or the expression is none.
         ExtraMissing: RE2 is not installed.
     """
-    found = _compiled(pattern).search(text)
-    if found is None:
+    match = _compiled(pattern).search(text)
+    if match is None:
         raise ValueError("the line does not match")
-    return {name: value or "" for name, value in found.groupdict().items()}
+    return {name: value or "" for name, value in match.groupdict().items()}

@@ -79,9 +79,9 @@ def fitting(data: bytes, mappings: Mapping[str, SerialMapping]) -> str | None:
         if any(frame.checksum is None for frame in mapping.frames) or mapping.lines:
             continue
         reader = StreamReader(mapping)
-        found = reader.feed(data[:LOOKED_AT], 0)
-        share = sum(len(each.raw) for each in found) / max(len(data[:LOOKED_AT]), 1)
-        if len(found) >= 2 and share > best[0]:
+        frames = reader.feed(data[:LOOKED_AT], 0)
+        share = sum(len(frame.raw) for frame in frames) / max(len(data[:LOOKED_AT]), 1)
+        if len(frames) >= 2 and share > best[0]:
             best = share, name
     return best[1]
 
@@ -93,21 +93,21 @@ def propose(data: bytes) -> ProposedFrame | ProposedLine | None:
     if line is not None:
         return line
     best: ProposedFrame | None = None
-    for found in _frames(data):
-        if best is None or _worth(found) > _worth(best):
-            best = found
+    for frame in _frames(data):
+        if best is None or _worth(frame) > _worth(best):
+            best = frame
     return best
 
 
-def _worth(found: ProposedFrame) -> tuple[int, bool, int]:
-    return (0 if found.voltages is None else found.voltages.count, found.checksum is not None, len(found.header))
+def _worth(frame: ProposedFrame) -> tuple[int, bool, int]:
+    return (0 if frame.voltages is None else frame.voltages.count, frame.checksum is not None, len(frame.header))
 
 
-def profile_text(found: ProposedFrame | ProposedLine, name: str, baud: int) -> str:
+def profile_text(proposed: ProposedFrame | ProposedLine, name: str, baud: int) -> str:
     """Return a profile, with what is to be confirmed in comments."""
-    voltages = found.voltages
+    voltages = proposed.voltages
     n_cells = 0
-    if isinstance(found, ProposedFrame) and isinstance(voltages, ProposedArray):
+    if isinstance(proposed, ProposedFrame) and isinstance(voltages, ProposedArray):
         n_cells = voltages.count
     elif isinstance(voltages, tuple):
         n_cells = voltages[1] - voltages[0] + 1
@@ -124,21 +124,21 @@ def profile_text(found: ProposedFrame | ProposedLine, name: str, baud: int) -> s
         f"baud = {baud}",
         "",
     ]
-    if isinstance(found, ProposedLine):
-        lines += ["[[serial.line]]", f'separator = "{found.separator}"']
+    if isinstance(proposed, ProposedLine):
+        lines += ["[[serial.line]]", f'separator = "{proposed.separator}"']
         if isinstance(voltages, tuple):
-            base = ", base = 16" if found.base == 16 else ""
+            base = ", base = 16" if proposed.base == 16 else ""
             first, last, scale = voltages
             value = f'signal = "cells.voltage", columns = [{first}, {last}]{base}, scale = {scale:g}'
             lines.append(f"fields = [{{ {value} }}]")
         return "\n".join([*lines, ""])
-    lines += ["[[serial.frame]]", f'header = "{found.header.hex(" ").upper()}"', f"length = {found.length}"]
-    if found.end:
-        lines.append(f'end = "{found.end.hex(" ").upper()}"')
-    if found.checksum is None:
+    lines += ["[[serial.frame]]", f'header = "{proposed.header.hex(" ").upper()}"', f"length = {proposed.length}"]
+    if proposed.end:
+        lines.append(f'end = "{proposed.end.hex(" ").upper()}"')
+    if proposed.checksum is None:
         lines.append("# no checksum was found: the beginning of the frame is to be confirmed")
     else:
-        sum_ = found.checksum
+        sum_ = proposed.checksum
         lines.append(
             f'checksum = {{ kind = "{sum_.kind}", from = {sum_.first}, to = {sum_.end}, at = {sum_.at}, '
             f'byte_order = "{sum_.byte_order}" }}'
@@ -177,17 +177,17 @@ def _described(rows: _Rows) -> ProposedFrame:
     constant = (rows == rows[0]).mean(axis=0) >= SURE
     n_header = int(np.argmin(constant)) if not constant.all() else len(constant)
     header = bytes(rows[0][: max(_GRAM, min(n_header, 4))])
-    found = ProposedFrame(header, rows.shape[1], len(rows))
-    with_sum = _with_checksum(found, rows, constant)
-    found = with_sum or found
-    return replace(found, voltages=_voltages(rows[:, : found.length]))
+    frame = ProposedFrame(header, rows.shape[1], len(rows))
+    with_sum = _with_checksum(frame, rows, constant)
+    frame = with_sum or frame
+    return replace(frame, voltages=_voltages(rows[:, : frame.length]))
 
 
-def _with_checksum(found: ProposedFrame, rows: _Rows, constant: NDArray[np.bool_]) -> ProposedFrame | None:
+def _with_checksum(proposed: ProposedFrame, rows: _Rows, constant: NDArray[np.bool_]) -> ProposedFrame | None:
     different = np.unique(rows, axis=0)
     if len(different) < 2:  # the same bytes again and again prove nothing but a CRC
         different = rows[:1]
-    frames = [bytes(each) for each in different[:MOST_FRAMES]]
+    frames = [bytes(row) for row in different[:MOST_FRAMES]]
     for length in _lengths(rows.shape[1]):
         for n_end in (0, 1, 2):
             if n_end and not constant[length - n_end : length].all():
@@ -198,7 +198,7 @@ def _with_checksum(found: ProposedFrame, rows: _Rows, constant: NDArray[np.bool_
                 good = sum(is_sound(checksum, frame[:length]) for frame in frames)
                 if good >= SURE * len(frames) and (len(frames) > 1 or _SIZES.get(checksum.kind, 2) > 1):
                     end = frames[0][length - n_end : length]
-                    return replace(found, length=length, end=end, checksum=checksum)
+                    return replace(proposed, length=length, end=end, checksum=checksum)
     return None
 
 
@@ -253,15 +253,15 @@ def _line(data: bytes) -> ProposedLine | None:
         text = data.decode("ascii")
     except UnicodeDecodeError:
         return None
-    rows = [each for each in text.replace("\r", "\n").split("\n")[1:-1] if each.strip()]
+    rows = [line for line in text.replace("\r", "\n").split("\n")[1:-1] if line.strip()]
     if len(rows) < FEWEST:
         return None
     for separator in (",", ";", "\t", " "):
-        columns = [each.split() if separator == " " else each.split(separator) for each in rows]
+        columns = [row.split() if separator == " " else row.split(separator) for row in rows]
         n, times = Counter(map(len, columns)).most_common(1)[0]
         if n < LEAST_CELLS or times < SURE * len(rows):
             continue
-        whole = [each for each in columns if len(each) == n]
+        whole = [column for column in columns if len(column) == n]
         for base in (10, 16):
             numbers = _numbers(whole, base)
             if numbers is not None:
@@ -278,11 +278,11 @@ def _numbers(rows: Sequence[Sequence[str]], base: int) -> NDArray[np.float64] | 
         except ValueError:
             return np.nan
 
-    found = np.array([[number(each) for each in row] for row in rows])
-    return found if np.isfinite(found).mean() > 0.5 else None
+    numbers = np.array([[number(text) for text in row] for row in rows])
+    return numbers if np.isfinite(numbers).mean() > 0.5 else None
 
 
-def _with_voltages(found: ProposedLine, numbers: NDArray[np.float64]) -> ProposedLine:
+def _with_voltages(line: ProposedLine, numbers: NDArray[np.float64]) -> ProposedLine:
     best: tuple[int, int, float] | None = None
     for scale in (1.0, *SCALES):
         volts = numbers * scale
@@ -291,4 +291,4 @@ def _with_voltages(found: ProposedLine, numbers: NDArray[np.float64]) -> Propose
         for first, last in _runs(fits, near):
             if last - first + 1 >= LEAST_CELLS and (best is None or last - first > best[1] - best[0]):
                 best = first, last, scale
-    return replace(found, voltages=best)
+    return replace(line, voltages=best)

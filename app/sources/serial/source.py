@@ -22,7 +22,7 @@ class SerialSource(AssembledSource):
 
     def __init__(self, battery: Battery, mapping: SerialMapping, url: str | None = None, *, name: Source) -> None:
         bits = BITS + (mapping.port.parity != "none") + (mapping.port.stop_bits > 1)
-        live_s = max([LIVE_S, *(LIVE_PERIODS * each.poll_s for each in mapping.parts if each.poll)])
+        live_s = max([LIVE_S, *(LIVE_PERIODS * part.poll_s for part in mapping.parts if part.poll)])
         rs232 = LinkMonitor(url, line_bytes_per_s=mapping.port.baud / bits, live_s=live_s)
         super().__init__(battery, mapping, name, rs232, LinkMonitor(None))
         self._reader = StreamReader(mapping)
@@ -34,7 +34,7 @@ class SerialSource(AssembledSource):
     @property
     def due_ns(self) -> int | None:
         """When silence completes a frame, or the period ends in which values came."""
-        return min((each for each in (self._silent_ns, self._ends_ns) if each is not None), default=None)
+        return min((time_ns for time_ns in (self._silent_ns, self._ends_ns) if time_ns is not None), default=None)
 
     def feed(self, item: Item) -> Received:
         """Take one item from a link; a measurement follows the period in which frames came."""
@@ -43,18 +43,18 @@ class SerialSource(AssembledSource):
             return link_event(item) if is_news else NOTHING_RECEIVED
         if not isinstance(item, SerialBytes):
             return NOTHING_RECEIVED
-        found = self._take(item)
+        measurement = self._take(item)
         self._silent_ns = item.t_mono_ns + self._reader.silence_ns
-        if found is None:
+        if measurement is None:
             return NOTHING_RECEIVED
-        return Received(self._measurement(found, item.t_mono_ns, item.t_wall_ns, is_fresh=True))
+        return Received(self._measurement(measurement, item.t_mono_ns, item.t_wall_ns, is_fresh=True))
 
     def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
         """Return a measurement of this instant; a frame that silence completes is in it."""
         is_due = self.due_ns is not None and t_mono_ns >= self.due_ns
-        found = self._take(SerialBytes(t_mono_ns, t_wall_ns, b"")) if is_due else None
-        newest = found or self._newest or self._assembler.measure(t_mono_ns)
-        return self._measurement(newest, t_mono_ns, t_wall_ns, is_fresh=found is not None)
+        measurement = self._take(SerialBytes(t_mono_ns, t_wall_ns, b"")) if is_due else None
+        newest = measurement or self._newest or self._assembler.measure(t_mono_ns)
+        return self._measurement(newest, t_mono_ns, t_wall_ns, is_fresh=measurement is not None)
 
     def _take(self, item: SerialBytes) -> BatteryMeasurement | None:
         t_ns = item.t_mono_ns
@@ -67,7 +67,7 @@ class SerialSource(AssembledSource):
         if self._silent_ns is not None and t_ns >= self._silent_ns:
             self._silent_ns = None
         if values:
-            newest_ns = max(int(each.t_ns[-1]) for each in values.values())
+            newest_ns = max(int(value.t_ns[-1]) for value in values.values())
             self._ends_ns = (newest_ns // self._period_ns + 1) * self._period_ns
         if self._ends_ns is not None and t_ns >= self._ends_ns:
             self._ends_ns = None

@@ -108,15 +108,15 @@ def _thinned(group: MessageFrames) -> MessageFrames:
 
 def distinct(received: Iterable[ReceivedSignal | None]) -> NDArray[np.int64]:
     """Return the whole numbers that signals took, sorted; empty where one is not whole or they are too many."""
-    found: set[int] = set()
-    for each in received:
-        if each is None:
+    whole: set[int] = set()
+    for series in received:
+        if series is None:
             continue
-        values = np.unique(each.values)
+        values = np.unique(series.values)
         if len(values) > _MOST_DISTINCT or not np.array_equal(values, np.rint(values)):
             return np.empty(0, np.int64)
-        found |= {int(value) for value in values}
-    return np.array(sorted(found), np.int64)
+        whole |= {int(value) for value in values}
+    return np.array(sorted(whole), np.int64)
 
 
 def name_set(text: str) -> frozenset[str]:
@@ -217,4 +217,4 @@ def skeleton(name: str) -> str:
 
 def numbers(name: str) -> tuple[int, ...]:
     """Return the numbers of a name from left to right."""
-    return tuple(int(each) for each in re.findall(r"\d+", name))
+    return tuple(int(digits) for digits in re.findall(r"\d+", name))

@@ -49,10 +49,10 @@ class Name:
 def cut_name(name: str) -> Name:
     """Return a name cut at its numbers, and at letters that stand for one."""
     pieces, texts, at = [], [], 0
-    for found in _PART.finditer(name):
-        pieces.append(name[at : found.start()])
-        texts.append(found[0])
-        at = found.end()
+    for match in _PART.finditer(name):
+        pieces.append(name[at : match.start()])
+        texts.append(match[0])
+        at = match.end()
     pieces.append(name[at:])
     values = tuple(int(text) if text.isdigit() else ord(text.upper()) - ord("A") for text in texts)
     return Name(tuple(pieces), tuple(texts), values)
@@ -83,7 +83,7 @@ def columns_of(members: Sequence[Member]) -> list[NameColumn]:
     """Return the numbers that differ between members: of their messages, their names, their multiplexer."""
     of_message = [cut_name(message.name) for message, _ in members]
     of_signal = [cut_name(signal.name) for _, signal in members]
-    found = []
+    columns = []
     for where, names in (("message", of_message), ("signal", of_signal)):
         if len({name.skeleton for name in names}) > 1:
             continue
@@ -91,29 +91,29 @@ def columns_of(members: Sequence[Member]) -> list[NameColumn]:
             before = tokens(names[0].pieces[place])
             values = tuple(name.values[place] for name in names)
             texts = tuple(name.texts[place] for name in names)
-            found.append(NameColumn(where, place, values, texts, before[-1] if before else ""))
+            columns.append(NameColumn(where, place, values, texts, before[-1] if before else ""))
     conditions = [signal.conditions for _, signal in members]
-    if all(len(each) == 1 and len(each[0].values) == 1 for each in conditions):
-        values = tuple(each[0].values[0] for each in conditions)
+    if all(len(condition) == 1 and len(condition[0].values) == 1 for condition in conditions):
+        values = tuple(condition[0].values[0] for condition in conditions)
         word = tokens(conditions[0][0].multiplexer)
-        found.insert(
+        columns.insert(
             0, NameColumn("mux", 0, values, (), next((w for w in word if w in SEGMENT), word[-1] if word else ""))
         )
-    return [column for column in found if column.varies]
+    return [column for column in columns if column.varies]
 
 
 def most_informative(columns: list[NameColumn], n: int) -> list[NameColumn] | None:
     """Return the fewest columns that tell all members apart; those of the signal's name first."""
     ranked = sorted(columns, key=lambda c: ("signal", "message", "mux").index(c.where))
     for size in (1, 2, 3):
-        found = []
+        candidates = []
         for some in combinations(ranked, size):
             if len(set(zip(*(column.values for column in some), strict=True))) == n:
-                found.append(some)
+                candidates.append(some)
         if size == 1:  # numbers of one column run on, or nearly so
-            found = [some for some in found if max(some[0].values) - min(some[0].values) < 2 * n + 8]
-        if found:
-            best = min(found, key=_search_cost)
+            candidates = [some for some in candidates if max(some[0].values) - min(some[0].values) < 2 * n + 8]
+        if candidates:
+            best = min(candidates, key=_search_cost)
             return sorted(best, key=columns.index)
     return None
 
@@ -170,9 +170,9 @@ def family_proposals(survey: BusSurvey, kind: str) -> Iterator[CellProposal]:
             yield in_order
         for part in _split(members):
             if len(part) >= _FEWEST[kind] and len(part) < len(members):
-                found = _proposal(survey, kind, part)
-                if found is not None:
-                    yield found
+                proposal = _proposal(survey, kind, part)
+                if proposal is not None:
+                    yield proposal
 
 
 def _received_part(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellProposal | None:
@@ -197,8 +197,8 @@ def _received_part(survey: BusSurvey, kind: str, members: Sequence[Member]) -> C
         return None
     if any(max(column.values) - min(column.values) >= len(set(column.values)) for column in chosen):
         return None
-    found = _proposal(survey, kind, here)
-    return found and found.with_reason(Message("infer-never-received", n=len(members) - len(here)))
+    proposal = _proposal(survey, kind, here)
+    return proposal and proposal.with_reason(Message("infer-never-received", n=len(members) - len(here)))
 
 
 def _split(members: Sequence[Member]) -> Iterator[list[Member]]:
@@ -224,7 +224,7 @@ def _by_id(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellPropo
     judgement = judged(survey, kind, tuple(members), len(members)) if kind != "balancing" else None
     if judgement is None:
         return None
-    score, found = judgement
+    score, fitted = judgement
     entries, first = [], 0
     for can_id in sorted(by_id):
         part = by_id[can_id]
@@ -239,13 +239,13 @@ def _by_id(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellPropo
                 part[0][0].name,
                 base={"cell": low} if low else {},
                 first=first,
-                unit=found.unit if found else "",
-                invalid=found.invalid if found else (),
+                unit=fitted.unit if fitted else "",
+                invalid=fitted.invalid if fitted else (),
             )
         )
         first += len(part)
     reason = Message("infer-by-id", messages=len(by_id), pattern=entries[0].signal)
-    return CellProposal(kind, tuple(entries), first, None, tuple(members), (reason,), score - _BY_ID, found)
+    return CellProposal(kind, tuple(entries), first, None, tuple(members), (reason,), score - _BY_ID, fitted)
 
 
 def _proposal(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellProposal | None:
@@ -260,7 +260,7 @@ def _proposal(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellPr
     judgement = judged(survey, kind, tuple(members), len(members)) if kind != "balancing" else (0.0, None)
     if judgement is None:
         return None
-    score, found = judgement
+    score, fitted = judgement
     chosen = [next(c for c in columns if (c.where, c.place) == (old.where, old.place)) for old in chosen]
     segments = _segments(chosen, roles, columns)
     base = {role: 0 if column.is_letter else min(column.values) for column, role in zip(chosen, roles, strict=True)}
@@ -284,14 +284,14 @@ def _proposal(survey: BusSurvey, kind: str, members: Sequence[Member]) -> CellPr
         signal=signal_pattern,
         message=message_pattern,
         numbers=numbers,
-        base={role: each for role, each in base.items() if each},
+        base={role: number for role, number in base.items() if number},
         group_cells=group_cells,
-        unit=found.unit if found else "",
-        invalid=found.invalid if found else (),
+        unit=fitted.unit if fitted else "",
+        invalid=fitted.invalid if fitted else (),
         invalid_signal=_flag(members, chosen, roles, ("invalid", "inval", "err", "error", "fault", "open")),
     )
     n = _count(chosen, roles, base, group_cells, segments)
-    return CellProposal(kind, (entry,), n, segments, tuple(members), tuple(reasons), score, found)
+    return CellProposal(kind, (entry,), n, segments, tuple(members), tuple(reasons), score, fitted)
 
 
 def _order(members: Sequence[Member], columns: list[NameColumn]):  # type: ignore[no-untyped-def]  # noqa: ANN202
@@ -383,9 +383,9 @@ def _flag(members: Sequence[Member], chosen: list[NameColumn], roles: list[str],
         return ""
     message, signal = members[0]
     text = cut_name(signal.name).texts[place]
-    for each in message.signals:
-        cut = cut_name(each.name)
-        if each.layout.length == 1 and text in cut.texts and any(word in each.name.lower() for word in texts[:2]):
+    for flag in message.signals:
+        cut = cut_name(flag.name)
+        if flag.layout.length == 1 and text in cut.texts and any(word in flag.name.lower() for word in texts[:2]):
             at = cut.texts.index(text)
             pattern = "".join(
                 piece + ("{cell}" if i == at else (cut.texts[i] if i < len(cut.texts) else ""))

@@ -50,9 +50,9 @@ def frame_number_proposals(survey: BusSurvey, kind: str) -> Iterator[CellProposa
     for message in survey.definitions.by_id().values():
         for values in _value_signals(survey, kind, message):
             counted = _numbers(survey, message, values)
-            found = _proposal(survey, kind, message, values, counted) if counted else None
-            if found is not None:
-                yield found
+            proposal = _proposal(survey, kind, message, values, counted) if counted else None
+            if proposal is not None:
+                yield proposal
 
 
 def _value_signals(survey: BusSurvey, kind: str, message: MessageDefinition) -> Iterator[list[SignalDefinition]]:
@@ -75,7 +75,7 @@ def _lettered(name: str) -> str:
 
 
 def _numbers(survey: BusSurvey, message: MessageDefinition, values: list[SignalDefinition]) -> list[_Number]:
-    found = []
+    numbers = []
     for signal in message.signals:
         own = words(signal.name)
         numeric = signal.is_multiplexer or bool(own & (NUMBER | SEGMENT | GROUP))
@@ -91,8 +91,8 @@ def _numbers(survey: BusSurvey, message: MessageDefinition, values: list[SignalD
             continue
         if len(seen) and (seen[0] < 0 or len(seen) > MOST_NUMBERS):
             continue
-        found.append(_Number(signal, _part_of(signal, own), tuple(int(each) for each in seen)))
-    return found
+        numbers.append(_Number(signal, _part_of(signal, own), tuple(int(value) for value in seen)))
+    return numbers
 
 
 def _part_of(signal: SignalDefinition, own: frozenset[str]) -> str:
@@ -108,9 +108,9 @@ def _part_of(signal: SignalDefinition, own: frozenset[str]) -> str:
 def _proposal(
     survey: BusSurvey, kind: str, message: MessageDefinition, values: list[SignalDefinition], counted: list[_Number]
 ) -> CellProposal | None:
-    segment = _best([each for each in counted if each.part == "segment"])
-    cells = [each for each in counted if each.part == "cell"]
-    group = _best([each for each in counted if each.part == "group"])
+    segment = _best([number for number in counted if number.part == "segment"])
+    cells = [number for number in counted if number.part == "cell"]
+    group = _best([number for number in counted if number.part == "group"])
     members: tuple[Member, ...] = tuple((message, signal) for signal in values)
     if len(values) > 1 and len(cells) == len(values):  # each value with its own number
         entries = tuple(
@@ -160,10 +160,10 @@ def _proposal(
     return _built(survey, kind, entries, n, segments, members, [reason, *_unknown([number])])
 
 
-def _unknown(found: list[_Number]) -> list[Text]:
+def _unknown(numbers: list[_Number]) -> list[Text]:
     """The question to a person where the number of cells is unknown."""
-    is_known = any(each.seen or each.signal.choices or _declares(each) for each in found)
-    return [] if is_known else [Message("infer-count-unknown", number=found[0].signal.name)]
+    is_known = any(number.seen or number.signal.choices or _declares(number) for number in numbers)
+    return [] if is_known else [Message("infer-count-unknown", number=numbers[0].signal.name)]
 
 
 def _declares(number: _Number) -> bool:
@@ -190,10 +190,10 @@ def _built(
     judgement = judged(survey, kind, members, n if survey.of(message) is not None else min(n, UNKNOWN_COUNT))
     if judgement is None:
         return None
-    score, found = judgement
-    if found is not None:
-        entries = tuple(_with_fit(entry, found.unit, found.invalid) for entry in entries)
-    return CellProposal(kind, entries, n, segments, members, tuple(reasons), score + 1.0, found)
+    score, fitted = judgement
+    if fitted is not None:
+        entries = tuple(_with_fit(entry, fitted.unit, fitted.invalid) for entry in entries)
+    return CellProposal(kind, entries, n, segments, members, tuple(reasons), score + 1.0, fitted)
 
 
 def _with_fit(entry: CellSignals, unit: str, invalid: tuple[int, ...]) -> CellSignals:
@@ -202,9 +202,9 @@ def _with_fit(entry: CellSignals, unit: str, invalid: tuple[int, ...]) -> CellSi
     )
 
 
-def _best(found: list[_Number]) -> _Number | None:
+def _best(numbers: list[_Number]) -> _Number | None:
     """The one with most numbers; of those that were not received the widest."""
-    return max(found, key=lambda each: (len(each.seen), each.signal.layout.length), default=None)
+    return max(numbers, key=lambda number: (len(number.seen), number.signal.layout.length), default=None)
 
 
 def _segment_names(segment: _Number | None) -> dict[str, str]:
@@ -215,7 +215,7 @@ def _run(seen: tuple[int, ...]) -> tuple[int, ...]:
     """The numbers up to which at least half are there: a lone 255 is no cell, cells that were not received yet are."""
     low = min(seen[0], 1) if seen else 0
     step = float(np.median(np.diff(seen))) if len(seen) > 1 else 1.0
-    full = [n for n, each in enumerate(seen, 1) if 2 * n * step >= each - low + 1]
+    full = [n for n, value in enumerate(seen, 1) if 2 * n * step >= value - low + 1]
     return seen[: full[-1]] if full else seen[:1]
 
 
@@ -227,10 +227,10 @@ def _lowest(number: _Number) -> int:
 
 
 def _bases(segment: _Number | None, cells: list[_Number]) -> dict[str, int]:
-    found = {} if segment is None else {"segment": _lowest(segment)}
+    bases = {} if segment is None else {"segment": _lowest(segment)}
     if cells:
-        found["cell"] = min(_lowest(each) for each in cells)
-    return {part: low for part, low in found.items() if low}
+        bases["cell"] = min(_lowest(cell) for cell in cells)
+    return {part: low for part, low in bases.items() if low}
 
 
 def _counts_cells(number: _Number, k: int) -> bool:
@@ -245,32 +245,32 @@ def _size(
     survey: BusSurvey, message: MessageDefinition, segment: _Number | None, cells: list[_Number], step: int, k: int
 ) -> tuple[int, tuple[int, ...] | None]:
     """Number of cells, and of each segment where the frame tells one."""
-    low = min(_lowest(each) for each in cells)
+    low = min(_lowest(cell) for cell in cells)
     if segment is None:
-        if any(each.seen for each in cells):
-            last = max(_run(each.seen)[-1] for each in cells if each.seen)
+        if any(cell.seen for cell in cells):
+            last = max(_run(cell.seen)[-1] for cell in cells if cell.seen)
         else:
-            last = int(max(_declared_last(each) for each in cells))
+            last = int(max(_declared_last(cell) for cell in cells))
         return (last - low) * step + k, None
     received = survey.of(message)
     if received is None:
         n_segments, n_cells = (
             int(_declared_last(segment)) + 1,
-            int(max(_declared_last(each) for each in cells)) - low + 1,
+            int(max(_declared_last(cell) for cell in cells)) - low + 1,
         )
         n_segments -= _lowest(segment)
         return n_segments * ((n_cells - 1) * step + k), (((n_cells - 1) * step + k),) * max(n_segments, 1)
     of_segment = received.group.raw(segment.signal.name).astype(np.int64) + round(segment.signal.layout.offset)
     sizes: dict[int, int] = {}
-    for each in cells:
-        run = _run(each.seen)
-        of_cell = received.group.raw(each.signal.name).astype(np.int64) + round(each.signal.layout.offset)
+    for cell in cells:
+        run = _run(cell.seen)
+        of_cell = received.group.raw(cell.signal.name).astype(np.int64) + round(cell.signal.layout.offset)
         for one in _run(segment.seen):
             here = of_cell[(of_segment == one) & (of_cell <= run[-1])]
             last = (int(here.max()) - low) * step + k if len(here) else 0
             sizes[one] = max(sizes.get(one, 0), last)
-    found = tuple(sizes.get(i, 0) for i in range(_lowest(segment), max(sizes, default=-1) + 1))
-    filled = tuple(each or max(found, default=0) for each in found)
+    counts = tuple(sizes.get(i, 0) for i in range(_lowest(segment), max(sizes, default=-1) + 1))
+    filled = tuple(count or max(counts, default=0) for count in counts)
     return sum(filled), filled
 
 
@@ -285,15 +285,15 @@ def _declared_last(number: _Number) -> float:
 
 def _paired(values: list[SignalDefinition], cells: list[_Number]) -> list[_Number]:
     """The number of each value: of the same letter or digit at its end, else in the order of the frame."""
-    ends = {_end(each.signal.name): each for each in cells}
+    ends = {_end(cell.signal.name): cell for cell in cells}
     if len(ends) == len(cells) and all(_end(signal.name) in ends for signal in values):
         return [ends[_end(signal.name)] for signal in values]
-    return sorted(cells, key=lambda each: each.signal.name)
+    return sorted(cells, key=lambda cell: cell.signal.name)
 
 
 def _end(name: str) -> str:
-    found = [token for token in tokens(name) if token.isdigit() or (len(token) == 1 and token not in "vtu")]
-    return found[-1] if found else ""
+    parts = [token for token in tokens(name) if token.isdigit() or (len(token) == 1 and token not in "vtu")]
+    return parts[-1] if parts else ""
 
 
 def _cell_pattern(values: list[SignalDefinition]) -> tuple[str, int]:

@@ -86,8 +86,8 @@ def infer_profile(
         segments: cells of each, where a person says it.
         parallel: cells in parallel that are measured as one.
     """
-    found = [each for each in _ranked(survey, "voltage") if each.score >= _LEAST_SCORE["voltage"]]
-    line = line_of("voltage", found[:_MOST_CANDIDATES], choices, survey.definitions)
+    proposals = [proposal for proposal in _ranked(survey, "voltage") if proposal.score >= _LEAST_SCORE["voltage"]]
+    line = line_of("voltage", proposals[:_MOST_CANDIDATES], choices, survey.definitions)
     if line is None:
         return None
     questions: list[Text] = []
@@ -99,9 +99,10 @@ def infer_profile(
     segments = segments or _segments(voltage, questions)
     used = _signals(voltage)
     temperatures = [
-        each
-        for each in _ranked(survey, "temperature")
-        if each.score >= _LEAST_SCORE["temperature"] and not used & {(m.can_id, s.name) for m, s in each.members}
+        proposal
+        for proposal in _ranked(survey, "temperature")
+        if proposal.score >= _LEAST_SCORE["temperature"]
+        and not used & {(m.can_id, s.name) for m, s in proposal.members}
     ]
     lines = {"voltage": line}
     warm = line_of("temperature", temperatures[:_MOST_CANDIDATES], choices, survey.definitions)
@@ -171,14 +172,14 @@ def _add_readings(
 ) -> None:
     packs = pack_voltage_proposals(survey, sum_v, used)
     currents = current_proposals(survey, _pack_voltage(survey, packs, voltages, n_cells), used)
-    found: dict[str, list[ReadingProposal]] = {
+    proposals_of: dict[str, list[ReadingProposal]] = {
         "current": currents,
         "pack_voltage": packs,
         "soc": soc_proposals(survey, used),
     }
-    found |= {key: charger_proposals(survey, key, used) for key in ("charger_voltage", "charger_current")}
-    for key, each in found.items():
-        line = line_of(key, each[:_MOST_CANDIDATES], choices, survey.definitions)
+    proposals_of |= {key: charger_proposals(survey, key, used) for key in ("charger_voltage", "charger_current")}
+    for key, proposals in proposals_of.items():
+        line = line_of(key, proposals[:_MOST_CANDIDATES], choices, survey.definitions)
         if line is not None:
             lines[key] = line
 
@@ -197,8 +198,8 @@ def _add_states_and_limits(
         if line is not None:
             lines[line.key] = line
     for name in LIMITS_OF_CURRENT:
-        found = limit_proposals(survey, name, used)[:_MOST_CANDIDATES]
-        line = line_of(f"limit.{name}", found, choices, survey.definitions)
+        proposals = limit_proposals(survey, name, used)[:_MOST_CANDIDATES]
+        line = line_of(f"limit.{name}", proposals, choices, survey.definitions)
         if line is not None:
             lines[line.key] = line
 
@@ -230,8 +231,8 @@ def _guessed_unit(voltage: CellProposal) -> str:
 
 
 def _ranked(survey: BusSurvey, kind: str) -> list[CellProposal]:
-    found = [*family_proposals(survey, kind), *frame_number_proposals(survey, kind)]
-    return sorted(found, key=lambda each: -each.score)
+    proposals = [*family_proposals(survey, kind), *frame_number_proposals(survey, kind)]
+    return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
 def _guessed_segments(n: int) -> tuple[int, ...]:
@@ -253,7 +254,7 @@ def _sensors(temperature: CellProposal, segments: tuple[int, ...]) -> tuple[tupl
 
 def _checked(survey: BusSurvey, entries: tuple[CellSignals, ...]) -> tuple[CellSignals, ...]:
     """Entries with the checksum that every one of their frames has."""
-    found = []
+    signals = []
     for entry in entries:
         message = next((m for m in survey.definitions.messages if m.name == entry.message), None)
         received = None if message is None else survey.of(message)
@@ -264,10 +265,10 @@ def _checked(survey: BusSurvey, entries: tuple[CellSignals, ...]) -> tuple[CellS
             total = (frames.can_id & 0x7FF).astype(np.int64) + frames.length + frames.data.sum(axis=1, dtype=np.int64)
             last = frames.data[:, 7].astype(np.int64)
             if frames.data.shape[1] == 8 and np.mean(((total - last) & 0xFF) == last) > 0.9:
-                found.append(replace(entry, checksum="orion"))
+                signals.append(replace(entry, checksum="orion"))
                 continue
-        found.append(entry)
-    return tuple(found)
+        signals.append(entry)
+    return tuple(signals)
 
 
 def _decoded(survey: BusSurvey, battery: Battery, source: DbcMapping, frames: Frames) -> dict[str, ChannelValues]:
@@ -281,8 +282,8 @@ def _came_round(voltages: ChannelValues) -> bool:
 
 def cell_means(voltages: ChannelValues, n_cells: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """(n_cells,) mean voltage of each cell, NaN where it was not received."""
-    known = np.isfinite(voltages.value)
-    index, value = voltages.index[known], voltages.value[known]
+    is_finite = np.isfinite(voltages.value)
+    index, value = voltages.index[is_finite], voltages.value[is_finite]
     count = np.bincount(index, minlength=n_cells)
     total = np.bincount(index, weights=value, minlength=n_cells)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
@@ -293,8 +294,8 @@ def _sum_of_cells(voltages: ChannelValues | None, n_cells: int) -> float:
     if voltages is None:
         return float("nan")
     means = cell_means(voltages, n_cells)
-    known = np.isfinite(means)
-    return float(np.nanmean(means) * n_cells) if known.mean() > 0.5 else float("nan")
+    is_finite = np.isfinite(means)
+    return float(np.nanmean(means) * n_cells) if is_finite.mean() > 0.5 else float("nan")
 
 
 def _pack_voltage(
@@ -309,19 +310,19 @@ def _pack_voltage(
                 return PackVoltage(received.t_ns, received.values)
     if voltages is None:
         return None
-    known = np.isfinite(voltages.value)
+    is_finite = np.isfinite(voltages.value)
     means = cell_means(voltages, n_cells)
-    return PackVoltage(voltages.t_ns[known], voltages.value[known] - means[voltages.index[known]])
+    return PackVoltage(voltages.t_ns[is_finite], voltages.value[is_finite] - means[voltages.index[is_finite]])
 
 
 def _facts(voltages: ChannelValues | None, n_cells: int) -> list[Text]:
     if voltages is None:
         return [Message("infer-nothing-received")]
     received = np.unique(voltages.index[np.isfinite(voltages.value)])
-    found: list[Text] = [Message("infer-cells-received", received=len(received), n=n_cells)]
+    facts: list[Text] = [Message("infer-cells-received", received=len(received), n=n_cells)]
     times = [voltages.t_ns[voltages.index == cell] for cell in received[:: max(1, len(received) // 20)]]
     gaps = [float(np.median(np.diff(t))) / 1e9 for t in times if len(t) > 1]
     if gaps:
         period_s = float(np.median(gaps))
-        found.append(Message("infer-period", period=f"{period_s:.3g}", age=f"{PERIODS_BRIDGED * period_s:.3g}"))
-    return found
+        facts.append(Message("infer-period", period=f"{period_s:.3g}", age=f"{PERIODS_BRIDGED * period_s:.3g}"))
+    return facts

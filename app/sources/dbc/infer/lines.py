@@ -69,18 +69,18 @@ def line_of(
 ) -> ProfileLine | None:
     """Return a line by its candidates, the best first, and what a person chose; None where there is nothing."""
     choice = choices.get(key, Choice())
-    found = list(candidates)
-    chosen = next((each for each in found if title(each) == choice.signal), None)
+    offered = list(candidates)
+    chosen = next((candidate for candidate in offered if title(candidate) == choice.signal), None)
     if chosen is None and choice.signal and key not in ("voltage", "temperature"):
         chosen = _any_signal(key, choice, definitions)
-        found += [chosen] if chosen is not None else []
+        offered += [chosen] if chosen is not None else []
     if chosen is None:
-        if not found:
+        if not offered:
             return None
-        chosen = found[0]
+        chosen = offered[0]
     usual = not key.startswith(CONFIRMED_FIRST)
     return ProfileLine(
-        key, tuple(found), _corrected(key, chosen, choice), usual if choice.is_taken is None else choice.is_taken
+        key, tuple(offered), _corrected(key, chosen, choice), usual if choice.is_taken is None else choice.is_taken
     )
 
 
@@ -88,7 +88,7 @@ def _corrected(key: str, candidate: Candidate, choice: Choice) -> Candidate:
     if isinstance(candidate, CellProposal):
         if choice.unit not in UNITS[key]:
             return candidate
-        return replace(candidate, entries=tuple(replace(each, unit=choice.unit) for each in candidate.entries))
+        return replace(candidate, entries=tuple(replace(entry, unit=choice.unit) for entry in candidate.entries))
     if isinstance(candidate, StateProposal):
         if not choice.equals:
             return candidate
@@ -103,10 +103,10 @@ def _corrected(key: str, candidate: Candidate, choice: Choice) -> Candidate:
 
 def _any_signal(key: str, choice: Choice, definitions: Definitions) -> Candidate | None:
     """Whatever signal a person names."""
-    found = find_signal(definitions, choice.signal)
-    if found is None:
+    signal = find_signal(definitions, choice.signal)
+    if signal is None:
         return None
-    name = SignalName(found[0].name, found[1].name)
+    name = SignalName(signal[0].name, signal[1].name)
     reasons = (Message("infer-by-person"),)
     if key.startswith("state."):
         return StateProposal(StateSignal(name), reasons, 0.0)

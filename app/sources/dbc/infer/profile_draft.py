@@ -94,7 +94,7 @@ class ProfileDraft:
         return self._checked[1]
 
     def _suggestion(self, correction: Correction) -> tuple[InferredProfile | None, list[ProfileIssue]]:
-        found = infer_profile(
+        inferred = infer_profile(
             self.survey,
             self._frames,
             correction.name or self._name,
@@ -103,16 +103,18 @@ class ProfileDraft:
             correction.segments,
             correction.parallel,
         )
-        return found, oddities_of(self.survey.definitions) if found is None else self._issues(profile_text(found))
+        return inferred, oddities_of(self.survey.definitions) if inferred is None else self._issues(
+            profile_text(inferred)
+        )
 
     def _issues(self, text: str) -> list[ProfileIssue]:
         try:
             errors, profile = errors_of(read_document(text, PROFILE, lambda _: Document("", {}, {})))
         except ProfileError as error:
             errors, profile = [error], None
-        found = [ProfileIssue(each.file, each.line, each.path, each.limit, is_error=True) for each in errors]
+        issues = [ProfileIssue(error.file, error.line, error.path, error.limit, is_error=True) for error in errors]
         if profile is None or errors:
-            return found
+            return issues
         source = profile.source
         if not isinstance(source, DbcMapping):
             return [ProfileIssue(PROFILE, None, "source.kind", Message("check-no-voltages"), is_error=True)]
@@ -130,18 +132,18 @@ class ProfileDraft:
         now_ns = int(frames.t_ns.max()) if self.listener is None else time.monotonic_ns()
         received = survey_bus(self.survey.definitions, frames)
         sizes = {"voltage": battery.n_cells, "temperature": battery.n_sensors}
-        found = {}
+        current = {}
         for key, line in shown.items():
             if key in values:
-                found[key] = _running(values[key], sizes.get(key, 1), now_ns, line, received)
-        return found
+                current[key] = _running(values[key], sizes.get(key, 1), now_ns, line, received)
+        return current
 
 
 def _running(values: ChannelValues, size: int, now_ns: int, line: ProfileLine, received: BusSurvey) -> CurrentValue:
     newest = np.full(size, np.nan)
     newest[values.index] = values.value  # the last one of several stays
     age_s = (now_ns - int(values.t_ns.max())) / 1e9
-    numbers = tuple(float(each) if np.isfinite(each) else None for each in newest)
+    numbers = tuple(float(value) if np.isfinite(value) else None for value in newest)
     if isinstance(line.chosen, StateProposal):
         named = find_signal(received.definitions, str(line.chosen.state.signal))
         signal = None if named is None else received.signal(named[0], named[1].name)
@@ -163,8 +165,8 @@ def draft_from_files(files: Mapping[str, str], received: Frames | Path, name: st
         ImportFailed, ExtraMissing: a file cannot be read.
     """
     definitions = Definitions(())
-    for each, text in files.items():
-        definitions = definitions.joined(parse_definitions(text.encode(), each))
+    for file, text in files.items():
+        definitions = definitions.joined(parse_definitions(text.encode(), file))
     frames = load_log(received) if isinstance(received, Path) else received
     draft = ProfileDraft(definitions, tuple(files), frames, name or Path(next(iter(files))).stem)
     draft.inferred(Correction())

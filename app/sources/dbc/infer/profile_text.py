@@ -49,7 +49,7 @@ def _lines(inferred: InferredProfile, language: str) -> Iterator[str]:
             yield from _line(key, line, language)
     yield from _limits([line for key, line in inferred.lines.items() if key.startswith("limit.")], language)
     for key, line in inferred.lines.items():
-        others = [each for each in line.candidates if title(each) != title(line.chosen)]
+        others = [candidate for candidate in line.candidates if title(candidate) != title(line.chosen)]
         if others:
             yield ""
             yield f"# also possible as {key}, less likely:"
@@ -72,8 +72,8 @@ def _line(key: str, line: ProfileLine, language: str) -> Iterator[str]:
             f"{mark}mask = {chosen.state.mask}" if chosen.state.mask else f"{mark}equals = {list(chosen.state.equals)}"
         )
     else:
-        for each in _reading(key, chosen.reading):
-            yield mark + each
+        for text in _reading(key, chosen.reading):
+            yield mark + text
 
 
 def _limits(lines: list[ProfileLine], language: str) -> Iterator[str]:
@@ -98,7 +98,7 @@ def _comments(texts: Iterable[Text], language: str) -> Iterator[str]:
 
 def _one_line(text: str) -> str:
     """What a DBC says may hold line ends: a comment may not."""
-    return "".join(each if each.isprintable() else " " for each in text)
+    return "".join(character if character.isprintable() else " " for character in text)
 
 
 def _sensors(battery: Battery) -> Iterator[str]:

@@ -67,13 +67,13 @@ def fit(kind: str, signals: Iterable[tuple[SignalDefinition, ReceivedSignal]]) -
     best: tuple[float, str, FloatArray] | None = None
     shares: dict[str, float] = {}
     for unit in ("", *_UNITS[kind]):
-        found = converted(kind, values[measured], unit, dbc_unit)
-        share = shares[unit] = float(np.mean((found >= low) & (found <= high)))
+        in_unit = converted(kind, values[measured], unit, dbc_unit)
+        share = shares[unit] = float(np.mean((in_unit >= low) & (in_unit <= high)))
         if best is None or share > best[0] + 0.25:  # the DBC's own unit first
-            best = share, unit, found
+            best = share, unit, in_unit
     assert best is not None
-    share, unit, found = best
-    inside = found[(found >= low) & (found <= high)]
+    share, unit, in_unit = best
+    inside = in_unit[(in_unit >= low) & (in_unit <= high)]
     if not len(inside):
         return None
     outside = converted(kind, values, unit, dbc_unit)
@@ -94,24 +94,24 @@ def _codes(raw: NDArray[np.int64], bits: int, is_signed: bool) -> tuple[int, ...
     return tuple(code for code in ends if np.any(raw == code))
 
 
-def fits(found: Fit | None) -> bool:
+def fits(fitted: Fit | None) -> bool:
     """Whether nearly all values are in range."""
-    return found is not None and found.share >= 1.0 - 10 * _FEW
+    return fitted is not None and fitted.share >= 1.0 - 10 * _FEW
 
 
 def declared_fit(kind: str, signal: SignalDefinition) -> float:
     """Return how a signal's declaration fits a quantity: 1 well, 0 unknown, -1 it cannot be one."""
-    known = known_conversion(kind, signal.unit)
-    if signal.unit and known is None:
+    conversion = known_conversion(kind, signal.unit)
+    if signal.unit and conversion is None:
         return -1.0
     if signal.layout.length < (6 if kind == "temperature" else 8) or signal.choices:
         return -1.0
     if kind == "voltage":
-        factor = (known or (1.0, 0.0))[0]
+        factor = (conversion or (1.0, 0.0))[0]
         span = abs(signal.layout.scale) * factor * 2.0 ** min(signal.layout.length, 40)
-        if known is not None and not span > 1.0:
+        if conversion is not None and not span > 1.0:
             return -1.0
-    return 1.0 if known is not None else 0.0
+    return 1.0 if conversion is not None else 0.0
 
 
 Member = tuple[MessageDefinition, SignalDefinition]
@@ -145,8 +145,8 @@ class CellProposal:
 
 def received_signals(survey: BusSurvey, members: tuple[Member, ...]) -> list[tuple[SignalDefinition, ReceivedSignal]]:
     """Return the signals that were received."""
-    found = [(signal, survey.signal(message, signal.name)) for message, signal in members]
-    return [(signal, received) for signal, received in found if received is not None]
+    pairs = [(signal, survey.signal(message, signal.name)) for message, signal in members]
+    return [(signal, received) for signal, received in pairs if received is not None]
 
 
 def judged(survey: BusSurvey, kind: str, members: tuple[Member, ...], n: int) -> tuple[float, Fit | None] | None:
@@ -168,10 +168,10 @@ def judged(survey: BusSurvey, kind: str, members: tuple[Member, ...], n: int) ->
     score -= 2.0 * len(own & NOT_A_CELL) + 1.5 * len(around & NOT_A_CELL & _HARD)
     score -= 0.3 * len(around & _INNER)
     received = received_signals(survey, members)
-    found = fit(kind, received) if received else None
+    fitted = fit(kind, received) if received else None
     if received:
-        score += 4.0 if fits(found) else -8.0
+        score += 4.0 if fits(fitted) else -8.0
         score += log2(max(len(received) / len(members), 0.05))
     elif survey.n_frames:
         score -= 5.0
-    return score, found
+    return score, fitted

@@ -60,7 +60,7 @@ class ReadingProposal:
 
 def pack_voltage_proposals(survey: BusSurvey, sum_v: float, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may be the voltage of all cells; `sum_v` of the cells, NaN where unknown. The best first."""
-    found = []
+    proposals = []
     for message, signal in candidates(survey, used, "pack_voltage"):
         own, around = words(signal.name), words(message.name)
         is_sum = bool(own & _SUM and known_conversion("pack_voltage", signal.unit))
@@ -88,15 +88,15 @@ def pack_voltage_proposals(survey: BusSurvey, sum_v: float, used: set[tuple[int,
             score -= 4.0
         if score > 1.5:
             name = signal_name(message, signal)
-            found.append(
+            proposals.append(
                 ReadingProposal(ScalarSignal(name, unit), (*reasons, name_reason(signal, message)), score, low, high)
             )
-    return sorted(found, key=lambda each: -each.score)
+    return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
 def current_proposals(survey: BusSurvey, pack: PackVoltage | None, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may be the current of all cells; the sign by what the voltage does. The best first."""
-    found = []
+    proposals = []
     for message, signal in candidates(survey, used, "current"):
         own, around = words(signal.name), words(message.name)
         if not own & CURRENT and not ("ivt" in around | own and "i" in own):
@@ -127,15 +127,15 @@ def current_proposals(survey: BusSurvey, pack: PackVoltage | None, used: set[tup
         if score > 1.5:
             name = signal_name(message, signal)
             is_scaled = known_conversion("current", signal.unit) is not None or signal.layout.scale != 1.0
-            found.append(
+            proposals.append(
                 ReadingProposal(ScalarSignal(name, unit, positive), tuple(reasons), score, low, high, is_scaled)
             )
-    return sorted(found, key=lambda each: -each.score)
+    return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
 def soc_proposals(survey: BusSurvey, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may be the SOC by the BMS. The best first."""
-    found = []
+    proposals = []
     for message, signal in candidates(survey, used, "soc"):
         own, around = words(signal.name), words(message.name)
         is_soc = bool(own & SOC) or {"state", "charge"} <= own
@@ -154,8 +154,10 @@ def soc_proposals(survey: BusSurvey, used: set[tuple[int, str]]) -> list[Reading
             score -= not_received_penalty(survey)
         if score > 0:
             name = signal_name(message, signal)
-            found.append(ReadingProposal(ScalarSignal(name, unit), (name_reason(signal, message),), score, low, high))
-    return sorted(found, key=lambda each: -each.score)
+            proposals.append(
+                ReadingProposal(ScalarSignal(name, unit), (name_reason(signal, message),), score, low, high)
+            )
+    return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
 def _near(
@@ -216,10 +218,10 @@ def in_unit(
     unit = ""
     mean = float(np.median(values))
     if np.isfinite(wanted) and mean > 0 and abs(mean - wanted) / wanted > 0.1:
-        for each, scale in units.items():
+        for name, scale in units.items():
             tried = float(np.median(received.values)) * scale
             if abs(tried - wanted) / wanted < 0.05:
-                unit, values, mean = each, received.values * scale, tried
+                unit, values, mean = name, received.values * scale, tried
                 break
     return unit, float(values.min()), float(values.max()), mean
 
@@ -235,7 +237,7 @@ def _correlation(
     n = int(min(len(received.t_ns), len(pack.t_ns), 5000))
     if end <= start or n < 8:
         return 0.0
-    found = 0.0
+    strongest = 0.0
     for bins in (n // times for times in _COARSER if n // times >= 8):
         edges = np.linspace(start, end, bins + 1)
         current, voltage = _binned(received.t_ns, received.values, edges), _binned(pack.t_ns, pack.values, edges)
@@ -245,9 +247,9 @@ def _correlation(
         if np.count_nonzero(moved) < 4 or np.std(steps_v) == 0 or np.std(steps_a) == 0:
             continue
         together = float(np.corrcoef(steps_a, steps_v)[0, 1])
-        if abs(together) > max(abs(found), _BY_CHANCE / np.sqrt(len(steps_a))):
-            found = together
-    return found
+        if abs(together) > max(abs(strongest), _BY_CHANCE / np.sqrt(len(steps_a))):
+            strongest = together
+    return strongest
 
 
 def _binned(t_ns: NDArray[np.int64], values: FloatArray, edges: FloatArray) -> FloatArray:
@@ -272,7 +274,7 @@ _LEAST = 2.0
 def charger_proposals(survey: BusSurvey, kind: str, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may be what a charger gives; `kind` = charger_voltage or charger_current. The best first."""
     wanted = VOLTAGE if kind == "charger_voltage" else CURRENT
-    found: list[ReadingProposal] = []
+    proposals: list[ReadingProposal] = []
     for message, signal in candidates(survey, used, kind):
         own, around = words(signal.name), words(message.name)
         if not (own | around) & CHARGER or not own & wanted or own & _ASKED:
@@ -280,14 +282,14 @@ def charger_proposals(survey: BusSurvey, kind: str, used: set[tuple[int, str]]) 
         score = 2.0 + 0.5 * len(own & CHARGER) - 1.5 * len(around & _ASKED)
         score += 1.0 if own & {"output", "out", "actual", "measured"} else 0.0
         score += 0.5 if known_conversion(kind, signal.unit) else 0.0
-        _take(found, survey, message, signal, kind, score)
-    return sorted(found, key=lambda each: -each.score)
+        _take(proposals, survey, message, signal, kind, score)
+    return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
 def limit_proposals(survey: BusSurvey, name: str, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may carry a limit of current, by its name in a profile. The best first."""
     wanted, other = (_DISCHARGE, _CHARGE) if name.startswith("discharge") else (_CHARGE, _DISCHARGE)
-    found: list[ReadingProposal] = []
+    proposals: list[ReadingProposal] = []
     for message, signal in candidates(survey, used, "current"):
         own, around = words(signal.name), words(message.name)
         is_limit = bool(own & _LIMIT) or bool(around & _LIMIT)
@@ -298,12 +300,12 @@ def limit_proposals(survey: BusSurvey, name: str, used: set[tuple[int, str]]) ->
         score = 2.0 + (1.0 if own & {"ccl", "dcl"} or own & _LIMIT else 0.0)
         score -= 0.5 * len(own & {"peak", "pulse", "short"}) + 1.0 * len((own | around) & {"inverter", "mc", "motor"})
         score -= 0.5 * len(around & CHARGER)
-        _take(found, survey, message, signal, "current", score)
-    return sorted(found, key=lambda each: -each.score)
+        _take(proposals, survey, message, signal, "current", score)
+    return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
 def _take(
-    found: list[ReadingProposal],
+    proposals: list[ReadingProposal],
     survey: BusSurvey,
     message: MessageDefinition,
     signal: SignalDefinition,
@@ -315,4 +317,4 @@ def _take(
         score -= not_received_penalty(survey)
     if score >= _LEAST:
         reading = ScalarSignal(signal_name(message, signal), unit)
-        found.append(ReadingProposal(reading, (name_reason(signal, message),), score, low, high))
+        proposals.append(ReadingProposal(reading, (name_reason(signal, message),), score, low, high))

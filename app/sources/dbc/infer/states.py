@@ -86,16 +86,18 @@ class Flow:
 
 def state_proposals(survey: BusSurvey, flow: Flow | None, used: set[tuple[int, str]]) -> dict[str, list[StateProposal]]:
     """Return the signals that may carry each state, the best first, without states that have none."""
-    found: dict[str, list[StateProposal]] = {}
+    proposals: dict[str, list[StateProposal]] = {}
     for message in survey.definitions.by_id().values():
         for signal in message.signals:
             if (message.can_id, signal.name) in used or not _may_carry(signal):
                 continue
             for name in STATES:
-                each = _proposal(survey, flow, name, message, signal)
-                if each is not None:
-                    found.setdefault(name, []).append(each)
-    return {name: sorted(found[name], key=lambda each: -each.score) for name in STATES if name in found}
+                proposal = _proposal(survey, flow, name, message, signal)
+                if proposal is not None:
+                    proposals.setdefault(name, []).append(proposal)
+    return {
+        name: sorted(proposals[name], key=lambda suggested: -suggested.score) for name in STATES if name in proposals
+    }
 
 
 def _may_carry(signal: SignalDefinition) -> bool:
@@ -109,10 +111,10 @@ def _proposal(
 ) -> StateProposal | None:
     received = survey.signal(message, signal.name)
     by_texts = _by_texts(name, message, signal) if len(signal.choices) > 1 else None
-    found = by_texts or _by_name(name, message, signal, received, flow)
-    if found is None:
+    proposal = by_texts or _by_name(name, message, signal, received, flow)
+    if proposal is None:
         return None
-    equals, mask, score, reasons = found
+    equals, mask, score, reasons = proposal
     if received is not None:
         is_so = np.isin(received.raw, equals) if not mask else (received.raw & mask) != 0
         if len(np.unique(received.raw)) > _FEW and not mask:
@@ -212,7 +214,7 @@ def _by_name(
     during = np.unique(received.raw[heavy])
     if len(during) > 2 or 0 in during or len(during) == len(seen):
         return None
-    return tuple(int(each) for each in during), 0, score, reasons
+    return tuple(int(number) for number in during), 0, score, reasons
 
 
 def _score_of_name(name: str, own: frozenset[str], around: frozenset[str]) -> float | None:

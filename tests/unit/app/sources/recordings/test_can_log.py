@@ -139,12 +139,12 @@ def test_a_signal_counts_as_long_as_it_is_held(log, dbc, gap_s, is_held):
 
 
 def test_the_columns_of_a_log_are_those_of_its_frames_and_a_name_of_two_messages_needs_its_message(log, dbc):
-    assert set(read_signals(log(pack(0, 1.0), (0.1, 0x7FF, b"\0")), dbc).found) == {
+    assert set(read_signals(log(pack(0, 1.0), (0.1, 0x7FF, b"\0")), dbc).by_name) == {
         "Current",
         "Pack.Current",
         "Pack.Soc",
     }
-    names = set(read_signals(log(*DRIVE, (3, OTHER, b"\x00\x01")), dbc).found)
+    names = set(read_signals(log(*DRIVE, (3, OTHER, b"\x00\x01")), dbc).by_name)
     assert {"Pack.Soc", "Other.Soc", "Current", "Pack.Current", "Voltage[1]"} <= names
     assert "Soc" not in names
 
@@ -169,7 +169,7 @@ def test_what_is_in_no_frame_is_named(log, dbc):
         read_signals(log(*DRIVE), dbc).table(ImportMapping(current="Amps", voltages="Voltage[CellID]"))
     path = log((0, 0x7FF, b"\1"), (0.1, PACK | CAN_ID_EXTENDED, bytes(4)))
     with pytest.raises(ImportFailed, match=r"drive\.log: no frame matches bus\.dbc"):
-        sorted(read_signals(path, dbc).found)
+        sorted(read_signals(path, dbc).by_name)
     with pytest.raises(ImportFailed, match=r"no frame with the signal Current of bus\.dbc"):
         one_signal(read_frames(path), "drive.log", dbc, "Current")
 
@@ -263,7 +263,7 @@ def test_a_log_with_more_values_than_memory_is_to_hold_is_refused(log, dbc, monk
     path = log(*DRIVE)
     n_values = 5 * 2 + 2 * 3  # the current and the SOC, the number and voltage of a cell, also by its name
     monkeypatch.setattr(can_log, "MOST_VALUES", n_values)
-    signals = read_signals(path, dbc).found
+    signals = read_signals(path, dbc).by_name
     assert signals["Current"] is signals["Pack.Current"]  # kept once
     monkeypatch.setattr(can_log, "MOST_VALUES", n_values - 1)
     with pytest.raises(LimitExceeded, match=f"more than {n_values - 1} values.*--battery"):
