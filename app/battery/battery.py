@@ -74,11 +74,11 @@ class Battery:
     @property
     def starts(self) -> tuple[int, ...]:
         """Index of the first cell of each segment."""
-        found, at = [], 0
+        starts, at = [], 0
         for cells in self.segments:
-            found.append(at)
+            starts.append(at)
             at += cells
-        return tuple(found)
+        return tuple(starts)
 
     def place(self, cell: int) -> tuple[int, int]:
         """Return the segment of a cell and its place in it, both from 0.
@@ -126,9 +126,9 @@ def spread(n_sensors: int, cells: range) -> tuple[tuple[int, ...], ...]:
 
 def spread_in_segments(n_sensors: int, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
     """As many sensors in each segment, evenly over its cells; `n_sensors` is a multiple of the number of segments."""
-    found: list[tuple[int, ...]] = []
+    groups: list[tuple[int, ...]] = []
     at = 0
     for cells in segments:
-        found += spread(n_sensors // len(segments), range(at, at + cells))
+        groups += spread(n_sensors // len(segments), range(at, at + cells))
         at += cells
-    return tuple(found)
+    return tuple(groups)

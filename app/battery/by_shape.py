@@ -67,10 +67,10 @@ def files_of_shape(name: str) -> dict[str, bytes] | None:
     Raises:
         ProfileError: no cells, or more than a bus carries.
     """
-    found = re.fullmatch(r"(\d{1,9})x(\d{1,9})", name, re.ASCII)
-    if found is None:
+    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", name, re.ASCII)
+    if match is None:
         return None
-    n_segments, in_series = map(int, found.groups())
+    n_segments, in_series = map(int, match.groups())
     if not 1 <= n_segments * in_series <= MOST_CELLS:
         raise ProfileError(name, None, "battery", name, Message("shape-of-cells", most=MOST_CELLS))
     profile = _PROFILE.format(name=name, n_segments=n_segments, in_series=in_series, segments=[in_series] * n_segments)

@@ -44,7 +44,7 @@ def load_profile(name: str) -> LoadedProfile:
     document = _document(text, file, folder, 0)
     profile = understand(document)
     dbc = getattr(profile.source, "dbc", ())
-    return LoadedProfile(profile, text, tuple(Path(each) for each in dbc))
+    return LoadedProfile(profile, text, tuple(Path(file) for file in dbc))
 
 
 def file_name_of(battery: str) -> str:
@@ -67,10 +67,10 @@ def profile_files(name: str, *, own_folder: bool = False) -> dict[str, bytes]:
     by_shape = files_of_shape(name)
     if by_shape is not None:
         return by_shape
-    found: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
 
     def keep(file: str, key: str, data: bytes) -> None:
-        if found.setdefault(key, data) != data:
+        if files.setdefault(key, data) != data:
             raise ProfileError(file, None, "include", key, Message("two-files-of-a-name"))
 
     def collect(name: str, folder: Path, included_by: str | None, depth: int) -> None:
@@ -83,19 +83,19 @@ def profile_files(name: str, *, own_folder: bool = False) -> dict[str, bytes]:
         values = document.values
         dbcs = dict.fromkeys(_texts(values.get("source"), "dbc"))
         cell = values.get("battery", {}).get("cell", "") if isinstance(values.get("battery"), dict) else ""
-        for each in (*dbcs, *_texts(values, "include"), str(cell)):
-            if own_folder and Path(each).name != each:
-                raise ProfileError(file, None, "battery", each, Message("battery-own-folder"))
-        for each in dbcs:
+        for named in (*dbcs, *_texts(values, "include"), str(cell)):
+            if own_folder and Path(named).name != named:
+                raise ProfileError(file, None, "battery", named, Message("battery-own-folder"))
+        for dbc in dbcs:
             try:
-                keep(file, each, _found(inner, each).read_bytes())
+                keep(file, dbc, _found(inner, dbc).read_bytes())
             except OSError as error:
-                raise ProfileError(file, None, "source.dbc", each, error.strerror or str(error)) from error
-        for each in _texts(values, "include"):
-            collect(each, inner, file, depth + 1)
+                raise ProfileError(file, None, "source.dbc", dbc, error.strerror or str(error)) from error
+        for include in _texts(values, "include"):
+            collect(include, inner, file, depth + 1)
 
     collect(name, Path(), None, 0)
-    return found
+    return files
 
 
 def profile_of(files: Mapping[str, bytes]) -> BatteryProfile:
@@ -113,16 +113,16 @@ def profile_of(files: Mapping[str, bytes]) -> BatteryProfile:
         return read_document(files[name].decode("utf-8", "replace"), name, lambda inner: document(inner, depth + 1))
 
     own = next(iter(files))
-    found = document(own, 0)
+    profile = document(own, 0)
     values = {
-        name: value for name, value in found.values.items() if name != WITHDRAWN
+        name: value for name, value in profile.values.items() if name != WITHDRAWN
     }  # an old session's profile may have it
-    return understand(replace(found, values=values))
+    return understand(replace(profile, values=values))
 
 
 def _texts(table: Any, name: str) -> list[str]:
     given = table.get(name, []) if isinstance(table, Mapping) else []
-    return [each for each in (given if isinstance(given, list) else [given]) if isinstance(each, str)]
+    return [text for text in (given if isinstance(given, list) else [given]) if isinstance(text, str)]
 
 
 def load_part(name: str) -> Document:
@@ -145,7 +145,7 @@ def _document(text: str, file: str, folder: Path, depth: int) -> Document:
     source = document.values.get("source")
     if isinstance(source, dict) and isinstance(source.get("dbc"), str | list):
         named = source["dbc"] if isinstance(source["dbc"], list) else [source["dbc"]]
-        source["dbc"] = [str(_found(folder, each)) if isinstance(each, str) else each for each in named]
+        source["dbc"] = [str(_found(folder, name)) if isinstance(name, str) else name for name in named]
     return document
 
 

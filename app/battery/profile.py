@@ -72,7 +72,7 @@ def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]
         if isinstance(value, dict) and isinstance(under.get(name), dict):
             joined[name] = _merged(under[name], value)
         elif name == "dbc" and name in under:
-            joined[name] = [*_list(value), *(each for each in _list(under[name]) if each not in _list(value))]
+            joined[name] = [*_list(value), *(text for text in _list(under[name]) if text not in _list(value))]
         else:
             joined[name] = value
     return joined
@@ -127,8 +127,8 @@ def _battery(document: Document) -> Battery:
     if not segments or sum(segments) > MOST_CELLS:
         raise table.error("segments", list(segments), Message("kind-counts", bounds=f"1..{MOST_CELLS}"))
     limits, rules = _table(document, "battery.limits"), _table(document, "battery.rules")
-    for each in (limits, rules):
-        each.check_names()
+    for part in (limits, rules):
+        part.check_names()
     return Battery(
         name=table.text("name"),
         segments=segments,
@@ -149,7 +149,9 @@ def _drawing(table: TableReader, n_segments: int) -> Drawing:
         raise table.error("order", list(order), Message("each-segment-once", n=n_segments))
     if turned and max(turned) > n_segments:
         raise table.error("turned", list(turned), Message("kind-counts", bounds=f"1..{n_segments}"))
-    return Drawing(table.count("rows", 1), tuple(each - 1 for each in order), tuple(each - 1 for each in turned))
+    return Drawing(
+        table.count("rows", 1), tuple(segment - 1 for segment in order), tuple(segment - 1 for segment in turned)
+    )
 
 
 def _sensors(table: TableReader, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
@@ -177,10 +179,10 @@ def _sensors(table: TableReader, segments: tuple[int, ...]) -> tuple[tuple[int, 
 def _listed(table: TableReader, cells: list[Any], n_sensors: int, n_cells: int) -> tuple[tuple[int, ...], ...]:
     if n_sensors != len(cells):
         raise table.error("sensors", n_sensors, Message("sensors-not-listed", lists=len(cells)))
-    for each in cells:
-        if not isinstance(each, list) or not all(type(cell) is int and 1 <= cell <= n_cells for cell in each):
-            raise table.error("cells", str(each)[:60], Message("kind-counts", bounds=f"1..{n_cells}"))
-    return tuple(tuple(cell - 1 for cell in each) for each in cells)
+    for entry in cells:
+        if not isinstance(entry, list) or not all(type(cell) is int and 1 <= cell <= n_cells for cell in entry):
+            raise table.error("cells", str(entry)[:60], Message("kind-counts", bounds=f"1..{n_cells}"))
+    return tuple(tuple(cell - 1 for cell in entry) for entry in cells)
 
 
 def _serial(document: Document, battery: Battery) -> SerialMapping | None:
@@ -220,11 +222,11 @@ def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
     given = document.values["source"][name]
     if not isinstance(given, list) or path not in MANY:
         raise _table(document, "source").error(name, str(given)[:60], Message("kind-tables", name=path))
-    found = []
+    signals = []
     for i in range(len(given)):
         table = _table(document, path, i)
         table.check_names()
-        found.append(
+        signals.append(
             CellSignals(
                 signal=table.pattern("signal"),
                 message=table.pattern("message", "*"),
@@ -232,7 +234,7 @@ def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
                 base=table.bases("base"),
                 group_cells=table.count("group_cells", 1),
                 first=table.count("first", 1) - 1,
-                order=tuple(each - 1 for each in table.counts("order") or ()),
+                order=tuple(count - 1 for count in table.counts("order") or ()),
                 unit=table.text("unit"),
                 scale=table.number("scale", 1.0),
                 offset=table.number("offset", 0.0),
@@ -245,7 +247,7 @@ def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
                 line=table.line,
             )
         )
-    return tuple(found)
+    return tuple(signals)
 
 
 def _reading(document: Document, path: str) -> ScalarSignal:

@@ -25,21 +25,21 @@ def errors_of(document: Document) -> tuple[list[ProfileError], BatteryProfile | 
         document: the tables of a profile.
     """
     values = copy.deepcopy(dict(document.values))
-    found: dict[str, ProfileError] = {}
+    errors: dict[str, ProfileError] = {}
     profile = None
     for _ in range(_MOST):
         try:
             profile = understand(Document(document.file, values, document.lines))
             break
         except ProfileError as error:
-            is_again = error.path in found
-            found.setdefault(error.path, error)
+            is_again = error.path in errors
+            errors.setdefault(error.path, error)
             if not _set_aside(values, error.path, is_needed=is_again or not _is_there(values, error.path)):
                 break
             if error.path == "battery.segments":
                 for name in _SHAPED_BY_SEGMENTS:
                     _remove(values, f"battery.{name}")
-    return sorted(found.values(), key=lambda error: error.line or 0), profile
+    return sorted(errors.values(), key=lambda error: error.line or 0), profile
 
 
 def _set_aside(values: dict[str, Any], path: str, *, is_needed: bool) -> bool:
@@ -48,7 +48,7 @@ def _set_aside(values: dict[str, Any], path: str, *, is_needed: bool) -> bool:
         return _remove(values, path)
     table, name = _around(values, path)
     fields = TABLES.get(re.sub(r"\[\d+\]", "", path).rpartition(".")[0], ())
-    field = next((each for each in fields if each.name == name), None)
+    field = next((field for field in fields if field.name == name), None)
     if field is None or field.default or not isinstance(table, dict):
         return False
     harmless = _HARMLESS.get(field.kind, field.one_of[0] if field.one_of else "-")

@@ -168,17 +168,19 @@ class SerialMapping:
     @property
     def fields(self) -> tuple[SerialField, ...]:
         """All fields of all frames and lines."""
-        return tuple(each for part in self.parts for each in part.fields)
+        return tuple(field for part in self.parts for field in part.fields)
 
     @property
     def kinds(self) -> frozenset[str]:
         """Kinds of values that it sends, `state.…` among them."""
-        return frozenset(each.kind for each in self.fields)
+        return frozenset(field.kind for field in self.fields)
 
     @property
     def ages(self) -> dict[str, float | None]:
         """From what age on values are missing, by kind [s]; None: as it is measured."""
-        return {kind: longest_age(each.max_age_s for each in self.fields if each.kind == kind) for kind in self.kinds}
+        return {
+            kind: longest_age(field.max_age_s for field in self.fields if field.kind == kind) for kind in self.kinds
+        }
 
 
 def longest_age(ages: Iterable[float | None]) -> float | None:

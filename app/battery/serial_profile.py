@@ -64,7 +64,7 @@ class SerialTables:
 
     def _table(self, path: str, values: Any) -> TableReader:
         plain = path.replace("[", ".[").split(".")
-        name = ".".join(each for each in plain if not each.startswith("["))
+        name = ".".join(part for part in plain if not part.startswith("["))
         reader = TableReader(self._file, path, values if isinstance(values, Mapping) else {}, TABLES[name], self._lines)
         if not isinstance(values, Mapping):
             raise TableReader(self._file, "", {}, (), self._lines).error(path, str(values)[:60], Message("kind-table"))
@@ -75,7 +75,7 @@ class SerialTables:
         if not isinstance(given, list):
             table = self._table("serial", self._values)
             raise table.error(name, str(given)[:60], Message("kind-tables", name=f"serial.{name}"))
-        return tuple(read(f"serial.{name}[{i}]", each) for i, each in enumerate(given))
+        return tuple(read(f"serial.{name}[{i}]", table) for i, table in enumerate(given))
 
     def _frame(self, path: str, values: Any) -> SerialFrame:
         table = self._table(path, values)
@@ -99,11 +99,11 @@ class SerialTables:
             fields=self._fields(table),
             line=table.line,
         )
-        for each in frame.fields:
-            size = _SIZES[each.type]
-            last = each.at + (_words(each) - 1) * (each.stride or size) + size
-            if length is not None and (last > length or each.at < -length):
-                raise table.error("fields", each.name, Message("serial-beyond-frame", end=last, length=length))
+        for field in frame.fields:
+            size = _SIZES[field.type]
+            last = field.at + (_words(field) - 1) * (field.stride or size) + size
+            if length is not None and (last > length or field.at < -length):
+                raise table.error("fields", field.name, Message("serial-beyond-frame", end=last, length=length))
         return frame
 
     def _line(self, path: str, values: Any) -> SerialLine:
@@ -145,7 +145,7 @@ class SerialTables:
         given = table.values.get("fields", [])
         if not isinstance(given, list) or not given:
             raise table.error("fields", str(given)[:60], Message("serial-no-fields"))
-        return tuple(self._field(f"{table.path}.fields[{i}]", each, of_line=of_line) for i, each in enumerate(given))
+        return tuple(self._field(f"{table.path}.fields[{i}]", entry, of_line=of_line) for i, entry in enumerate(given))
 
     def _field(self, path: str, values: Any, *, of_line: bool) -> SerialField:
         table = self._table(path, values)
@@ -220,7 +220,7 @@ def _header(table: TableReader) -> Header:
         header = tuple(None if pair == "??" else _byte(pair) for pair in pairs)
     except ValueError as error:
         raise table.error("header", text, Message("serial-hex")) from error
-    if header and (all(each is None for each in header) or len(header) > LONGEST_FRAME):
+    if header and (all(byte is None for byte in header) or len(header) > LONGEST_FRAME):
         raise table.error("header", text, Message("serial-hex"))
     return header
 

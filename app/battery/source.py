@@ -95,9 +95,9 @@ class DbcMapping:
     @property
     def ages(self) -> dict[str, float | None]:
         """From what age on values are missing, by kind [s]; None: as it is measured."""
-        ages = {kind: longest_age(each.max_age_s for each in entries) for kind, entries in self.cells.items()}
+        ages = {kind: longest_age(entry.max_age_s for entry in entries) for kind, entries in self.cells.items()}
         readings = {name: getattr(self, name) for name in READINGS}
-        return ages | {name: each.max_age_s for name, each in readings.items() if each is not None}
+        return ages | {name: reading.max_age_s for name, reading in readings.items() if reading is not None}
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,10 +46,10 @@ class TableReader:
 
     def check_names(self, tables: Iterable[str] = ()) -> None:
         """Raise ProfileError for a key that is no field and none of the tables within."""
-        known = [field.name for field in self.fields]
+        names = [field.name for field in self.fields]
         for name in self.values:
-            if name not in known and name not in tables:
-                raise self.error(name, _short(self.values[name]), Message("no-such-key", names=(*known, *tables)))
+            if name not in names and name not in tables:
+                raise self.error(name, _short(self.values[name]), Message("no-such-key", names=(*names, *tables)))
         for field in self.fields:
             if field.default == "" and field.name not in self.values:
                 raise self.error(field.name, "", Message("key-missing", meaning=field.meaning))
@@ -78,10 +78,10 @@ class TableReader:
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a list of texts; one text is a list of one."""
         value = self.values.get(name, [])
-        found = [value] if isinstance(value, str) else value
-        if not isinstance(found, list) or not all(isinstance(each, str) and each for each in found):
+        texts = [value] if isinstance(value, str) else value
+        if not isinstance(texts, list) or not all(isinstance(text, str) and text for text in texts):
             raise self.error(name, _short(value), Message("kind-texts"))
-        return tuple(found)
+        return tuple(texts)
 
     def number(self, name: str, default: float) -> float:
         """Return a number within its field's bounds."""
@@ -117,14 +117,14 @@ class TableReader:
         value = self.values[name]
         if not isinstance(value, list):
             raise self.error(name, _short(value), Message("kind-counts", bounds=_bounds(self._field(name))))
-        return tuple(self._count(name, each, self._field(name)) for each in value)
+        return tuple(self._count(name, number, self._field(name)) for number in value)
 
     def pair(self, name: str) -> tuple[float, float] | None:
         """Return two numbers, the lower one first; None where the profile has none."""
         if name not in self.values:
             return None
         value = self.values[name]
-        if not isinstance(value, list) or len(value) != 2 or not all(_is_number(each) for each in value):
+        if not isinstance(value, list) or len(value) != 2 or not all(_is_number(number) for number in value):
             raise self.error(name, _short(value), Message("kind-pair"))
         if not -inf < value[0] < value[1] < inf:
             raise self.error(name, _short(value), Message("kind-pair"))
@@ -148,7 +148,7 @@ class TableReader:
     def parts(self, name: str) -> dict[str, str]:
         """Return patterns by part of a cell's number."""
         value = self.values.get(name, {})
-        if not isinstance(value, dict) or not all(isinstance(each, str) and each for each in value.values()):
+        if not isinstance(value, dict) or not all(isinstance(part, str) and part for part in value.values()):
             raise self.error(name, _short(value), Message("kind-parts", names=PARTS))
         for part in value:
             if part not in PARTS:
@@ -163,7 +163,7 @@ class TableReader:
             for part in value:
                 if part not in PARTS:
                     raise self.error(f"{name}.{part}", value[part], Message("no-such-key", names=PARTS))
-            return {part: self._count(f"{name}.{part}", each, field) for part, each in value.items()}
+            return {part: self._count(f"{name}.{part}", number, field) for part, number in value.items()}
         return dict.fromkeys(PARTS, self._count(name, value, field))
 
 
@@ -178,7 +178,7 @@ def _is_number(value: object) -> bool:
 
 
 def _bounds(field: Field) -> str:
-    low, high = (None if abs(each) >= 2**63 else f"{each:g}" for each in (field.low, field.high))
+    low, high = (None if abs(bound) >= 2**63 else f"{bound:g}" for bound in (field.low, field.high))
     if low is None or high is None:
         return "" if low is high else (f">= {low}" if high is None else f"<= {high}")
     return f"{low}..{high}"

@@ -10,7 +10,7 @@ _LONGEST = 300  # characters of a path: none of a profile's is a tenth as long
 
 def lines_of_keys(text: str) -> dict[str, int]:
     """Return the line of each table and key by its path, `source.voltage[0].signal`."""
-    found: dict[str, int] = {}
+    lines: dict[str, int] = {}
     counts: dict[str, int] = {}
     table = ""
     for number, line in enumerate(text.splitlines(), 1):
@@ -23,10 +23,10 @@ def lines_of_keys(text: str) -> dict[str, int]:
             if head[1] == "[[":
                 counts[table] = counts.get(table, -1) + 1
                 table = f"{table}[{counts[table]}]"
-            found.setdefault(table, number)
+            lines.setdefault(table, number)
         else:
-            found.setdefault(f"{table}.{path}" if table else path, number)
-    return found
+            lines.setdefault(f"{table}.{path}" if table else path, number)
+    return lines
 
 
 def line_of(lines: Mapping[str, int], path: str) -> int | None:

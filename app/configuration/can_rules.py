@@ -131,7 +131,7 @@ def _timeout(image: bytes, received: RxMessage, measured_period_s: Mapping[int, 
     if wire_id(received) == elcon.STATUS_ID | CAN_ID_EXTENDED:
         period_ms, source = CHARGER_STATUS_MS, Message("of-charger")
     if period_ms and received.timeout_ms <= period_ms:
-        limit = Message("more-than-period", period=Quantity(period_ms, "ms", 0), known=source)
+        limit = Message("more-than-period", period=Quantity(period_ms, "ms", 0), source=source)
         why = Message("lost-between-frames")
         yield finding("error", "timeout", image, "can_rx_msg_timeout", received.index, limit, why)
 

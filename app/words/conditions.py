@@ -101,6 +101,6 @@ def condition_of(code: str) -> str:
     if code.startswith("cause-"):  # an earlier version's name of a cause
         name = code.removeprefix("cause-")
         return _NOW.get(name, name if name in CONDITIONS else code)
-    prefix = next((each for each in _PREFIXES if code.startswith(each)), "")
+    prefix = next((prefix for prefix in _PREFIXES if code.startswith(prefix)), "")
     rest = code.removeprefix(prefix)
     return prefix + _NOW.get(rest, rest)

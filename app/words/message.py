@@ -80,7 +80,7 @@ def coded(text: Text) -> Message:
 
 def json_args(message: Message) -> Mapping[str, Any]:
     """Return the arguments of a message as JSON holds them; several times as quick as `asdict`."""
-    return {name: _json(each) for name, each in message.args.items()}
+    return {name: _json(arg) for name, arg in message.args.items()}
 
 
 def _json(argument: Argument) -> Any:
@@ -94,7 +94,7 @@ def _json(argument: Argument) -> Any:
         case Quantity(value, unit, digits):
             return {"value": value, "unit": unit, "digits": digits}
         case tuple():
-            return [_json(each) for each in argument]
+            return [_json(element) for element in argument]
     return argument
 
 
@@ -109,12 +109,14 @@ def message_from_json(value: Mapping[str, Any]) -> Message:
     Raises:
         KeyError, TypeError: it is not one.
     """
-    return Message(condition_of(value["code"]), **{name: _argument(each) for name, each in value["args"].items()})
+    return Message(
+        condition_of(value["code"]), **{name: _argument(argument) for name, argument in value["args"].items()}
+    )
 
 
 def _argument(value: Any) -> Argument:
     if isinstance(value, list | tuple):  # `asdict` leaves a tuple a tuple, JSON makes a list of it
-        return tuple(_argument(each) for each in value)
+        return tuple(_argument(element) for element in value)
     if not isinstance(value, dict):
         plain: str | int | float | None = value
         return plain

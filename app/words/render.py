@@ -35,8 +35,8 @@ def table(language: str) -> dict[str, Template]:
     Raises:
         FileNotFoundError: there is no such language.
     """
-    found: dict[str, Template] = json.loads(files(__package__).joinpath(language, "codes.json").read_text("utf-8"))
-    return found
+    templates: dict[str, Template] = json.loads(files(__package__).joinpath(language, "codes.json").read_text("utf-8"))
+    return templates
 
 
 def render(message: Text, segments: Sequence[int] = (), language: str = "en") -> str:
@@ -53,7 +53,7 @@ def render(message: Text, segments: Sequence[int] = (), language: str = "en") ->
     if not isinstance(template, str):
         template = template["one" if message.args.get("n", 1) == 1 else "other"]
     return _NAME.sub(
-        lambda found: _text(message.args[found[1]], segments, language) if found[1] in message.args else found[0],
+        lambda match: _text(message.args[match[1]], segments, language) if match[1] in message.args else match[0],
         template,
     )
 
@@ -97,7 +97,7 @@ def _text(argument: Argument, segments: Sequence[int], language: str) -> str:
         case Quantity(value, unit, digits):
             return f"{number(value, digits)} {UNITS.get(unit, unit)}".rstrip()
         case tuple():
-            return ", ".join(_text(each, segments, language) for each in argument)
+            return ", ".join(_text(element, segments, language) for element in argument)
         case str():
             return argument
     return number(argument)

@@ -155,7 +155,7 @@ def headline(survey: Survey, n_laps: int) -> Message:
     if hottest is not None:
         degrees = float(survey.temperature_max_degc[hottest])
         parts.append(Message("report-hottest", temperature=Quantity(degrees, "degC", 0)))
-    return Message("report-headline", run=tuple(run), found=tuple(parts))
+    return Message("report-headline", run=tuple(run), figures=tuple(parts))
 
 
 def what_limited(margins: Sequence[Margin], trips: Sequence[Argument]) -> list[Message]:

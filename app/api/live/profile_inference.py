@@ -148,8 +148,8 @@ def correct_profile(draft_id: str, body: CorrectionIn, setup: SetupPart, workers
     if sum(body.segments) > _MOST_CELLS:
         raise invalid("segments", body.segments, Message("kind-counts", bounds=f"1..{_MOST_CELLS}"))
     choices = {
-        key: Choice(each.signal, each.taken, each.unit, each.positive, tuple(each.equals))
-        for key, each in body.choices.items()
+        key: Choice(choice.signal, choice.taken, choice.unit, choice.positive, tuple(choice.equals))
+        for key, choice in body.choices.items()
     }
     correction = Correction(body.name, tuple(body.segments), body.parallel, choices)
     return _draft_json(draft_id, setup.draft[1], correction, body.profile, workers)
@@ -162,12 +162,12 @@ def _draft_json(
     inferred, issues = draft.inferred(correction, run)
     if edited is not None:
         issues = draft.check(edited, run)
-    found = draft.survey
+    survey = draft.survey
     return {
         "id": draft_id,
-        "frames": found.n_frames,
-        "messages": len(found.definitions.messages),
-        "received": len(found.received),
+        "frames": survey.n_frames,
+        "messages": len(survey.definitions.messages),
+        "received": len(survey.received),
         "checks": [*map(_checked, issues)],
         **(_nothing() if inferred is None else _inferred(inferred, draft.running(inferred))),
     }
@@ -200,7 +200,9 @@ def _line(line: ProfileLine, running: CurrentValue | None) -> dict[str, Any]:
         "key": line.key,
         "taken": line.is_taken,
         "signal": title(chosen),
-        "candidates": [_candidate(chosen if title(each) == title(chosen) else each) for each in line.candidates],
+        "candidates": [
+            _candidate(chosen if title(candidate) == title(chosen) else candidate) for candidate in line.candidates
+        ],
         "display_unit": LINE_UNITS.get(kind, ""),
         "unit": unit,
         "units": UNITS.get(line.key, ()),

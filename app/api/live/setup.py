@@ -112,12 +112,12 @@ def _setup_json(setup: Setup) -> dict[str, Any]:
         "batteries": [
             {
                 "id": name,
-                "name": each.battery.name,
-                "cells": each.battery.n_cells,
-                "reads": each.kind,
+                "name": battery.battery.name,
+                "cells": battery.battery.n_cells,
+                "reads": battery.kind,
                 "uploaded": BATTERIES in name,
             }
-            for name, each in setup.batteries().items()
+            for name, battery in setup.batteries().items()
         ],
     }
 
@@ -131,7 +131,7 @@ def setup(setup: SetupPart) -> dict[str, Any]:
 @router.get("/plugged", response_model=PluggedOut)
 def plugged() -> dict[str, Any]:
     """Serial ports and CAN adapters of this machine; drivers take some seconds to look."""
-    return {"serial": [asdict(each) for each in serial_ports()], "can": [asdict(each) for each in can_adapters()]}
+    return {"serial": [asdict(port) for port in serial_ports()], "can": [asdict(adapter) for adapter in can_adapters()]}
 
 
 @router.post("/check-link", response_model=LinkCheckOut)
@@ -141,20 +141,20 @@ def check_link(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str,
         raise invalid("serial", body.serial, Message("one-of-two", names=("serial", "can")))
     in_force = setup.in_force
     if body.serial is not None and body.serial == in_force.serial:
-        found = _at_own(live, "rs232")
+        check = _at_own(live, "rs232")
     elif body.can is not None and body.can == in_force.can:
-        found = _at_own(live, "can")
+        check = _at_own(live, "can")
     else:
         battery = setup.batteries().get(body.battery or in_force.battery)
         mapping = None if battery is None else battery.serial
         count = None if mapping is None else frame_counter(mapping)
-        found = check_can(body.can) if body.can is not None else check_serial(body.serial or "", mapping, count)
+        check = check_can(body.can) if body.can is not None else check_serial(body.serial or "", mapping, count)
     return {
         "seconds": CHECK_S,
-        "bytes": found.bytes,
-        "frames": found.frames,
-        "error": rendered_or_none(found.error),
-        "advice": rendered_or_none(found.advice),
+        "bytes": check.bytes,
+        "frames": check.frames,
+        "error": rendered_or_none(check.error),
+        "advice": rendered_or_none(check.advice),
     }
 
 
@@ -181,7 +181,7 @@ def choose(
 ) -> dict[str, Any]:
     """Keep what to read in the data folder and start again with it."""
     chosen = Connections(body.serial, body.can, body.battery or TEAM_PROFILE)
-    what = ", ".join(each for each in (chosen.battery, chosen.serial, chosen.can) if each) or "simulator"
+    what = ", ".join(setting for setting in (chosen.battery, chosen.serial, chosen.can) if setting) or "simulator"
     with signed.signed(user.name, "setup", what):
         setup.choose(chosen)
     events.note("info", "connections-chosen", Message("connections-chosen", what=what), who=user.name)
