@@ -16,9 +16,12 @@ around shows, b with sigma w (at rest b = 0 and w is small), and B, which knows 
     z1 = z0 + b + (1 - p (1 - K)) y
     s1^2 = s0^2 + p (1 - K) w^2 + (1 - p) v^2 + p (1 - p) ((1 - K) y)^2
 
-Without a count A alone is left, and dm is none. An estimator takes (z1, s1) for one hypothesis of its start among
-others: a cell that moved otherwise than the rest, or a count that is wrong, is found by the voltage. The team's
-master, which counts in Ah, begins a new count with a voltage, which the estimator reads itself: its dm is none, too.
+Without a count A alone is left, and dm is none. Where no clock says how long it was, t is a month: the computer's ran
+backwards, or the master's uptime is neither that of one that ran on nor of one that started meanwhile.
+
+An estimator takes (z1, s1) for one hypothesis of its start among others: a cell that moved otherwise than the rest, or
+a count that is wrong, is found by the voltage. The team's master, which counts in Ah, begins a new count with a
+voltage, which the estimator reads itself: its dm is none, too.
 """
 
 from dataclasses import dataclass, replace
@@ -36,6 +39,7 @@ AS_KNOWN = 0.5  # P(A), before the master's count is looked at
 REST_SIGMA = 0.01  # r: of what moves though nothing happens
 SELF_DISCHARGE_SIGMA_PER_S = 0.001 / 86_400  # d
 CLOCKS_APART_S, CLOCKS_DRIFT = 2.0, 2e-4  # by which the clocks of a master and of a computer differ
+UNKNOWN_AWAY_S = 30 * 86_400.0  # taken for a time that no clock says
 
 
 @dataclass(frozen=True)
@@ -53,11 +57,24 @@ class MasterCount:
 
     def drawn_since(self, before: "MasterCount", away_s: float) -> float | None:
         """Return the charge drawn since another count [Ah]; None where the master may have restarted in between."""
-        if self.uptime_ms is None or before.uptime_ms is None or self.drawn_ah is None or before.drawn_ah is None:
+        if self.drawn_ah is None or before.drawn_ah is None or not self._ran_on(before, away_s):
             return None
-        ran_s = (self.uptime_ms - before.uptime_ms) / 1000
-        ran_on = abs(ran_s - away_s) <= CLOCKS_APART_S + CLOCKS_DRIFT * away_s
-        return self.drawn_ah - before.drawn_ah if ran_on else None
+        return self.drawn_ah - before.drawn_ah
+
+    def contradicts(self, before: "MasterCount", away_s: float) -> bool:
+        """Return whether the master can neither have run on for so long [s] nor have started within it."""
+        if self.uptime_ms is None or before.uptime_ms is None or self._ran_on(before, away_s):
+            return False
+        return self.uptime_ms / 1000 > away_s + _clocks_differ_s(away_s)
+
+    def _ran_on(self, before: "MasterCount", away_s: float) -> bool:
+        if self.uptime_ms is None or before.uptime_ms is None:
+            return False
+        return abs((self.uptime_ms - before.uptime_ms) / 1000 - away_s) <= _clocks_differ_s(away_s)
+
+
+def _clocks_differ_s(away_s: float) -> float:
+    return CLOCKS_APART_S + CLOCKS_DRIFT * away_s
 
 
 @dataclass(frozen=True)
@@ -87,15 +104,17 @@ class RememberedCharge:
         return Gap(-float(np.mean(moved)) * mean_ah * SECONDS_PER_HOUR / away_s, sqrt(np.mean(variance)) * mean_ah)
 
     def at(self, measured: Measurement, capacity_ah: FloatArray, tuning: Tuning) -> tuple[FloatArray, FloatArray]:
-        """Return (soc, sigma) now; a clock that ran backwards counts as no time.
+        """Return (soc, sigma) now.
 
         Args:
             measured: now.
             capacity_ah: (n_cells,) [Ah].
             tuning: gain and offset of the current sensor.
         """
-        away_s = max(0, measured.t_wall_ns - self.t_wall_ns) / 1e9
-        moved, variance = self._moved(MasterCount.of(measured), away_s, capacity_ah, tuning)
+        count, clock_s = MasterCount.of(measured), (measured.t_wall_ns - self.t_wall_ns) / 1e9
+        is_unknown = clock_s < -CLOCKS_APART_S or count.contradicts(self.count, max(clock_s, 0.0))
+        away_s = UNKNOWN_AWAY_S if is_unknown else max(clock_s, 0.0)
+        moved, variance = self._moved(count, away_s, capacity_ah, tuning)
         return self.soc + moved, np.sqrt(self.soc_sigma**2 + variance)
 
     def _moved(

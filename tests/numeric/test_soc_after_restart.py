@@ -33,6 +33,7 @@ class Pit:
 
     def __init__(self):
         self._away_s = 0.0
+        self.clock_ns = EPOCH_NS
         self._eeprom = Eeprom()
         self.car = None
         self.estimates = None
@@ -48,7 +49,7 @@ class Pit:
         self._predictor = FACTORY.predictor(learned, predicts=False)
         self._pipeline = FACTORY.pipeline("serial", "car", predictor=self._predictor, remembered=remembered)
         self._predicted_ns = 0
-        self._pipeline.feed(LinkChange(self.now_ns, EPOCH_NS + self.now_ns, "rs232", "open"))
+        self._pipeline.feed(LinkChange(self.now_ns, self.clock_ns + self.now_ns, "rs232", "open"))
 
     def restart_service(self):
         self.serve(self._pipeline.charge, self._predictor.learned_cells)
@@ -83,7 +84,7 @@ class Pit:
 
     def _take(self, data):
         for frame in self._decoder.feed(data):
-            found = self._pipeline.feed(SerialItem(self.now_ns, EPOCH_NS + self.now_ns, frame)).estimates
+            found = self._pipeline.feed(SerialItem(self.now_ns, self.clock_ns + self.now_ns, frame)).estimates
             if found is not None:
                 self.estimates = found
                 self.worst = max(self.worst, float((np.abs(self.error) / found.soc_sigma).max()))
@@ -128,6 +129,19 @@ def test_a_master_restarted_at_another_charge_at_rest(pit, restarts, away_s):
     assert pit.pack_error < 0.02
     assert pit.worst < 3.0
     assert pit.sigma < 0.02
+
+
+@pytest.mark.parametrize("load", [None, race()], ids=["at rest", "in a drive"])
+def test_a_service_restarted_without_a_clock_at_another_charge(pit, load):
+    pit.plug_in(0.9)
+    pit.run(40.0)
+    pit.clock_ns -= 30 * 86_400 * 10**9
+    pit.restart_service()
+    pit.worst = 0.0
+    pit.plug_in(0.8, load, away_s=3600.0)
+    pit.run(READ_S if load is None else 120.0)
+    assert pit.pack_error < 0.02
+    assert pit.worst < 3.0
 
 
 @SERVICE

@@ -9,8 +9,15 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.filters.estimators import Tuning, make_estimator
+from app.live.estimator_start import start_estimator
 from app.live.pipeline import Pipeline
-from app.live.remembered_charge import MASTER_SOC_SIGMA, REST_SIGMA, MasterCount, RememberedCharge
+from app.live.remembered_charge import (
+    MASTER_SOC_SIGMA,
+    REST_SIGMA,
+    UNKNOWN_AWAY_S,
+    MasterCount,
+    RememberedCharge,
+)
 from app.sources.items import TableItem
 from app.sources.table_source import TableSource
 from tests.unit.app.live.test_any_battery import loaded
@@ -34,11 +41,18 @@ def test_a_count_that_ran_on_is_taken_from_what_was_remembered():
     assert (sigma < 1.1 * SIGMA).all()
 
 
-@pytest.mark.parametrize("uptime_ms", [5_000, 900_000, 2_000_000], ids=["reset", "before", "another clock"])
-def test_a_count_begun_anew_says_no_more_than_the_voltage_that_it_began_with(uptime_ms):
-    soc, sigma = at(MasterCount(uptime_ms, 7.5, 0.5), MasterCount(1_000_000, 2.5, 0.8))
+def test_a_count_begun_anew_says_no_more_than_the_voltage_that_it_began_with():
+    soc, sigma = at(MasterCount(5_000, 7.5, 0.5), MasterCount(1_000_000, 2.5, 0.8))
     np.testing.assert_array_equal(soc, SOC)
     np.testing.assert_allclose(sigma, np.hypot(SIGMA, REST_SIGMA), rtol=1e-3)
+
+
+@pytest.mark.parametrize("uptime_ms", [900_000, 2_000_000], ids=["before", "another clock"])
+def test_an_uptime_that_the_clock_contradicts_leaves_the_time_away_unknown(uptime_ms):
+    soc, sigma = at(MasterCount(uptime_ms, 7.5, 0.5), MasterCount(1_000_000, 2.5, 0.8))
+    _, after_a_month = at(MasterCount(5_000, 7.5, 0.5), MasterCount(1_000_000, 2.5, 0.8), UNKNOWN_AWAY_S)
+    np.testing.assert_array_equal(soc, SOC)
+    np.testing.assert_allclose(sigma, after_a_month)
 
 
 def test_the_count_of_another_bms_that_says_the_same_confirms_and_one_far_off_is_followed():
@@ -58,10 +72,12 @@ def test_whether_the_count_or_the_memory_is_right_both_lie_within_three_sigma(mo
         assert (np.abs(SOC - soc) < 3 * sigma).all()
 
 
-def test_time_away_makes_less_sure_and_a_clock_that_ran_backwards_is_no_time():
-    sigmas = [at(MasterCount(), MasterCount(), days * 24 * HOUR_S)[1][0] for days in (-1.0, 0.0, 1.0, 30.0)]
-    assert sigmas[0] == sigmas[1] < sigmas[2] < sigmas[3]
-    assert sigmas[3] > 0.03
+def test_time_away_makes_less_sure_and_a_clock_that_ran_backwards_says_nothing_of_it():
+    sigmas = [at(MasterCount(), MasterCount(), away_s)[1][0] for away_s in (0.0, 24 * HOUR_S, UNKNOWN_AWAY_S)]
+    assert sigmas == sorted(set(sigmas))
+    assert sigmas[2] > 0.03
+    assert at(MasterCount(), MasterCount(), -24 * HOUR_S)[1][0] == sigmas[2]
+    assert at(MasterCount(), MasterCount(), -1.0)[1][0] == sigmas[0], "set right by a second"
 
 
 PLATEAU = np.interp(np.linspace(0.0, 1.0, 21), [0.0, 0.1, 0.35, 0.65, 1.0], [2.9, 3.2, 3.29, 3.295, 3.4])  # LFP
@@ -98,3 +114,19 @@ def test_on_a_flat_ocv_nothing_changed_keeps_what_was_remembered():
     moved, before, after = soc_after_a_silence(0.6, 0.61)
     np.testing.assert_allclose(moved, 0.0, atol=0.005)
     assert (after < 1.1 * before).all()
+
+
+@pytest.mark.parametrize("true_soc", [0.4, 0.45, 0.55, 0.6])
+@pytest.mark.parametrize("away_s", [60.0, 8 * HOUR_S, -HOUR_S], ids=["a minute", "a night", "no clock"])
+def test_a_flat_ocv_leaves_room_for_a_charge_that_nobody_counted(true_soc, away_s):
+    estimator, volts = make_estimator("fused", FLAT, 3), FLAT.ocv.voltage(np.full(3, true_soc))
+    master = SimpleNamespace(charge_drawn_ah=None, soc=None)
+    now = SimpleNamespace(
+        voltage_v=volts, temperature_degc=np.full(3, 25.0), master=master, uptime_ms=5_000, t_wall_ns=round(away_s * S)
+    )
+    start_estimator(estimator, now, 0.0, RememberedCharge(0, np.full(3, 0.6), SIGMA))
+    for _ in range(600):
+        found = estimator.step(0.2, 0.0, volts, now.temperature_degc)
+        assert (np.abs(found.soc - true_soc) < 3 * found.soc_sigma).all()
+    if true_soc == 0.6:
+        np.testing.assert_allclose(found.soc, true_soc, atol=0.02)
