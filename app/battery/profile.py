@@ -200,7 +200,7 @@ def _source(document: Document) -> Source:
     if table.text("kind", "dbc") == "master":
         return MemoryMap()
     if table.text("kind", "dbc") == "table":
-        return TableMapping()
+        return TableMapping(table.number("means_s", 0.0))
     table.check_names((*KINDS, *READINGS, "state"))
     values = table.values
     readings = {name: _reading(document, f"source.{name}") for name in READINGS if name in values}

@@ -109,5 +109,7 @@ class MemoryMap:
 class TableMapping:
     """Rows of a table that was imported: each tells every cell at one instant."""
 
+    means_s: float = 0.0  # over which each current is a mean; 0: that of the instant, too
+
 
 Source = DbcMapping | MemoryMap | TableMapping | SerialMapping

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from app.errors import ConfigError
+from app.estimation.recording.means_choices import CHOICES
 from app.words import Message
 from firmware_protocol.names import closest
 
@@ -72,12 +73,17 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--period", type=float, metavar="SECONDS", help="time between rows of files without a time column"
     )
-    group.add_argument(
+    add_means_argument(group, "auto")
+
+
+def add_means_argument(parser: argparse._ActionsContainer, default: str | None) -> None:
+    """Declare --current-means; None as its default where something else says it."""
+    parser.add_argument(
         "--current-means",
-        choices=("auto", "yes", "no"),
-        default="auto",
+        choices=CHOICES,
+        default=default,
         help="currents are means over each row while voltages are instants, as loggers of one row a second write them "
-        "(default: auto, from the data)",
+        f"(default: {default or 'that of the profile, else auto'}; auto: from the data)",
     )
 
 
@@ -87,14 +93,13 @@ def read_recording(path: Path, args: argparse.Namespace) -> Recording:
     Raises:
         DatasetError: see `app.sources.recordings.dataset.load_recording`.
     """
-    from app.estimation.recording.current_means import has_current_means, with_voltage_means
+    from app.estimation.recording.current_means import takes_means, with_voltage_means
     from app.sources.recordings.dataset import load_recording, map_of, parse_map
 
     recording = load_recording(
         path, parse_map(map_of(args.map, path)), charge_positive=args.charge_positive, period_s=args.period
     )
-    has_means = has_current_means(recording) if args.current_means == "auto" else args.current_means == "yes"
-    return with_voltage_means(recording) if has_means else recording
+    return with_voltage_means(recording) if takes_means(args.current_means, recording) else recording
 
 
 def data_folder(args: argparse.Namespace) -> Path:

@@ -10,7 +10,15 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.commands.arguments import Actions, add_json_argument, data_folder, existing, new_action, unix_s
+from app.commands.arguments import (
+    Actions,
+    add_json_argument,
+    add_means_argument,
+    data_folder,
+    existing,
+    new_action,
+    unix_s,
+)
 from app.commands.console import Progress, printable
 from app.errors import ConfigError
 from app.estimation.filters.filter_names import FILTERS
@@ -49,6 +57,7 @@ def add_arguments(actions: Actions) -> None:
         metavar="FIELD=VALUE",
         help="change the profile, such as voltages='Cell {n} V', current='Pack I', charge_positive=true",
     )
+    add_means_argument(taking, None)
     taking.add_argument("--save-profile", metavar="NAME", help="save the profile under this name")
     taking.add_argument("--name", default="", help="session name (default: the file's name)")
     taking.add_argument("--start", metavar="TIME", help="start time (ISO 8601) if the file has none")
@@ -141,7 +150,7 @@ def _profile(args: argparse.Namespace, table: Table | None, store: ImportMapping
         profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
     else:
         profile = store.load(args.profile)
-    given: dict[str, object] = {}
+    given: dict[str, object] = {} if args.current_means is None else {"current_means": args.current_means}
     for text in args.set:
         name, sign, value = text.partition("=")
         if not sign:

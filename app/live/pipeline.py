@@ -231,10 +231,10 @@ class Pipeline:
         current_a, dt_s = measured.current_a, measured.dt_s
         if current_a is None or np.isnan(measured.voltage_v).all():
             return None, ()
-        voltages_v = measured.new_voltage_v
+        voltages_v = measured.filter_voltage_v
         true_a = current_a if self._predictor is None else current_a - self._predictor.offset_a
         estimates, events = self._estimate(measured, dt_s, true_a)
-        self._drive.step(measured.t_mono_ns, measured.t_wall_ns, current_a, voltages_v)
+        self._drive.step(measured.t_mono_ns, measured.t_wall_ns, current_a, measured.new_voltage_v)
         cells_v = measured.voltage_v
         total_v = total_voltage(cells_v, measured.reported) if np.isnan(cells_v).any() else float(cells_v.sum())
         # laps are compared with each other: a missing cell counts as the mean of the others
@@ -257,7 +257,7 @@ class Pipeline:
     ) -> tuple[Estimates | None, tuple[Event, ...]]:
         """Step the estimator; one that fails is restarted at the next measurement, with one event."""
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
-        voltages_v, degc = measured.new_voltage_v, measured.temperature_degc
+        voltages_v, degc = measured.filter_voltage_v, measured.temperature_degc
         try:
             if dt_s is None and self._stepped is not None:  # the master was reset, or silent for long
                 dt_s = max(measured.t_mono_ns - self._stepped.t_mono_ns, 0) / 1e9
@@ -302,7 +302,7 @@ class Pipeline:
         if (gap is None and not is_off) or (charge := self.charge) is None:
             return dt_s
         self._first_minutes.drop()
-        voltages_v, degc = measured.new_voltage_v, measured.temperature_degc
+        voltages_v, degc = measured.filter_voltage_v, measured.temperature_degc
         left_s, nothing = min(self._gaps.usual_step_s, dt_s), np.full_like(voltages_v, np.nan)
         is_sure = not is_off
         if gap is None or is_off:

@@ -143,7 +143,7 @@ class PipelineFactory:
         if serial is not None:
             return SerialSource(self.battery.battery, serial, rs232_url, name=name)
         if mapping is None:
-            return TableSource(self.battery.battery, name)
+            return TableSource(self.battery.battery, name, self.battery.means_s)
         return DbcSource(self.battery.battery, mapping, self.battery.definitions, can_url, name=name)
 
     def _new_estimator(self) -> SocEstimator:

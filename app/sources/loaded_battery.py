@@ -51,6 +51,11 @@ class LoadedBattery:
         return isinstance(self.source, MemoryMap)
 
     @property
+    def means_s(self) -> float:
+        """Time over which each current of a table is a mean [s]; 0: instants."""
+        return self.source.means_s if isinstance(self.source, TableMapping) else 0.0
+
+    @property
     def kind(self) -> Literal["master", "dbc", "serial", "table"]:
         """What it is read by."""
         if self.has_memory_map:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from app.battery.battery import Battery, SignalName
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
+from app.estimation.recording.cell_recording import GAP_STEPS
+from app.estimation.recording.current_means import step_means
 from app.sources.dbc.assembly import NewestValues
 from app.sources.dbc.battery_decoder import ChannelValues
 from app.sources.dbc.source import UpdateInterval, measurement_of
@@ -59,7 +62,8 @@ def battery_of_table(log: BatteryLog, source: str, like: LoadedBattery | None = 
     ]
     for table, values in (("limits", limits), ("rules", battery.rules)):
         lines += [f"[battery.{table}]", *(f"{name} = {value!r}" for name, value in values.items())] if values else []
-    return battery_from_files({"table.toml": "\n".join([*lines, "[source]", 'kind = "table"', ""]).encode()})
+    lines += ["[source]", 'kind = "table"', *([f"means_s = {log.means_s!r}"] if log.means_s else []), ""]
+    return battery_from_files({"table.toml": "\n".join(lines).encode()})
 
 
 def numbers_of_rows(log: BatteryLog, battery: Battery) -> FloatArray:
@@ -74,8 +78,10 @@ class TableSource:
     identity: Identity | None = None
     due_ns: int | None = None
 
-    def __init__(self, battery: Battery, name: Source = "replay") -> None:
+    def __init__(self, battery: Battery, name: Source = "replay", means_s: float = 0.0) -> None:
+        """Each current is a mean over so long; 0: of the instant."""
         self.name: Source = name
+        self._means_s = means_s
         self.battery = battery
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(None)
         self._rhythm = UpdateInterval()
@@ -93,6 +99,7 @@ class TableSource:
         """Take a row; a measurement follows each. What a row does not hold stays, with its age."""
         if not isinstance(item, TableItem) or len(item.numbers) != 2 + self.battery.n_cells + self.battery.n_sensors:
             return NOTHING_RECEIVED
+        before_v = self._newest.voltage_v
         new: dict[str, int] = {}
         for kind, place in self._places.items():
             numbers = item.numbers[place]
@@ -106,7 +113,11 @@ class TableSource:
         if found.is_sample:
             self._sampled_ns = item.t_mono_ns
         dt_s = None if before_ns is None or not found.is_sample else (item.t_mono_ns - before_ns) / 1e9
-        return Received(self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s, is_fresh=True))
+        measured = self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s, is_fresh=True)
+        if self._means_s and dt_s is not None:
+            means_v = step_means(before_v, found.voltage_v, dt_s <= GAP_STEPS * self._means_s)
+            measured = replace(measured, step_voltage_v=means_v)
+        return Received(measured)
 
     def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
         """Return a measurement in which nothing is new but the ages."""

@@ -59,8 +59,16 @@ class Measurement:
     awaited: BoolArray | None = None  # cells that were not received yet, and may still come; None: none
     live_s: Ages | None = None  # as long as a value of each part is live; None: STALE_S
     voltage_age_s: FloatArray | None = None  # age of each voltage, where they come one by one; None: as `age_s.voltage`
+    step_voltage_v: FloatArray | None = (
+        None  # means since the sample before, where the current is one; None: as measured
+    )
 
     @property
     def new_voltage_v(self) -> FloatArray:
-        """(n_cells,) voltages that came since the sample before, NaN elsewhere: what a filter may learn from."""
+        """(n_cells,) voltages that came since the sample before, NaN elsewhere."""
         return self.voltage_v if self.is_new is None else np.where(self.is_new, self.voltage_v, np.nan)
+
+    @property
+    def filter_voltage_v(self) -> FloatArray:
+        """(n_cells,) what a filter may learn from: new voltages, of the same time as the current."""
+        return self.new_voltage_v if self.step_voltage_v is None else self.step_voltage_v

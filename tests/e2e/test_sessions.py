@@ -91,6 +91,9 @@ def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(ma
     preview.get_by_role("button", name="2 3.710").click()
     expect(page.get_by_test_id("import-cells")).to_have_value("1")
     expect(preview).to_contain_text("1 of 2 cells used")
+    expect(preview).not_to_contain_text("means over each row")
+    page.get_by_test_id("current-means").select_option("yes")
+    expect(preview).to_contain_text("means over each row")
     with page.expect_response(re.compile(r"/imports/\d+$")):
         page.get_by_test_id("import").click()
     first_look[0].fulfill(json={"last": None, "profiles": []})

@@ -134,3 +134,19 @@ def test_sessions_of_unlike_batteries_are_compared_without_their_cells(foxbms, t
     other = imported(data, str(log), "--battery", str(write_profile(peer, tmp_path)))
     assert main(["sessions", "compare", session_id, "--with", other, "--data", str(data)]) == 0
     assert "Different batteries: foxBMS 2, 216 cells and 3: cell number." in capsys.readouterr().out
+
+
+def test_mean_currents_of_a_table_are_set_by_a_flag_or_a_saved_profile(tmp_path, capsys) -> None:
+    table = tmp_path / "theirs.csv"
+    table.write_text("t,I,U1,U2\n" + "\n".join(f"{k},12,3.7,3.71" for k in range(50)))
+    noted = "means over each row"
+    imported(tmp_path, str(table))
+    assert noted not in capsys.readouterr().err
+    imported(tmp_path, str(table), "--current-means", "yes", "--save-profile", "means")
+    assert noted in capsys.readouterr().err
+    imported(tmp_path, str(table), "--profile", "means")
+    assert noted in capsys.readouterr().err
+    imported(tmp_path, str(table), "--profile", "means", "--current-means", "no")
+    assert noted not in capsys.readouterr().err
+    assert main(["sessions", "import", str(table), "--set", "current_means=maybe", "--data", str(tmp_path)]) != 0
+    assert "current_means = 'maybe': use one of" in capsys.readouterr().err

@@ -212,6 +212,7 @@ class ImportMappingOut(BaseModel):
     current: str
     current_unit: str
     charge_positive: bool
+    current_means: str
     voltages: str
     voltage_unit: str
     cells: str

@@ -14,12 +14,18 @@ from typing import Final
 
 import numpy as np
 
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 
 STEP_MIN_S: Final = 0.5  # what is written faster is no mean that matters
 CHANGES_MIN: Final = 100  # changes of the current from which the shares are read
 NEXT_SHARE: Final = (0.25, 0.75)  # 0.41 to 0.49 of six drives written as means, -0.03 to 0.06 as instants
 EXPLAINED_MIN: Final = 0.3  # share of the changes of the voltage; below it they have no information
+
+
+def takes_means(choice: str, recording: Recording) -> bool:
+    """Return whether voltages are to be taken as means: as one of `CHOICES` says, or the data."""
+    return has_current_means(recording) if choice == "auto" else choice == "yes"
 
 
 def has_current_means(recording: Recording) -> bool:
@@ -40,10 +46,15 @@ def has_current_means(recording: Recording) -> bool:
     return is_explained and bool(low * share.sum() < share[2] < high * share.sum())
 
 
+def step_means(before_v: FloatArray, voltage_v: FloatArray, follows: BoolArray | bool) -> FloatArray:
+    """Return each voltage as the mean of the one before and its own, where it follows one that was measured [V]."""
+    return np.where(np.isfinite(before_v) & follows, 0.5 * (before_v + voltage_v), voltage_v)
+
+
 def with_voltage_means(recording: Recording) -> Recording:
     """Return the recording with each voltage the mean of the one before and its own, but over gaps."""
     v = recording.voltage_v
-    before = np.concatenate((v[:1], v[:-1]))
-    follows = np.isfinite(before) & (recording.step_s <= GAP_STEPS * recording.usual_step_s)
+    follows = recording.step_s <= GAP_STEPS * recording.usual_step_s
+    means_v = step_means(np.concatenate((v[:1], v[:-1])), v, follows)
     note = "currents are means of their steps: each voltage is taken as the mean of its step too"
-    return replace(recording, voltage_v=np.where(follows, 0.5 * (before + v), v), notes=(*recording.notes, note))
+    return replace(recording, voltage_v=means_v, notes=(*recording.notes, note))

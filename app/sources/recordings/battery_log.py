@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
+from app.estimation.recording.cell_recording import Recording
+from app.estimation.recording.current_means import takes_means
 from app.sources.recordings.clock import own_times, rows_in_time
 from app.sources.recordings.import_mapping import ImportMapping, parse_cells
 from app.sources.recordings.impossible import CELL_V, cell_voltages, measured_currents, measured_temperatures
@@ -31,6 +33,7 @@ class BatteryLog:
     n_cells: int
     notes: tuple[Message, ...]
     first_s: float  # time of the first row by the file's clock
+    means_s: float = 0.0  # over which each current is a mean; 0: instants
 
 
 def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
@@ -91,17 +94,31 @@ def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
     full_v = np.where((taken_v > CELL_V[0]) & (taken_v < CELL_V[1]), taken_v, np.nan)
     if np.isnan(full_v).all():
         raise ImportFailed(table.source, Message("no-cell-voltage", unit=profile.voltage_unit))
+    current_a = -current_a[rows] if turns else current_a[rows]
+    means_s = _means_s(profile.current_means, time_s, current_a, full_v)
+    if means_s:
+        notes.append(Message("current-means", column=profile.current))
     return BatteryLog(
         time_s - time_s[0],
         started_unix_s if started_unix_s is not None else table.started_unix_s(int(rows[0])),
-        -current_a[rows] if turns else current_a[rows],
+        current_a,
         full_v,
         temperatures[rows],
         None if soc is None else soc[rows],
         n_cells,
         tuple(notes),
         float(time_s[0]),
+        means_s,
     )
+
+
+def _means_s(choice: str, time_s: FloatArray, current_a: FloatArray, voltages_v: FloatArray) -> float:
+    """Return the usual step where currents are means over it, else 0; judged by the mean cell."""
+    seen = np.isfinite(current_a) & np.isfinite(voltages_v).any(axis=1)
+    unknown = np.full(np.count_nonzero(seen), np.nan)
+    cell_v = np.nanmean(voltages_v[seen], axis=1)
+    mean_cell = Recording("", time_s[seen], current_a[seen], cell_v, unknown, unknown, ())
+    return mean_cell.usual_step_s if takes_means(choice, mean_cell) else 0.0
 
 
 def _chosen(source: str, cells: str, count: int) -> list[int]:

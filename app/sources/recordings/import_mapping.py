@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from app.errors import ImportFailed, unknown_name
+from app.estimation.recording.means_choices import CHOICES
 from app.estimation.toml_text import TomlError, read_toml
 from app.sources.data_file import replace_file
 from app.sources.recordings.bad_rows import some_of
@@ -33,6 +34,7 @@ class ImportMapping:
     current: str = ""
     current_unit: str = "A"
     charge_positive: bool = False  # the file counts charging current as positive
+    current_means: str = "auto"  # currents are means over each row, voltages instants; auto: as the data show
     voltages: str = ""
     voltage_unit: str = "V"
     cells: str = ""  # which of the matching columns are cells: "1-12,14"; empty: all
@@ -56,6 +58,11 @@ class ImportMapping:
                 raise ImportFailed(
                     "profile", Message("no-such-unit", field=f"{quantity}_unit", unit=repr(unit), units=tuple(units))
                 )
+        if self.current_means not in CHOICES:
+            value = repr(self.current_means)
+            raise ImportFailed(
+                "profile", Message("no-such-choice", field="current_means", value=value, choices=CHOICES)
+            )
         for name, limit in (("max_rate_hz", 1000.0), ("hold_s", 600.0), ("cells_in_series", 1000.0)):
             if not (1.0 if name == "cells_in_series" else 0.0) <= getattr(self, name) <= limit:
                 value = str(getattr(self, name))

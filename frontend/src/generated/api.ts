@@ -995,6 +995,7 @@ export interface ImportMapping {
   current: string;
   current_unit: string;
   charge_positive: boolean;
+  current_means: string;
   voltages: string;
   voltage_unit: string;
   cells: string;

@@ -1170,6 +1170,8 @@ export interface Texts {
   'sessions.copies_finished_sessions_another': null;
   'sessions.tables_cell_voltages_current': null;
   'sessions.session_name': null;
+  'sessions.currents_are_means': null;
+  'sessions.from_the_data': null;
   'sessions.charging_current_positive': null;
   'sessions.download': null;
   'sessions.event': null;

@@ -1,6 +1,7 @@
 """A table as a source: every row is a measurement at its own time, and its session says what it said."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,21 @@ def test_what_is_no_row_of_this_battery_is_nothing():
     source = TableSource(battery_of_table(log_of(np.full((1, 3), 3.7)), "their.csv").battery)
     assert source.feed(TableItem(0, 0, np.zeros(9))) is NOTHING_RECEIVED
     assert source.feed(CanItem(0, 0, 1, bytes(8))) is NOTHING_RECEIVED
+
+
+def test_a_filter_takes_the_voltages_of_mean_currents_as_means_and_nothing_over_a_gap_or_a_hole():
+    volts = np.array([[3.7, 3.7], [3.6, np.nan], [3.5, 3.5], [3.4, 3.4]])
+    log = replace(log_of(volts), means_s=1.0)
+    battery = battery_of_table(log, "their.csv")
+    assert battery_from_files(battery.files).means_s == 1.0
+    source = TableSource(battery.battery, means_s=battery.means_s)
+    found = [
+        source.feed(TableItem(round(time_s * 1e9), 0, numbers)).measurement
+        for time_s, numbers in zip((0.0, 1.0, 2.0, 60.0), numbers_of_rows(log, battery.battery), strict=True)
+    ]
+    np.testing.assert_array_equal([each.voltage_v for each in found], volts)
+    means = [[3.7, 3.7], [3.65, np.nan], [3.55, 3.5], [3.4, 3.4]]
+    np.testing.assert_allclose([each.filter_voltage_v for each in found], means)
 
 
 def test_shape_cell_drawing_and_limits_are_those_of_the_battery_that_it_is_like():

@@ -11,12 +11,14 @@ import pytest
 from pyarrow import parquet
 
 from app.errors import ImportFailed
-from app.live.pipeline import Pipeline
+from app.estimation.arrays import FloatArray
+from app.live.pipeline import Output, Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.export.export import export
 from app.sessions.export.formats import Names
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import ImportedSession, import_file
+from app.sources.items import Item
 from app.sources.loaded_battery import LoadedBattery
 from app.sources.recordings.guess import guess
 from app.sources.recordings.import_mapping import ImportMapping
@@ -96,6 +98,55 @@ def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp
         assert found["v_min"].minimum[0] == pytest.approx(3.6)
         assert (np.diff(found["estimate.soc[0]"].minimum) <= 0).all()
         assert session.problems() == []
+
+
+@pytest.fixture(scope="module")
+def means(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of two cells with 3 mohm, a row a second: the mean current over it and the voltages at its end."""
+    rng = np.random.default_rng(4)
+    amps = np.repeat(rng.uniform(-15.0, 75.0, 400), rng.integers(8, 30, 400))[:6000].reshape(-1, 10)
+    volts = 3.8 - 0.003 * amps[:, -1] + 5e-4 * rng.normal(size=len(amps))
+    rows = zip(range(len(amps)), amps.mean(axis=1), volts, volts, strict=True)
+    path = tmp_path_factory.mktemp("logs") / "means.csv"
+    path.write_text("\n".join(["t,I,U1,U2", *(f"{t},{i:.3f},{u:.5f},{w:.5f}" for t, i, u, w in rows)]))
+    return path
+
+
+def off_v(path: Path, folder: Path, choice: str) -> tuple[float, str, FloatArray]:
+    """Return the rms of innovations of an import, its notes, and the voltage that its session keeps of a cell."""
+    profile = ImportMapping(time="t", current="I", voltages="U{n}", current_means=choice)
+    innovations: list[float] = []
+
+    def watched(battery: LoadedBattery) -> Pipeline:
+        made = PipelineFactory("fused", None, battery).pipeline("replay", predicts=False)
+        feed = made.feed
+
+        def see(item: Item, *, publishes: bool = True) -> Output:
+            output = feed(item, publishes=publishes)
+            if output.estimates is not None:
+                innovations.append(float(output.estimates.innovation_v[0]))
+            return output
+
+        made.feed = see  # type: ignore[method-assign]
+        return made
+
+    done = import_file(path, profile, folder, watched)
+    with SessionFile(done.info.path) as session:
+        kept = session.series(["v[0]"])["v[0]"].minimum
+    return float(np.sqrt(np.mean(np.square(innovations[60:])))), " ".join(map(render, done.notes)), kept
+
+
+def test_means_of_a_second_are_seen_in_the_data_or_set_and_the_session_keeps_what_was_recorded(
+    means: Path, tmp_path: Path
+) -> None:
+    recorded = np.loadtxt(means, delimiter=",", skiprows=1)[:, 2]
+    by_data, noted, kept = off_v(means, tmp_path, "auto")
+    as_set, _, _ = off_v(means, tmp_path, "yes")
+    as_instants, silent, _ = off_v(means, tmp_path, "no")
+    assert by_data == as_set < 0.8 * as_instants
+    assert "means over each row" in noted
+    assert "means over each row" not in silent
+    np.testing.assert_allclose(kept, recorded, atol=1e-6)
 
 
 @pytest.mark.parametrize(
