@@ -1,8 +1,8 @@
 """The numbers of a `SurfaceModel`, and the OCV, that explain recordings best: one least-squares problem over all.
 
 Unknown are those of `surface.py`, with positive ones as logarithms, currents in C; and of the OCV its place between the
-slow branches, an offset over SOC, a change with temperature and half the gap of hysteresis. Every one has a prior, so
-what no recording shows stays what cells usually are. Solved by Levenberg and Marquardt's steps with exact slopes; rows
+slow branches, an offset over SOC and a change with temperature. Every one has a prior, so what no recording shows stays
+what cells usually are. Solved by Levenberg and Marquardt's steps with exact slopes; rows
 far off count less (Huber), and each recording counts by what is left of it.
 """
 
