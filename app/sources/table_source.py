@@ -88,6 +88,7 @@ class TableSource:
         self._sampled_ns: int | None = None
         self._values = NewestValues(battery, {})
         self._newest = self._values.measure(_NEVER_NS)
+        self._row_v = np.full(battery.n_cells, np.nan)  # of the row before, with its holes
         counts = {"current": 1, "soc": 1, "voltage": battery.n_cells, "temperature": battery.n_sensors}
         ends = np.cumsum(list(counts.values())).tolist()
         self._places = {kind: slice(end - n, end) for (kind, n), end in zip(counts.items(), ends, strict=True)}
@@ -99,7 +100,7 @@ class TableSource:
         """Take a row; a measurement follows each. What a row does not hold stays, with its age."""
         if not isinstance(item, TableItem) or len(item.numbers) != 2 + self.battery.n_cells + self.battery.n_sensors:
             return NOTHING_RECEIVED
-        before_v = self._newest.voltage_v
+        before_v, self._row_v = self._row_v, item.numbers[self._places["voltage"]]
         new: dict[str, int] = {}
         for kind, place in self._places.items():
             numbers = item.numbers[place]
@@ -115,7 +116,7 @@ class TableSource:
         dt_s = None if before_ns is None or not found.is_sample else (item.t_mono_ns - before_ns) / 1e9
         measured = self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s, is_fresh=True)
         if self._means_s and dt_s is not None:
-            means_v = step_means(before_v, found.voltage_v, dt_s <= GAP_STEPS * self._means_s)
+            means_v = step_means(before_v, self._row_v, dt_s <= GAP_STEPS * self._means_s)
             measured = replace(measured, step_voltage_v=means_v)
         return Received(measured)
 

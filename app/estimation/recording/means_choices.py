@@ -1,4 +1,4 @@
-"""What may be said of the currents of a recording, for the command line and for profiles, which need no numbers yet."""
+"""What may be given of the currents of a recording, for the command line and for profiles, which need no numbers yet."""
 
 from typing import Final
 

@@ -234,7 +234,7 @@ class LogSignals(NamedTuple):
     """What a log's frames tell by a DBC."""
 
     source: str
-    found: Signals  # times [s] and values by name
+    by_name: Signals  # times [s] and values by name
     notes: tuple[Message, ...]  # what could not be read
 
     def table(self, profile: ImportMapping) -> Table:
@@ -243,11 +243,11 @@ class LogSignals(NamedTuple):
         Raises:
             ImportFailed: too little is named, or a signal is in none of the frames.
         """
-        profile.check_complete(self.source, sorted(self.found))
-        times_s, current = _signal(self.source, "current", profile.current, self.found)
+        profile.check_complete(self.source, sorted(self.by_name))
+        times_s, current = _signal(self.source, "current", profile.current, self.by_name)
         columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
         indexed = {name.partition("[")[0] for name in (profile.voltages, profile.temperatures) if "[" in name}
-        for name, (at_s, values) in self.found.items():
+        for name, (at_s, values) in self.by_name.items():
             is_wanted = (
                 name == profile.soc
                 or matching(profile.voltages, [name])
