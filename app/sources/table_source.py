@@ -88,7 +88,7 @@ class TableSource:
         self._sampled_ns: int | None = None
         self._values = NewestValues(battery, {})
         self._newest = self._values.measure(_NEVER_NS)
-        self._row_v = np.full(battery.n_cells, np.nan)  # of the row before, with its holes
+        self._row_v = np.full(battery.n_cells, np.nan)  # the row before, with its holes
         counts = {"current": 1, "soc": 1, "voltage": battery.n_cells, "temperature": battery.n_sensors}
         ends = np.cumsum(list(counts.values())).tolist()
         self._places = {kind: slice(end - n, end) for (kind, n), end in zip(counts.items(), ends, strict=True)}

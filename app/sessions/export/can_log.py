@@ -7,13 +7,12 @@ from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
 from app.sources.items import CanItem
 from app.sources.links.can_bus import can
+from app.sources.recordings.origin import SIMULATED_CHANNEL, SIMULATED_MARK
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 ID_BITS = 0x1FFFFFFF
 CHANNEL = "can0"
-SIMULATED_CHANNEL = "simulated0"  # the one place that a candump log has for it
-SIMULATED_MARK = "simulated car"
 PROGRESS_EVERY = 1000  # frames
 Writer = can.CanutilsLogWriter | can.ASCWriter | can.BLFWriter
 
@@ -42,9 +41,9 @@ def write_items(
     """Write frames that are in memory; `write` opens one of LOG_FORMATS."""
     channel = SIMULATED_CHANNEL if is_simulated else CHANNEL
     with write(path) as writer:
-        if is_simulated:
-            _mark_simulated(writer)
-        for item in items:
+        for number, item in enumerate(items):
+            if is_simulated and not number:
+                _mark_simulated(writer, item.t_wall_ns / 1e9)
             message = can.Message(
                 timestamp=item.t_wall_ns / 1e9,
                 arbitration_id=item.can_id & ID_BITS,
@@ -70,10 +69,10 @@ def _channel(first: str | int, bus: int) -> str | int:
     return first if first != CHANNEL else f"{CHANNEL[:-1]}{bus}"
 
 
-def _mark_simulated(writer: Writer) -> None:
-    """Training data must never be taken for the car; candump has no events, its channel says it."""
+def _mark_simulated(writer: Writer, first_s: float) -> None:
+    """Write at the time of the first frame that the car is simulated; candump has no events, its channel says it."""
     if not isinstance(writer, can.CanutilsLogWriter):
-        writer.log_event(SIMULATED_MARK)
+        writer.log_event(SIMULATED_MARK, first_s)
 
 
 def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
@@ -86,11 +85,12 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
     n_frames = session.count_can_frames(table.t_from_s, table.t_to_s)
     if not n_frames:
         raise ConfigError("session", session.info.id, Message("with-can-frames"))
-    if table.is_simulated:
-        _mark_simulated(writer)
     for number, frame in enumerate(session.can_frames(table.t_from_s, table.t_to_s, all_buses=True), 1):
+        time_s = session.unix_s(frame.t_mono_ns)
+        if table.is_simulated and number == 1:
+            _mark_simulated(writer, time_s)
         message = can.Message(
-            timestamp=session.unix_s(frame.t_mono_ns),
+            timestamp=time_s,
             arbitration_id=frame.can_id & ID_BITS,
             is_extended_id=bool(frame.can_id & CAN_ID_EXTENDED),
             data=frame.data,

@@ -21,6 +21,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.chunks import ESTIMATES
 from app.sessions.storage.signals import Signals, StoredSignal
 from app.sources.master.uptime_clock import UptimeClock
+from app.sources.recordings.origin import SIMULATED_COLUMN
 
 _INDEX = re.compile(r"\[(\d+)\]")
 _NOT_OF_CELLS = "sensor"  # its elements are sensors, also where there are as many as cells
@@ -67,7 +68,7 @@ _UPTIME = 0xFFFFFFFF  # mask of uptime in an instant; above it is the count of s
 _SAME_S = 1e-4  # resolution of a span: 1 ms
 # Columns of every row behind its signals, in this order.
 FILLED = StoredSignal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
-SIMULATED = StoredSignal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
+SIMULATED = StoredSignal(SIMULATED_COLUMN, SIMULATED_COLUMN, 0, "", 1.0)  # 1 in every row of a car that was none
 AGE = StoredSignal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
 
 

@@ -23,6 +23,7 @@ from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.clock import LogClock
 from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import is_can_log
+from app.sources.recordings.origin import is_simulated_log, is_simulated_table
 from app.sources.recordings.table import Table, read_table
 from app.sources.table_source import battery_of_table, numbers_of_rows
 from app.words import Message
@@ -56,6 +57,7 @@ class _Recording:
     battery: LoadedBattery
     started_unix_s: float | None
     length_ns: int
+    is_simulated: bool
     log: BatteryLog | None = None
     later_ns: int = 0  # from the first frame to the first row
     notes: tuple[Message, ...] = ()
@@ -98,6 +100,8 @@ def import_file(
         length_s = recording.length_ns / 1e9
         start_s = started_unix_s if started_unix_s is not None else recording.started_unix_s
         metadata: dict[str, object] = {"imported_from": path.name}
+        if recording.is_simulated:
+            metadata["source"] = "simulator"
         if start_s is None:
             start_s = path.stat().st_mtime - length_s
             metadata[UNDATED] = True
@@ -139,10 +143,11 @@ def _read(
 ) -> _Recording:
     """Read the file, once; its frames go into the spool."""
     if not is_can_log(path):
-        log = battery_log(table or read_table(path, between(on_progress, 0.0, READING_TABLE)), profile)
-        of_table = battery_of_table(log, path.name, battery)
-        return _Recording(of_table, log.started_unix_s, round(log.time_s[-1] * 1e9), log, 0, log.notes, READING_TABLE)
-    size = max(path.stat().st_size, 1)
+        table = table or read_table(path, between(on_progress, 0.0, READING_TABLE))
+        log, is_simulated = battery_log(table, profile), is_simulated_table(table)
+        of_table, length_ns = battery_of_table(log, path.name, battery), round(log.time_s[-1] * 1e9)
+        return _Recording(of_table, log.started_unix_s, length_ns, is_simulated, log, 0, log.notes, READING_TABLE)
+    size, is_simulated = max(path.stat().st_size, 1), is_simulated_log(path)
     reading, clock = between(on_progress, 0.0, READING if dbc is None else DECODING), LogClock()
     if dbc is None:
         bad = BadRows()
@@ -156,13 +161,14 @@ def _read(
     started_s = clock.started_unix_s(spool.first_s)
     length_ns = round((spool.last_s - spool.first_s) * 1e9)
     if dbc is None:
-        return _Recording(battery or team_battery(), started_s, length_ns, notes=notes)
+        return _Recording(battery or team_battery(), started_s, length_ns, is_simulated, notes=notes)
     profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]
     log = battery_log(signals.table(profile), profile)
     later_ns = round((log.first_s - spool.first_s) * 1e9)
     length_ns = max(length_ns, round(log.time_s[-1] * 1e9) + later_ns)
     of_table = battery_of_table(log, path.name, battery)
-    return _Recording(of_table, started_s or log.started_unix_s, length_ns, log, later_ns, log.notes, DECODING)
+    started_s = started_s or log.started_unix_s
+    return _Recording(of_table, started_s, length_ns, is_simulated, log, later_ns, log.notes, DECODING)
 
 
 def _write(

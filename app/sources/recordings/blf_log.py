@@ -50,13 +50,24 @@ def data_frame(message: Any) -> Iterator[Frame]:
         yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
 
 
+def first_container(file: BinaryIO) -> bytes:
+    """Return the objects of a file's first container; nothing of a file that has none."""
+    return next((data for data, _ in _containers(file)), b"")
+
+
 def _check_sizes(file: BinaryIO) -> None:
     """Refuse a file with an object that is smaller than its own header; what else is wrong, its reader finds."""
+    before = b""
+    for data, end in _containers(file):
+        before = _check_objects(before + data, end)
+
+
+def _containers(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
+    """Yield what each container holds, unpacked, and where it ends in the file; up to what is no BLF."""
     header = file.read(_HEADER_SIZE.size)
     if len(header) < _HEADER_SIZE.size:
         return
     file.seek(_HEADER_SIZE.unpack(header)[1])
-    before = b""
     while len(begin := file.read(_OBJECT.size)) == _OBJECT.size:
         signature, _, _, size, kind = _OBJECT.unpack(begin)
         if signature != b"LOBJ":
@@ -72,9 +83,8 @@ def _check_sizes(file: BinaryIO) -> None:
                 data = zlib.decompressobj().decompress(data)
             except zlib.error:
                 return
-        elif method != _PLAIN:
-            continue
-        before = _check_objects(before + data, file.tell())
+        if method in (_PLAIN, _ZLIB):
+            yield data, file.tell()
 
 
 def _check_objects(data: bytes, end: int) -> bytes:

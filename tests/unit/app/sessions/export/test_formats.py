@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
+from app.cli import main
 from app.errors import ConfigError
 from app.sessions.export.export import export
 from app.sessions.export.formats import FORMATS
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
+from app.sources.recordings.can_log import read_frames
 from app.telemetry import Event
 from app.words import Message
 from tests.node import node
@@ -294,6 +296,28 @@ def test_a_simulated_car_is_marked_in_every_format(request, tmp_path: Path, car:
     if name == "blf":
         content = b"".join(_blf_objects(content))
     assert (b"simulat" in content.lower()) is (car == "simulated")
+
+
+@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"ldx", "motec"}))
+@pytest.mark.parametrize("car", ["simulated", "session"])
+def test_what_was_simulated_stays_so_when_it_is_imported(request, tmp_path: Path, car: str, name: str) -> None:
+    if name in ("mcap", "mf4"):
+        pytest.importorskip({"mcap": "mcap", "mf4": "asammdf"}[name])
+    path = tmp_path / f"a{FORMATS[name].suffix}"
+    export(request.getfixturevalue(car), path, name)
+    assert main(["sessions", "import", str(path), "--data", str(tmp_path / "data")]) == 0
+    [imported] = (tmp_path / "data" / "sessions").glob("*.sqlite")
+    with SessionFile(imported) as found:
+        assert (found.info.metadata.get("source") == "simulator") is (car == "simulated")
+
+
+@pytest.mark.parametrize("name", ["asc", "blf"])
+def test_frames_of_a_simulated_car_keep_their_times(simulated: SessionFile, tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"a.{name}"
+    export(simulated, path, name)
+    exported = [time_s for time_s, *_ in read_frames(path)]
+    recorded = [simulated.unix_s(frame.t_mono_ns) for frame in simulated.can_frames()]
+    assert exported == pytest.approx(recorded, abs=2e-3)
 
 
 def _blf_objects(content: bytes) -> list[bytes]:
