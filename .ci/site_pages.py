@@ -1,4 +1,4 @@
-"""What the site (`make site`) has next to the files of docs/: navigation, pages from elsewhere, the Python API.
+"""Pages of the site (`make site`) next to the files of docs/: navigation, pages from elsewhere, the Python API.
 
 The navigation is the list of docs/index.md. Of what lies outside docs/ the pages of OUTSIDE come with it; a link to
 anything else leads to the repository.

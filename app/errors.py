@@ -1,4 +1,4 @@
-"""What the service can fail at; each leaf is something a caller handles differently.
+"""Errors of the service; each leaf is something a caller handles differently.
 
 AppError
   ConfigError          a setting or a file of the user's is wrong: field, value, limit
@@ -31,7 +31,7 @@ class AppError(Exception):
         return render(self.message)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """As it is, without the constructor: errors come out of other processes."""
+        """Pickle the error as it is, without its constructor: errors come out of other processes."""
         return rebuilt, (type(self), self.args, self.__dict__)
 
 
@@ -43,7 +43,7 @@ def rebuilt(kind: type[BaseException], args: tuple[Any, ...], values: dict[str, 
 
 
 def message_of(error: BaseException) -> Text:
-    """What an error tells: its message, or the words of another program."""
+    """Return the message of an error, or the words of another program."""
     return error.message if isinstance(error, AppError) else str(error) or type(error).__name__
 
 
@@ -133,7 +133,7 @@ def shown(value: object) -> Message | str | int | float | None:
 
 
 def limit_of(error: EncodeError) -> Text:
-    """What would be allowed, of a value that does not fit its field."""
+    """Return the limit of a field that a value does not fit."""
     match error.kind:
         case "whole":
             return Message("whole-number", bounds=error.bounds)

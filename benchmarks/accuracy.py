@@ -1,4 +1,4 @@
-"""How right the product is on what it was not made from: `python -m benchmarks.accuracy PART ... [--write]`.
+"""Accuracy of the product on data it was not made from: `python -m benchmarks.accuracy PART ... [--write]`.
 
     training  SOC on drives that the model was identified from
     drives    SOC on drives of shared data, each left out of its model
@@ -40,7 +40,7 @@ ROWS: Final = {"training": drives.training_rows, "drives": drives.held_out_rows,
 
 
 class Place(NamedTuple):
-    """Where recordings are, and how many processes there may be."""
+    """Folders of the recordings, and the number of processes."""
 
     data: Path
     keep: Path

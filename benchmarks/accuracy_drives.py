@@ -103,7 +103,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Found:
-    """What came of a row, (m,) over its starts and the signs of the sensor errors; RMSE in points of SOC."""
+    """Results of a row, (m,) over its starts and the signs of the sensor errors; RMSE in points of SOC."""
 
     rmse: FloatArray
     ekf: FloatArray

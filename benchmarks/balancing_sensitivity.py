@@ -1,4 +1,4 @@
-"""How much the results of the balancing study depend on values that the thesis does not give.
+"""Sensitivity of the balancing study to values that the thesis does not give.
 
 `python -m benchmarks.balancing_sensitivity` prints two tables: what decides how long resistors are on, and what
 decides whether a charge at 6C with the transformer trips at 40 degC. Method: one change at a time.

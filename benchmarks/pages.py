@@ -247,7 +247,7 @@ def scrub(browser: Browser, url: str, session_id: str) -> None:
 
 
 def samples_behind(page: Page, path: Path) -> tuple[int, bool]:
-    """How many samples the charts of the whole session stand for, and whether each shows the extremes of all of its."""
+    """Return how many samples the charts of a session stand for, and whether each shows its extremes."""
     with page.expect_response(re.compile("/series.*i_fs")) as waited:
         page.get_by_role("button", name="Whole session").click()
     count, kept = 0, True

@@ -1,4 +1,4 @@
-"""What readers of the live stream cost: `python -m benchmarks.readers [--readers 20,200,1000]`.
+"""Cost of readers of the live stream: `python -m benchmarks.readers [--readers 20,200,1000]`.
 
 `voltwall serve` with its simulated car, and one process that holds all readers on plain sockets, so that they cost
 little. Latency: from the arrival of a frame at the service (`time` of the snapshot) to the last byte of the message at

@@ -1,4 +1,4 @@
-"""How often the cause of a trip is named right: `python -m benchmarks.root_cause [--part faults] [--write]`.
+"""Share of trips whose cause is named right: `python -m benchmarks.root_cause [--part faults] [--write]`.
 
     faults    every fault of the simulator and three abuses of a sound car, at random cells, times and sizes
     joints    20 joints of 11 to 20 mohm, a minute into the race

@@ -1,4 +1,4 @@
-"""What each place shows of a trip's cause, whether it is right, and whether all places agree.
+"""The cause of a trip in each place that shows it, whether it is right, and whether all places agree.
 
 Places: the banner (the trip's alarm in the live snapshot), the cell's findings in that snapshot, the black box, the
 report, and both again on the command line. The recording judged afterwards is its file without the kept verdicts.
@@ -53,7 +53,7 @@ class Named:
 
 @dataclass(frozen=True)
 class Run:
-    """What was named of one run.
+    """The causes named in one run.
 
     Attributes:
         recorded: causes by the session's file alone, the first trip's first.

@@ -1,4 +1,4 @@
-"""How long the master's messages wait for the bus at worst.
+"""Worst latencies of the master's messages on the bus.
 
 Response-time analysis for CAN: a frame waits for the longest one of lower priority that has just begun, and for every
 one of higher priority that becomes due meanwhile:

@@ -40,7 +40,7 @@ class Frame:
 
 
 class BadReason(enum.StrEnum):
-    """Why bytes between two delimiters are no frame."""
+    """The reason why bytes between two delimiters are no frame."""
 
     COBS = "cobs"
     SHORT = "short"

@@ -49,7 +49,7 @@ class MessageType(enum.IntEnum):
 
 
 class Result(enum.IntEnum):
-    """How a request ended; everything but DONE is a refusal that changed nothing."""
+    """The result of a request; everything but DONE is a refusal that changed nothing."""
 
     DONE = 0
     UNKNOWN_REQUEST = 1  # type or command the master does not know

@@ -1,4 +1,4 @@
-"""Which parts of the struct the master's stream sends, and how long a frame takes on the line; C sends them.
+"""The schedule of the master's stream: parts of the struct, and the time of a frame on the line; C sends them.
 
 The fast set leaves every `telemetry_period` in one DATA frame. The slow ranges go round in pieces, one DATA frame each,
 cut to what the line has left before the next fast frame; a full turn starts no oftener than once a second.

@@ -23,7 +23,7 @@ _TIME_TOLERANCE_S = 1e-9  # rounding of ten steps of 0.1 s against one second
 
 @dataclass(frozen=True)
 class AccumulatorParameters:
-    """What is built in. Spreads are relative standard deviations between cells, except that of the start SOC."""
+    """Parameters of the accumulator. Spreads are relative standard deviations over cells, but for the start SOC."""
 
     n_cells: int = 96
     cells_per_pack: int = 12

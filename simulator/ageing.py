@@ -1,4 +1,4 @@
-"""How cells age, on the shelf and by use: for scenarios that begin with an old accumulator, and seasons of them.
+"""Ageing of cells, on the shelf and by use: for scenarios that begin with an old accumulator, and seasons of them.
 
     capacity    1 - c,  c_cal = a_cap t^0.75,  c_cyc = b_cap sqrt(Q)
     resistance  1 + r,  r_cal = a_res t^0.75,  r_cyc = b_res Q
@@ -100,7 +100,7 @@ class AgeingCells:
 
     @property
     def capacity(self) -> FloatArray:
-        """Of the new one."""
+        """Return the capacity over that of the new cell."""
         return np.asarray(1.0 - self._shelf[0] - self._use[0])
 
     @property

@@ -1,4 +1,4 @@
-"""What is seen of a BMS: its relays, how its charge stands, and the latch that holds the relays open."""
+"""The visible state of a BMS: its relays, its charge, and the latch that holds the relays open."""
 
 import enum
 
@@ -6,7 +6,7 @@ from firmware_protocol.memory_map import CHARGER_STATES
 
 
 class RelayState(enum.Enum):
-    """Which side the relays connect the accumulator to."""
+    """The side that the relays connect the accumulator to."""
 
     OPEN = "open"
     PRECHARGE = "precharge"

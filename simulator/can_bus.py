@@ -43,7 +43,7 @@ class CanFrame:
 
     @property
     def priority(self) -> tuple[int, bool, int]:
-        """What decides between frames that begin together: the lower wins, standard before extended."""
+        """Return the key that decides between frames that begin together: the lower wins, standard before extended."""
         return (self.can_id >> _STANDARD_SHIFT if self.is_extended else self.can_id, self.is_extended, self.can_id)
 
     @property

@@ -34,7 +34,7 @@ class CanPort(Protocol):
 
     @property
     def url(self) -> str:
-        """What a program gives as INTERFACE:CHANNEL to open the other end."""
+        """Return INTERFACE:CHANNEL, with which a program opens the other end."""
         ...
 
     def open(self, selector: selectors.BaseSelector, bus: CanBus, now_s: Callable[[], float]) -> None:

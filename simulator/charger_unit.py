@@ -23,7 +23,7 @@ _TIME_TOLERANCE_S = 1e-9
 
 @dataclass(frozen=True)
 class ChargerParameters:
-    """What the unit can do."""
+    """Limits of the charger."""
 
     max_power_w: float = 6600.0
     max_voltage_v: float = 440.0

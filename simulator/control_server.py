@@ -38,7 +38,7 @@ class ControlServer:
 
     @property
     def url(self) -> str:
-        """Where it listens: `unix:PATH`, or `tcp:PORT token:FILE`."""
+        """Return its address: `unix:PATH`, or `tcp:PORT token:FILE`."""
         if self._listener is None or not self._is_tcp:
             return f"unix:{self._where}"
         return f"tcp:{self._listener.getsockname()[1]} token:{self._token_file}"

@@ -14,7 +14,7 @@ from simulator.vehicle import BROWN_OUT, WATCHDOG, Vehicle
 
 
 class Target(Enum):
-    """What a fault hits."""
+    """The part that a fault hits."""
 
     NONE = "none"
     CELL = "cell"

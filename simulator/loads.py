@@ -18,7 +18,7 @@ _STARVED_V = 1.0  # below this a power load draws nothing: there is no battery
 
 
 class Phase(Enum):
-    """What the car is doing, for the master's relays."""
+    """The phase of a drive, for the master's relays."""
 
     STANDBY = "standby"  # high voltage off
     READY = "ready"  # high voltage on, car still
@@ -29,7 +29,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class LoadState:
-    """Where a load is at one instant."""
+    """The state of a load at one instant."""
 
     phase: Phase
     lap: int = 0  # from 1 while driving, the last one driven in pauses
@@ -37,7 +37,7 @@ class LoadState:
 
     @property
     def is_high_voltage_on(self) -> bool:
-        """Whether the car wants its relays closed."""
+        """Return whether the car wants its relays closed."""
         return self.phase in (Phase.READY, Phase.DRIVING)
 
 
@@ -65,7 +65,7 @@ class Load(Protocol):
 
 @dataclass(frozen=True)
 class PowerLimits:
-    """What an inverter allows."""
+    """Limits of an inverter."""
 
     max_discharge_w: float = 60e3
     max_regeneration_w: float = 15e3

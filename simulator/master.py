@@ -123,12 +123,12 @@ class VirtualMaster:
 
     @property
     def relay_state(self) -> RelayState:
-        """Which side the relays connect the accumulator to."""
+        """Return the side that the relays connect the accumulator to."""
         return _RELAYS[int(self._io.relays)]
 
     @property
     def relays_since_s(self) -> float:
-        """When they came to that."""
+        """Return since when they are there [s]."""
         return self._boot_s + float(self._io.relays_since_ms) / 1000
 
     @property

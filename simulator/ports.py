@@ -29,7 +29,7 @@ class BytePort(Protocol):
 
     @property
     def url(self) -> str:
-        """What a program gives pySerial to open the other end."""
+        """Return the URL with which pySerial opens the other end."""
         ...
 
     def open(self, selector: selectors.BaseSelector, on_data: Callable[[bytes], None]) -> None:

@@ -40,7 +40,7 @@ class Car:
 
 @dataclass(frozen=True)
 class Driver:
-    """How close to the limits the driver drives, and how evenly."""
+    """The driver's style: how close to the limits, and how evenly."""
 
     grip_part: float = 0.775
     power_part: float = 0.85

@@ -67,13 +67,13 @@ class PhasePlan:
 
     @property
     def longest_s(self) -> float | None:
-        """How long the phase takes at the most [s]; None where the file gives no time."""
+        """Return how long the phase takes at the most [s]; None where the file gives no time."""
         given = [self.for_s, None if self.recording is None else self.recording.duration_s]
         return min((duration_s for duration_s in given if duration_s is not None), default=None)
 
     @property
     def is_filling(self) -> bool:
-        """Whether the SOC rises in this phase, so that `until_soc` is reached from below."""
+        """Return whether the SOC rises in this phase, so that `until_soc` is reached from below."""
         return self.load in ("charge", "charge-by-hand") or self.current_a < 0.0
 
 
@@ -135,7 +135,7 @@ class Scenario:
 
     @property
     def longest_s(self) -> float | None:
-        """How long a round takes at the most [s]; None if a phase ends by its load or by a state of charge alone."""
+        """Return how long a round takes at most [s]; None if a phase ends by its load or by a SOC alone."""
         longest = [phase.longest_s for phase in self.phases]
         return None if None in longest else sum(duration_s for duration_s in longest if duration_s is not None)
 

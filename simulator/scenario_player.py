@@ -59,7 +59,7 @@ class Notice:
 
     @property
     def text(self) -> str:
-        """What did not happen, and why."""
+        """Return what did not happen, and why."""
         return NOTICES[self.code].format(action=self.action, planned_s=f"{self.planned_s:g}")
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""How many packs there are, and how many cells in each; cells count from 0 through the packs."""
+"""The shape of the accumulator: the number of packs, and of cells in each; cells count from 0 through the packs."""
 
 from bisect import bisect_right
 from dataclasses import dataclass

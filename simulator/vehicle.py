@@ -1,4 +1,4 @@
-"""What every simulated battery has around its BMS: cells, load, link capacitor, charger, CAN bus, virtual time.
+"""The car around a simulated BMS: cells, load, link capacitor, charger, CAN bus, virtual time.
 
 Who inherits adds the BMS and what it measures with, and advances both. No wall clock and no ports here.
 """
@@ -22,7 +22,7 @@ from simulator.shape import TEAM, Shape
 
 @dataclass(frozen=True)
 class LinkParameters:
-    """Of a car with two inverters; 0.3 s to charge, below 60 V 2.9 s after opening (rules: 5 s)."""
+    """Link circuit of a car with two inverters; 0.3 s to charge, below 60 V 2.9 s after opening (rules: 5 s)."""
 
     capacitance_f: float = 500e-6
     precharge_ohm: float = 600.0
@@ -69,7 +69,7 @@ POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
 
 
 class ChargeState(Protocol):
-    """How a charge stands."""
+    """The state of a charge."""
 
     @property
     def is_active(self) -> bool:
@@ -87,12 +87,12 @@ class Operated(Protocol):
 
     @property
     def relay_state(self) -> RelayState:
-        """Which side the relays connect the accumulator to."""
+        """Return the side that the relays connect the accumulator to."""
         ...
 
     @property
     def relays_since_s(self) -> float:
-        """When they came to that."""
+        """Return since when they are there [s]."""
         ...
 
     @property
@@ -102,7 +102,7 @@ class Operated(Protocol):
 
     @property
     def charging(self) -> ChargeState:
-        """Of its charger."""
+        """Return the state of its charger."""
         ...
 
     def command(self, command: CommandId, argument: int, now_s: float) -> bool:
@@ -170,7 +170,7 @@ class Vehicle:
 
     @property
     def load_time_s(self) -> float:
-        """How long the load has been on [s]."""
+        """Return how long the load has been on [s]."""
         return self.now_s - self._load_start_s
 
     def next_due_s(self) -> float:

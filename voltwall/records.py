@@ -61,7 +61,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong with one cell.
+    """A fault of one cell.
 
     Attributes:
         code: what it is, as `joint` or `capacity`.

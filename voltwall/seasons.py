@@ -71,7 +71,7 @@ class Season(Closing):
 
     @property
     def questions(self) -> Mapping[str, str]:
-        """What the questions that come along answer, by name."""
+        """Return the meanings of the bundled questions, by name."""
         return {question.name: question.meaning for question in questions()}
 
     def build(self, *places: str | Path) -> Mapping[str, str]:

@@ -104,22 +104,22 @@ class Session(Closing):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Return its name."""
         return self._file.info.name
 
     @property
     def start(self) -> datetime:
-        """When it began, in UTC."""
+        """Return its start, in UTC."""
         return _utc(self._file.info.started_wall_ns / 1e9)
 
     @property
     def duration_s(self) -> float:
-        """How long it is [s]."""
+        """Return its length [s]."""
         return self._file.info.duration_s
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """What was noted when it was recorded: event, driver, source and the like."""
+        """Return the metadata noted while it was recorded: event, driver, source and the like."""
         return dict(self._file.info.metadata)
 
     @property
@@ -220,7 +220,7 @@ class Session(Closing):
 
     @property
     def findings(self) -> list[Finding]:
-        """What is wrong with its cells at its end, the surest first, judged by this version; takes seconds."""
+        """Return the faults of its cells at its end, the surest first, judged by this version; takes seconds."""
         judged = [finding_of(finding) for finding in cell_findings(self._file)]
         return [
             Finding(
@@ -272,7 +272,7 @@ class Session(Closing):
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a filter made of a session.
+    """The estimates of a session by one filter.
 
     Attributes:
         table: `soc[0]`, ... and `soc_sigma[0]`, ... over `time`.

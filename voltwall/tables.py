@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Closing:
-    """What is closed at the end of a `with`."""
+    """An object that is closed at the end of a `with`."""
 
     def __enter__(self) -> Self:
         return self

@@ -1,1 +1,1 @@
-"""What a recording tells afterwards: pure functions over arrays. No file, no clock, no page."""
+"""Analysis of recordings: pure functions over arrays. No file, no clock, no page."""

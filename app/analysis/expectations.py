@@ -1,4 +1,4 @@
-"""What a recorded session is expected to do when it is replayed: alarms and estimates, out of a TOML file.
+"""Expectations of a replayed session: alarms and estimates, out of a TOML file.
 
 `Expectations` is fed the replay in order and says at the end which of them held. No clock, no file.
 """
@@ -37,7 +37,7 @@ class Raised:
 
 @dataclass(frozen=True)
 class SnapshotValues:
-    """What one snapshot of the replay says, and the charge recorded then."""
+    """Values of one snapshot of the replay, and the charge recorded then."""
 
     t_s: float
     totals: Accumulator
@@ -146,7 +146,7 @@ class _Agreement:
 
 
 class Expectations:
-    """What a file expects; `alarm` and `values` are given the replay, `verdicts` says what held."""
+    """The expectations of a file; `alarm` and `values` are given the replay, `verdicts` returns which held."""
 
     def __init__(self, text: str, battery: Battery) -> None:
         """Read the text of the file, which names cells of the battery as pack/cell.

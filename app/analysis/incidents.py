@@ -1,4 +1,4 @@
-"""Which events deserve a black box, and which of them belong together."""
+"""Incidents: events that deserve a black box, grouped where they belong together."""
 
 from __future__ import annotations
 

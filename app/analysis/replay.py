@@ -1,4 +1,4 @@
-"""What a session is replayed through, and the replay as a test: as fast as it goes, against a file of expectations."""
+"""Replay of a session, also as a test: as fast as it goes, against a file of expectations."""
 
 from __future__ import annotations
 

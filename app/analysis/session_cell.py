@@ -1,4 +1,4 @@
-"""What of then judges a session: its cell file and its configurations; and what of today does."""
+"""The cell file and configurations that a session is judged with: those it was recorded with, or today's."""
 
 from __future__ import annotations
 

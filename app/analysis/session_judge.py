@@ -1,4 +1,4 @@
-"""What a recorded session shows of its cells, by the judge that judges live: an old session gains what is new in it."""
+"""Findings of a recorded session, by the judge that judges live: an old session gains what is new in it."""
 
 from __future__ import annotations
 

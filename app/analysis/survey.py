@@ -93,7 +93,7 @@ class Histogram:
 
 @dataclass
 class Survey:
-    """What a recording holds; arrays are (n_cells,)."""
+    """Figures of a recording; arrays are (n_cells,)."""
 
     n_cells: int
     start_s: float = np.nan

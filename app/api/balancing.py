@@ -38,7 +38,7 @@ _NUMBERS: Final = {
 
 
 class StudyIn(BaseModel):
-    """What is charged or rests; what is not given is as in `voltwall balance`."""
+    """A study of a charge or a rest; what is not given is as in `voltwall balance`."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -84,7 +84,7 @@ class StudyIn(BaseModel):
 
 
 class BalancingThesisOut(BaseModel):
-    """What the balancing thesis has for it."""
+    """Figures of the balancing thesis for the same study."""
 
     hours: float
     max_degc: float
@@ -92,7 +92,7 @@ class BalancingThesisOut(BaseModel):
 
 
 class BalancingCircuitOut(BaseModel):
-    """How it went; the curves have a value at each `time_h`, null after the end."""
+    """Result of one circuit; the curves have a value at each `time_h`, null after the end."""
 
     name: Circuit
     hours: float

@@ -39,7 +39,7 @@ class NoticeOut(BaseModel):
 
 
 class SimulatorStatusOut(BaseModel):
-    """What happens in the simulated car; `speed` null: as fast as possible."""
+    """State of the simulated car; `speed` null: as fast as possible."""
 
     time_s: float
     speed: Number
@@ -72,7 +72,7 @@ class UnreadableScenarioOut(BaseModel):
 
 
 class FaultKindOut(BaseModel):
-    """What can go wrong."""
+    """A fault that the simulator can inject."""
 
     name: str
     meaning: str
@@ -86,7 +86,7 @@ class FaultKindOut(BaseModel):
 
 
 class SimulatorOut(BaseModel):
-    """What happens, what else could, and what can go wrong."""
+    """State of the simulated car, its scenarios and its faults."""
 
     scenario: str
     status: SimulatorStatusOut
@@ -126,7 +126,7 @@ class ScenarioStartedOut(BaseModel):
 
 
 class FaultIn(Body):
-    """What goes wrong, where, how badly, for how long."""
+    """A fault to inject: its kind, place, size and duration."""
 
     fault: str = Field(max_length=60)
     pack: Pack = None
@@ -162,7 +162,7 @@ def _ask(simulator: SimulatorPart, do: str, arguments: dict[str, Any] | None = N
 
 @router.get("", response_model=SimulatorOut)
 def read(simulator: SimulatorPart) -> dict[str, Any]:
-    """What happens in the simulated car, what else could, and what can go wrong."""
+    """Return the state of the simulated car, its scenarios and its faults."""
     status = _ask(simulator, "status")
     faults = _ask(simulator, "faults")["faults"]
     library = _ask(simulator, "scenarios")

@@ -21,7 +21,7 @@ LIMITS = (  # name of a limit, in a profile and here
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """Where the segments sit on the map."""
+    """Positions of the packs on the map."""
 
     rows: int = 1
     order: tuple[int, ...] = ()  # segments from left to right, row by row, from 0; empty: as they count
@@ -125,7 +125,7 @@ def spread(n_sensors: int, cells: range) -> tuple[tuple[int, ...], ...]:
 
 
 def spread_in_segments(n_sensors: int, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
-    """As many sensors in each segment, evenly over its cells; `n_sensors` is a multiple of the number of segments."""
+    """Return as many sensors for each pack, evenly over its cells; `n_sensors` is a multiple of the number of packs."""
     groups: list[tuple[int, ...]] = []
     at = 0
     for cells in segments:

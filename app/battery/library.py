@@ -1,4 +1,4 @@
-"""Where profiles are: bundled ones by name, files by path, what they include next to them."""
+"""The library of profiles: bundled ones by name, files by path, and the files that they include."""
 
 import re
 from collections.abc import Mapping

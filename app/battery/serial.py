@@ -177,7 +177,7 @@ class SerialMapping:
 
     @property
     def ages(self) -> dict[str, float | None]:
-        """From what age on values are missing, by kind [s]; None: as it is measured."""
+        """Return the age from which values are missing, by kind [s]; None: as it is measured."""
         return {
             kind: longest_age(field.max_age_s for field in self.fields if field.kind == kind) for kind in self.kinds
         }

@@ -1,4 +1,4 @@
-"""What a battery of given cells can do, before it is built: voltage, charge, energy, mass, currents, power, resistance.
+"""Sizing: voltage, charge, energy, mass, currents, power and resistance of a battery before it is built.
 
 From a cell file and a layout of n cells in series and p in parallel, all of them alike:
 

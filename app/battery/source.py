@@ -94,7 +94,7 @@ class DbcMapping:
 
     @property
     def ages(self) -> dict[str, float | None]:
-        """From what age on values are missing, by kind [s]; None: as it is measured."""
+        """Return the age from which values are missing, by kind [s]; None: as it is measured."""
         ages = {kind: longest_age(entry.max_age_s for entry in entries) for kind, entries in self.cells.items()}
         readings = {name: getattr(self, name) for name in READINGS}
         return ages | {name: reading.max_age_s for name, reading in readings.items() if reading is not None}

@@ -41,7 +41,7 @@ class TableReader:
 
     @property
     def line(self) -> int | None:
-        """Where it begins."""
+        """Return the line on which the table begins."""
         return line_of(self.lines, self.path)
 
     def check_names(self, tables: Iterable[str] = ()) -> None:

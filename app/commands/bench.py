@@ -18,7 +18,7 @@ _FIRST_SNAPSHOT_S = 5.0  # time of a new service until it is measured
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to measure and for how long."""
+    """Add the arguments: what to measure and for how long."""
     parser.set_defaults(run=run)
     parser.add_argument(
         "--seconds",

@@ -1,4 +1,4 @@
-"""What `voltwall bench` measures: filter and chain in this process; the running service, as its clients see it."""
+"""Measurements of `voltwall bench`: filter and chain in this process; the running service, as its clients see it."""
 
 import json
 import os
@@ -192,7 +192,7 @@ def _url_of(process: subprocess.Popen[str]) -> str:
 
 @dataclass
 class Arrivals:
-    """When snapshots of which master uptime reached a websocket client."""
+    """Arrival times of snapshots at a websocket client, by the master's uptime."""
 
     url: str
     at_ns: dict[int, int] = field(default_factory=dict)

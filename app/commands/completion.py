@@ -8,7 +8,7 @@ SHELLS = ("bash", "zsh", "fish", "powershell")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which shell."""
+    """Add the argument: the shell."""
     parser.set_defaults(run=run)
     parser.description = "Print the Tab completion of voltwall's commands and options for a shell."
     parser.epilog = (

@@ -80,7 +80,7 @@ _PARTS = 1000  # steps of one job in the progress of several
 
 
 class Progress:
-    """How far a job has come, in a line of standard error that is written over and taken away at the end.
+    """Progress of a job, in a line of standard error that is written over and taken away at the end.
 
     Per cent and the time left, as soon as it takes longer than a moment; nothing where there is no terminal.
     """

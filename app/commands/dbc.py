@@ -8,7 +8,7 @@ from app.errors import ConfigError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where from, where to."""
+    """Add the arguments: source and output."""
     parser.set_defaults(run=run)
     parser.add_argument(
         "--image", type=Path, metavar="FILE", help="420-byte configuration image (default: the default tables)"

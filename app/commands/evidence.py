@@ -36,7 +36,7 @@ exit code 0: all executed steps passed, 1: a step failed or is inconclusive, 2: 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which master, which steps, what the firmware's cycles are, where the document goes."""
+    """Add the arguments: the master, the steps, the cycles of the firmware, and the document."""
     parser.set_defaults(run=run)
     parser.epilog = EPILOG
     parser.add_argument(

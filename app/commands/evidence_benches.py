@@ -1,4 +1,4 @@
-"""Who makes a fault: the simulator by itself, or a person at the plug."""
+"""Benches that make a fault: the simulator by itself, or a person at the plug."""
 
 from collections.abc import Callable
 from dataclasses import asdict

@@ -8,7 +8,7 @@ from app.commands.console import between
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which cell, how fine, where to."""
+    """Add the arguments: the cell, the resolution and the output."""
     parser.set_defaults(run=run)
     parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or bundled cell (default: %(default)s)")
     parser.add_argument(

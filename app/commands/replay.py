@@ -25,7 +25,7 @@ DEFAULT_FILTER = "fused"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What and how."""
+    """Add the arguments: the session and how to play it."""
     parser.set_defaults(run=run)
     add_session_argument(parser)
     add_data_argument(parser)

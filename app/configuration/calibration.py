@@ -36,7 +36,7 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What to change, in raw counts, and what the same reading would be then [A]."""
+    """A proposed change, in raw counts, and the same reading with it [A]."""
 
     field: Literal["i_offset", "i_gain"]
     before_raw: int

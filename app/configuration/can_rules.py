@@ -1,4 +1,4 @@
-"""What is wrong in the CAN tables as a whole: ids, lengths, bus load, periods and timeouts, what they overwrite."""
+"""Rules of the CAN tables as a whole: ids, lengths, bus load, periods and timeouts, overwritten bytes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

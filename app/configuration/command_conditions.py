@@ -1,4 +1,4 @@
-"""Which commands cannot work in the car's present state, and why, as the master's firmware decides it."""
+"""Conditions of commands in the car's present state, as the master's firmware decides them."""
 
 from app.telemetry import Snapshot
 from app.telemetry.measurement import BLANK_S

@@ -1,4 +1,4 @@
-"""Where a whole configuration can come from, by name: what two of them differ in, and what a write may start from.
+"""Sources of a whole configuration, by name: to compare two of them, and to start a write from.
 
 `in-force`, `stored`, `default`, `profile:NAME` or `profile:NAME@3`, `record:7` (what the write made) or
 `record:7:before`, `session:ID` (in force at its end).

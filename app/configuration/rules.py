@@ -1,4 +1,4 @@
-"""What is wrong, or worth a second look, in a configuration as a whole: fields against each other and the cell.
+"""Rules of a configuration as a whole: fields against each other and the cell.
 
 Errors block a write. Warnings need a reason, once: one that is in force already is shown and not asked for again.
 Notices, of a protection that would trip later, need one on the page.
@@ -68,7 +68,7 @@ _LIMITS_OF_MASTER = {  # the limits with words in them, by field
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What the configuration is judged against besides itself."""
+    """The cell and the measured CAN periods that a configuration is judged against."""
 
     cell: CellModel
     measured_period_s: Mapping[int, float] | None = None  # measured period by CAN id, bit 31 for 29-bit ids [s]

@@ -93,7 +93,7 @@ class Written:
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """What somebody wants in force, why it is right in spite of warnings, and where it is from."""
+    """A configuration that somebody wants active, the reason for its warnings, and its origin."""
 
     base: bytes | None = None  # the image that it starts from; None: the one that the write finds in force
     values: Mapping[str, Any] = field(default_factory=dict)  # fields to change, in units

@@ -55,7 +55,7 @@ class SavedConfiguration:
 
     @property
     def origin(self) -> str:
-        """What a record of a write says of it: name, version, and the map that it was converted from."""
+        """Return the origin that a record of a write names: name, version, and the map that it was converted from."""
         converted = "" if self.converted_from is None else f", converted from map {self.converted_from}"
         return f"{self.name}@{self.version}{converted}"
 
@@ -214,7 +214,7 @@ class _Row:
             )
 
     def shared(self, index: int) -> dict[str, Any]:
-        """What both kinds of message have."""
+        """Return what both kinds of message have."""
         return {
             "index": index,
             "enabled": self.truth("on_from_start"),

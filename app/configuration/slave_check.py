@@ -31,7 +31,7 @@ Cause = Literal["none", "reference", "wire", "cells"]
 
 @dataclass(frozen=True, slots=True)
 class CheckedQuantity:
-    """What is compared; `tolerance` is the slave's own, in `unit`."""
+    """A quantity that is compared; `tolerance` is the slave's own, in `unit`."""
 
     unit: str
     tolerance: float
@@ -71,7 +71,7 @@ class CheckedCell:
 
 @dataclass(frozen=True, slots=True)
 class SlaveVerdict:
-    """What the errors of a slave say together; `share` is the common error where the cause is the reference."""
+    """The verdict on the errors of a slave; `share` is the common error where the cause is the reference."""
 
     cells: tuple[CheckedCell, ...]
     cause: Cause

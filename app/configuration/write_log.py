@@ -1,4 +1,4 @@
-"""What became of every change of a car: a signed record, and of the configuration's a line in the event log, too."""
+"""The signed log of changes to a car; those of the configuration are a line in the event log, too."""
 
 import errno
 import logging
@@ -70,7 +70,7 @@ class Entry:
 
 
 class RecordQueue:
-    """In order, from any thread; what still waits when the process ends is lost, and named in its log."""
+    """Records in order, from any thread; those that still wait when the process ends are lost, and named in its log."""
 
     def __init__(self, history: ConfigHistory) -> None:
         """Begin empty; the thread starts with the first record."""

@@ -48,7 +48,7 @@ def row_mean(values: FloatArray) -> FloatArray:
 
 
 def holds_all(total: float, values: FloatArray) -> bool:
-    """Whether a total that was measured holds the missing elements too: it leaves each half of what a known one has."""
+    """Return whether a measured total includes the missing elements: each then has at least half of a known one."""
     finite = values[np.isfinite(values)]
     missing = values.size - finite.size
     return not missing or not finite.size or total - finite.sum() >= 0.5 * missing * finite.mean()

@@ -81,7 +81,7 @@ LASTING_S: Final = 300.0  # no correlation is followed further
 
 @dataclass(frozen=True)
 class InnovationScore:
-    """What the normalised innovations y = nu / sigma_nu of a run look like.
+    """Statistics of the normalised innovations y = nu / sigma_nu of a run.
 
     Attributes:
         nis: mean of y^2; 1 where the filter expects the innovations it gets.

@@ -1,1 +1,1 @@
-"""From one item off a link to the snapshot that the pages show: pipeline, alarms, prediction, history."""
+"""The live chain from an item of a link to the snapshot on the pages: pipeline, alarms, prediction, history."""

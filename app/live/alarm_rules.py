@@ -1,4 +1,4 @@
-"""What can be wrong, as facts about one snapshot: code, severity, where, value, limit. No memory, no time."""
+"""Alarm rules, as facts about one snapshot: code, severity, where, value, limit. No memory, no time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

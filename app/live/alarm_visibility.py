@@ -1,4 +1,4 @@
-"""Whether a snapshot shows what an alarm is about: what is not measured ends no alarm."""
+"""Visibility of an alarm's subject in a snapshot: what is not measured ends no alarm."""
 
 from collections.abc import Callable
 

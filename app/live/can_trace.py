@@ -12,7 +12,7 @@ MAX_IDS = 4096  # a bus with noise on its ids must not fill the memory
 
 @dataclass(frozen=True, slots=True)
 class TracedId:
-    """What is known of one id."""
+    """One traced CAN id."""
 
     latest: CanItem
     count: int

@@ -1,4 +1,4 @@
-"""How an estimator starts with a measurement: from voltages, an earlier run's SOC, the master's own."""
+"""Start of an estimator with a measurement: from voltages, an earlier run's SOC, the master's own."""
 
 import numpy as np
 

@@ -23,7 +23,7 @@ TOTALS = {
 
 @dataclass(frozen=True)
 class Quantisation:
-    """How a value of a cell is kept in 16 bits: counts of `step` from `zero`; half the memory of a float."""
+    """Coding of a cell's value in 16 bits: counts of `step` from `zero`; half the memory of a float."""
 
     step: float
     zero: float = 0.0

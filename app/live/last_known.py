@@ -31,7 +31,7 @@ def _age_s(snapshot: Snapshot, part: Part) -> float:
 
 
 class LastValues:
-    """What was last measured, dated by the monotonic clock: setting the wall clock makes nothing older."""
+    """The last measured values, dated by the monotonic clock: setting the wall clock makes nothing older."""
 
     def __init__(self, n_cells: int, n_packs: int) -> None:
         self._voltage, self._temperature, self._soc = (_Cells(n_cells) for _ in range(3))

@@ -1,4 +1,4 @@
-"""What earlier runs learned about these cells, in one file of the data folder: charge, capacities, joints."""
+"""Results of earlier runs about these cells, in one file of the data folder: charge, capacities, joints."""
 
 import json
 import logging

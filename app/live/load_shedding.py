@@ -1,4 +1,4 @@
-"""What is left out so that recording keeps up: measured by the recorder's own delay, never by the machine's load.
+"""Load shedding so that recording keeps up: measured by the recorder's own delay, never by the machine's load.
 
 The order is fixed: predictions and findings first, which nobody misses for seconds; then pages, which get one snapshot
 a second. The estimator takes every sample; one that falls behind delays no recording (see `Inbox`).
@@ -28,7 +28,7 @@ PAUSE_S = 0.1  # after an item, at most
 
 
 class ShedLoad(IntEnum):
-    """What is left out; each with all before it."""
+    """Work that is left out; each with all before it."""
 
     NOTHING = 0
     PREDICTION = 1
@@ -96,7 +96,7 @@ class LoadShedding:
 
     @property
     def problem(self) -> Message | None:
-        """What is left out, in words; None while nothing is."""
+        """Return the message about work that is left out; None while nothing is."""
         if self._shed == ShedLoad.NOTHING:
             return None
         delay = Quantity(self._delay_s() or 0.0, "s", 2)

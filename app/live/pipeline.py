@@ -41,7 +41,7 @@ MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not ma
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What one item led to."""
+    """Results of one item."""
 
     snapshot: Snapshot | None = None
     events: tuple[Event, ...] = ()
@@ -122,17 +122,17 @@ class Pipeline:
 
     @property
     def due_ns(self) -> int | None:
-        """When what was received is to be measured though nothing else comes: a call of `tick` does it."""
+        """Return when to call `tick` although no item comes [ns]; None: nothing waits."""
         return self._source.due_ns
 
     @property
     def battery(self) -> Battery:
-        """Whose snapshots they are."""
+        """Return the battery of the snapshots."""
         return self._source.battery
 
     @property
     def source(self) -> Source:
-        """Where the items come from."""
+        """Return the source of the items."""
         return self._source.name
 
     @property
@@ -142,7 +142,7 @@ class Pipeline:
 
     @property
     def charge(self) -> RememberedCharge | None:
-        """What is known of the SOC of the cells, to go on from after a restart."""
+        """Return the SOC of the cells to start from after a restart."""
         estimates, measured = self._estimates, self._stepped
         if estimates is None or measured is None:
             return None

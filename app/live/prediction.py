@@ -65,7 +65,7 @@ class Assessment:
 
 @dataclass(frozen=True)
 class LearnedCells:
-    """What was learned of the cells in earlier sessions."""
+    """Results of earlier sessions about the cells."""
 
     capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
     joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
@@ -132,7 +132,7 @@ class Predictor:
 
     @property
     def offset_a(self) -> float:
-        """What to take off the measured current [A]: the sensor's offset where it is observable, else 0."""
+        """Return the offset to take off the measured current [A]; 0 where it is not observable."""
         return self.sensor.offset_a if self.sensor.is_observed else 0.0
 
     @property
@@ -143,7 +143,7 @@ class Predictor:
 
     @property
     def learned_cells(self) -> LearnedCells:
-        """What to keep for the next session of the same cells."""
+        """Return the results to keep for the next session of the same cells."""
         resistance = np.array(self._scale.judge())
         watched = self._watch.memory
         return LearnedCells(self._capacities.tracker.state, watched.joint_baseline_ohm, resistance, watched)

@@ -17,7 +17,7 @@ from app.words import Message, Quantity
 
 
 def cells_unknown(n: int) -> Message | None:
-    """What is over all cells: why there is none without the SOC of so many."""
+    """Return why there is no figure for all cells: the number of cells without a SOC."""
     return Message("soc-of-cells-unknown", n=n) if n else None
 
 

@@ -79,7 +79,7 @@ def _clocks_differ_s(away_s: float) -> float:
 
 @dataclass(frozen=True)
 class RememberedCharge:
-    """What was known of every cell's SOC with the last measurement."""
+    """The SOC of every cell at the last measurement."""
 
     t_wall_ns: int
     soc: FloatArray  # (n_cells,)

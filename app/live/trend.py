@@ -1,4 +1,4 @@
-"""What changes slowly in each cell, over hours: resistance, joint, time spent balancing."""
+"""Slow trends of each cell, over hours: resistance, joint, time spent balancing."""
 
 import threading
 from typing import Any

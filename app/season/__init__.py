@@ -1,1 +1,1 @@
-"""What many sessions say together: estimated again, cells over time, packs built from what was measured."""
+"""A season of sessions: estimated again, cells over time, packs built from what was measured."""

@@ -1,4 +1,4 @@
-"""What the pages of the season show, each answer out of a lake in one call: for a worker process."""
+"""Answers of the season's pages, each out of a lake in one call: for a worker process."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ class CellHistory:
 
     @property
     def n_cells(self) -> int:
-        """How many cells."""
+        """Return the number of cells."""
         return int(self.resistance.shape[1])
 
     def today(self, values: FloatArray) -> FloatArray:
@@ -116,7 +116,7 @@ class CellHistory:
 
 @dataclass(frozen=True)
 class SeasonSource:
-    """Which season: a lake and whose sessions of it. It can be sent to another process, which reads it there."""
+    """A season: a lake and whose sessions of it. It can be sent to another process, which reads it there."""
 
     lake: str  # folder or URL
     battery: Battery
@@ -125,7 +125,7 @@ class SeasonSource:
     swaps: tuple[Swap, ...] = ()
 
     def may_hold(self, info: SessionInfo) -> bool:
-        """Whether a session may be of this season: a session that does not say where it comes from is the car's."""
+        """Return whether a session may be of this season: one that names no origin is the car's."""
         return (info.metadata.get("source") == "simulator") == self.is_simulated
 
     def histories(self, car: str = "") -> list[CellHistory]:

@@ -62,7 +62,7 @@ class SeasonReport:
 
 @dataclass(frozen=True)
 class CarReport:
-    """What the sessions of one car say, and the curves of its cells that limit soonest."""
+    """Results of the sessions of one car, and the curves of its weakest cells."""
 
     overview: SeasonOverview
     curves: list[SeasonCell]

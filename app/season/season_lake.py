@@ -74,7 +74,7 @@ class SeasonLake:
 
     @property
     def is_building(self) -> bool:
-        """Whether sessions are on their way into the lake."""
+        """Return whether sessions are on their way into the lake."""
         return self._is_under_way
 
     def update(self, closed: Iterable[Path]) -> None:

@@ -47,7 +47,7 @@ def tags_of(info: SessionInfo) -> dict[str, str]:
 
 
 def matches(info: SessionInfo, wanted: str) -> bool:
-    """Whether a session's name, id, car or tags hold all words of a search; `since:` and `before:` take a day (UTC)."""
+    """Return whether name, id, car or tags of a session hold all words; `since:` and `before:` take a day (UTC)."""
     day = datetime.fromtimestamp(info.started_wall_ns / 1e9, UTC).strftime("%Y%m%d")
     text = " ".join([info.name, info.id, *tags_of(info).values(), *map(str, info.metadata.values())]).casefold()
     for word in wanted.casefold().split():

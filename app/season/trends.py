@@ -39,7 +39,7 @@ class RegressionLine:
 
     @property
     def is_sure(self) -> bool:
-        """Whether the band leaves out that nothing changes."""
+        """Return whether the band leaves out that nothing changes."""
         return self.low > 0.0 or self.high < 0.0
 
     def at(self, days: FloatArray) -> tuple[FloatArray, FloatArray]:

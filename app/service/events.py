@@ -1,4 +1,4 @@
-"""What the service tells: every event goes into the event log, onto the console, and to whoever subscribed."""
+"""Events of the service: into the event log, onto the console, and to whoever subscribed."""
 
 from collections.abc import Callable
 

@@ -95,7 +95,7 @@ class HighListener(socket.socket):
 
 
 def is_clock_synchronised() -> bool:
-    """Whether the system says that the network, or another clock, keeps its time; False where it cannot say."""
+    """Return whether the system says that the network, or another clock, keeps its time; False where it cannot say."""
     if not sys.platform.startswith("linux"):
         return False
     state = ctypes.create_string_buffer(512)  # struct timex, of which nothing is set: its first word is 0

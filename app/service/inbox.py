@@ -54,7 +54,7 @@ class Inbox:
 
     @property
     def oldest_ns(self) -> int | None:
-        """When the oldest item inside arrived, monotonic [ns]; None while it is empty."""
+        """Return when the oldest item inside arrived, monotonic [ns]; None while it is empty."""
         with self._queue.mutex:
             item = self._queue.queue[0] if self._queue.queue else None
         return None if item is None else item.t_mono_ns

@@ -84,7 +84,7 @@ class ServiceLinks:
 
     @property
     def transmit_block_reason(self) -> Message | None:
-        """Why users may not send CAN frames; None where they may."""
+        """Return why users may not send CAN frames; None where they may."""
         if self.can is None:
             return Message("no-can")
         if not self._may_transmit:

@@ -108,12 +108,12 @@ class PipelineThread:
 
     @property
     def n_cells(self) -> int:
-        """Of the live battery."""
+        """Return the number of cells of the live battery."""
         return self._pipeline.battery.n_cells
 
     @property
     def source(self) -> str:
-        """Where the items come from."""
+        """Return the source of the items."""
         return self._pipeline.source
 
     @property

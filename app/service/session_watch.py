@@ -1,4 +1,4 @@
-"""What is wrong without having tripped anything: looked for in the running recording, shown as alarms."""
+"""Faults that have not tripped anything: searched in the running recording, shown as alarms."""
 
 import contextlib
 import logging

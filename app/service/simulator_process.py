@@ -25,7 +25,7 @@ STOP_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """What the simulator opens, and how the service reaches it."""
+    """Ports that the simulator opens, and how the service reaches them."""
 
     serial_argument: str
     serial_url: str

@@ -1,4 +1,4 @@
-"""What a snapshot is sent with that is the service's, not the battery's."""
+"""The part of a snapshot that is the service's, not the battery's."""
 
 from app.clock import ClockRun
 from app.service.events import Events

@@ -24,7 +24,7 @@ _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete, 
 
 @dataclass(frozen=True)
 class StoredBox:
-    """What a list shows of a black box."""
+    """A black box as a list shows it."""
 
     id: str
     time: float  # unix

@@ -1,4 +1,4 @@
-"""What recording and reading sessions can fail at.
+"""Errors of recording and reading sessions.
 
 SessionError
   SessionNotFound    no such session in the folder

@@ -96,7 +96,7 @@ class EventLog:
 
     @property
     def error(self) -> Message | None:
-        """Why events are waiting in memory, None when all are on the disk."""
+        """Return why events are waiting in memory, None when all are on the disk."""
         return self._error
 
     def append(self, event: Event, uptime_ms: int | None = None) -> int:

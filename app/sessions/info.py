@@ -1,4 +1,4 @@
-"""What there is to say about a session and about the recorder."""
+"""Facts of a session and of the recorder."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -33,12 +33,12 @@ class SessionInfo:
 
     @property
     def duration_s(self) -> float:
-        """From the start to the end, or to the last frame."""
+        """Return the time from the start to the end, or to the last frame [s]."""
         return max(0, (self.ended_mono_ns or self.started_mono_ns) - self.started_mono_ns) / 1e9
 
 
 class RecorderState(StrEnum):
-    """What the recorder does."""
+    """State of the recorder."""
 
     IDLE = "idle"
     RECORDING = "recording"
@@ -75,7 +75,7 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class RecordedFrame:
-    """What stood between two delimiters of a serial link."""
+    """Bytes between two delimiters of a serial link."""
 
     t_mono_ns: int
     t_wall_ns: int

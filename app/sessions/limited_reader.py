@@ -1,4 +1,4 @@
-"""How the service reads sessions: what one brings along is parsed in a process with limits, once for each content."""
+"""Reads sessions for the service: the texts in one are parsed in a process with limits, once for each content."""
 
 import threading
 from collections import OrderedDict

@@ -39,7 +39,7 @@ Estimates = Literal["recomputed", "recorded"]
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """How a session is played: which filter and cell recompute the estimates, and which are shown.
+    """Options of a replay: the filter and cell that recompute the estimates, and which are shown.
 
     None = the service's filter; the session's own cell file, the service's where it keeps none.
     """
@@ -92,7 +92,7 @@ def prepare(pipeline: Pipeline, file: SessionFile) -> None:
 
 
 class ReplayPlayer:
-    """At most one replay at a time, in a thread of its own, which alone touches the opened file."""
+    """Plays at most one replay at a time, in a thread of its own, which alone touches the opened file."""
 
     def __init__(
         self,
@@ -220,7 +220,7 @@ class ReplayPlayer:
         self._orders.put(order)
 
     def state(self) -> Replay | None:
-        """Where it stands; None without one."""
+        """Return its position; None without a replay."""
         return self._state
 
     def _opened(self, path: Path, options: ReplayOptions) -> _Replay:

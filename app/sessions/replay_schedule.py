@@ -1,4 +1,4 @@
-"""When each recorded item is due again. Pure: time comes as an argument, what is due goes out as a list."""
+"""The schedule of recorded items. Pure: time comes as an argument, due items go out as a list."""
 
 import math
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ class Pacer:
         return self._next is None
 
     def position_s(self, now_s: float) -> float:
-        """Where it stands."""
+        """Return the position in the recording [s]."""
         if self.is_finished:
             return self.duration_s
         if self.is_paused or math.isinf(self.speed):

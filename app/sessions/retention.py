@@ -33,14 +33,14 @@ FREE_BYTES = 2 << 30  # with less left the trash is emptied at once
 
 @dataclass(frozen=True, slots=True)
 class RetentionRule:
-    """What may stay; None is no limit."""
+    """Limits of the recordings that stay; None is no limit."""
 
     keep_days: float | None = None
     keep_gb: float | None = None
 
     @property
     def deletes(self) -> bool:
-        """Whether anything is ever deleted."""
+        """Return whether anything is ever deleted."""
         return self.keep_days is not None or self.keep_gb is not None
 
 

@@ -37,7 +37,7 @@ class Swap:
     id: int = 0
 
     def is_of(self, car: str) -> bool:
-        """Whether it counts for a car."""
+        """Return whether it counts for a car."""
         return self.car in (None, car)
 
 

@@ -1,4 +1,4 @@
-"""What the service reads, as a person chose it on a page: a small file in the data folder.
+"""The connection that a person chose on a page: a small file in the data folder.
 
 What the command line or the environment names wins over all of it.
 """
@@ -159,7 +159,7 @@ class Setup:
 
     @property
     def chosen(self) -> Connections | None:
-        """What was chosen, None where nothing was, or where the file cannot be read."""
+        """Return the connection that was chosen, None where there is none, or where the file cannot be read."""
         try:
             return load_connections(self._folder)
         except ConfigError:
@@ -167,7 +167,7 @@ class Setup:
 
     @property
     def is_needed(self) -> bool:
-        """Whether no connection was ever chosen."""
+        """Return whether no connection was ever chosen."""
         return not self.fixed and self.chosen is None
 
     def choose(self, connections: Connections) -> None:

@@ -32,7 +32,7 @@ class UnframedBytes:
 
 @dataclass(frozen=True, slots=True)
 class SerialBytes:
-    """What was read at once from a serial line that a profile describes."""
+    """Bytes read at once from a serial line that a profile describes."""
 
     t_mono_ns: int
     t_wall_ns: int
@@ -73,7 +73,7 @@ class LinkChange:
 
 @dataclass(frozen=True, slots=True)
 class CanFault:
-    """What the CAN adapter's controller says, None where it does not; `errors` since the bus was opened."""
+    """Error state of the CAN adapter's controller, None where it has none; `errors` since the bus was opened."""
 
     t_mono_ns: int
     t_wall_ns: int

@@ -37,17 +37,17 @@ class LoadedBattery:
 
     @property
     def serial(self) -> SerialMapping | None:
-        """How it is read on a serial line, where a profile describes that."""
+        """Return the mapping of its serial line, where a profile describes one."""
         return self.source if isinstance(self.source, SerialMapping) else None
 
     @property
     def mapping(self) -> DbcMapping | SerialMapping | None:
-        """What describes its frames, on CAN or a serial line; None of our own master and of a table."""
+        """Return the mapping of its frames, on CAN or a serial line; None of our own master and of a table."""
         return self.dbc_mapping or self.serial
 
     @property
     def has_memory_map(self) -> bool:
-        """Whether its values are those of our own master."""
+        """Return whether its values are those of our own master."""
         return isinstance(self.source, MemoryMap)
 
     @property
@@ -57,7 +57,7 @@ class LoadedBattery:
 
     @property
     def kind(self) -> Literal["master", "dbc", "serial", "table"]:
-        """What it is read by."""
+        """Return the kind of source it is read by."""
         if self.has_memory_map:
             return "master"
         return "dbc" if self.dbc_mapping else "serial" if self.serial else "table"

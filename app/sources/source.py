@@ -1,4 +1,4 @@
-"""What a source of measurements is: items of a link in, measurements and events out."""
+"""The interface of a source of measurements: items of a link in, measurements and events out."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,7 +11,7 @@ from app.telemetry.measurement import Measurement
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """What one item led to."""
+    """Results of one item."""
 
     measurement: Measurement | None = None
     events: tuple[Event, ...] = ()
@@ -25,15 +25,15 @@ class MeasurementSource(Protocol):
 
     @property
     def name(self) -> Source:
-        """Where the items come from."""
+        """Return the name of the source."""
 
     @property
     def battery(self) -> Battery:
-        """Whose measurements they are."""
+        """Return the battery of the measurements."""
 
     @property
     def due_ns(self) -> int | None:
-        """When `measure` has something new to tell without another item; None: nothing waits."""
+        """Return when `measure` has something new to tell without another item; None: nothing waits."""
 
     def feed(self, item: Item) -> Received:
         """Take one item from a link."""

@@ -1,4 +1,4 @@
-"""What flows through the service: measurements, events, snapshots to the readers. Frozen, SI units, no protocol."""
+"""Values that flow through the service: measurements, events, snapshots. Frozen, SI units, no protocol."""
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.telemetry.events import (

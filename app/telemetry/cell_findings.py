@@ -19,7 +19,7 @@ HOURS_S = 5400.0  # from here on a time is shown in hours
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is wrong with one cell: how much, since when, on which evidence, and how sure that is."""
+    """A fault of one cell: its size, since when, by which evidence, and how sure it is."""
 
     code: FindingCode
     cell: int

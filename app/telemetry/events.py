@@ -1,4 +1,4 @@
-"""What is known of the links, events and alarms. Frozen, SI units, no behaviour."""
+"""Links, events and alarms. Frozen, SI units, no behaviour."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -77,7 +77,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class PossibleCause:
-    """What a trip may have been caused by; cell and pack count from 0."""
+    """A possible cause of a trip; cell and pack count from 0."""
 
     code: str
     message: Message
@@ -88,7 +88,7 @@ class PossibleCause:
 
 @dataclass(frozen=True, slots=True)
 class TripCause(PossibleCause):
-    """What is taken for the cause of a trip, found in the recording seconds after it."""
+    """The cause of a trip, determined from the recording seconds after it."""
 
     others: tuple[PossibleCause, ...] = ()
     size: Annotated[float | None, Unit("", "how much, in `unit`; missing where it has no size", None)] = None
@@ -149,7 +149,7 @@ def link_stuck(link: str, silent_s: float) -> Message:
 
 
 def link_trouble(link: LinkName, status: LinkStatus) -> Message | None:
-    """What keeps a link from being live, None where nothing does or there is none."""
+    """Return the fault that keeps a link from being live, None where it is, or where there is none."""
     if status.state in ("off", "live"):
         return None
     if status.state == "lost":

@@ -1,4 +1,4 @@
-"""What is not measured now, as it last was: what a crew has of a silent car. Never live, in no sum and no alarm."""
+"""The last values of what is not measured now: for a silent car. Never live, in no sum and no alarm."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -72,7 +72,7 @@ class LastOfAccumulator:
 
 @dataclass(frozen=True, slots=True)
 class LastKnown:
-    """What is missing now, as it was last measured since the service started."""
+    """The last measured values since the service started, of what is missing now."""
 
     cells: LastOfCells
     packs: tuple[LastOfPack, ...]

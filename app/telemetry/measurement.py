@@ -15,7 +15,7 @@ Extreme = tuple[float | None, int | None]  # value and cell
 
 @dataclass(frozen=True, slots=True)
 class Reported:
-    """What the master makes of its cells; shown where the cells themselves are missing. None = missing."""
+    """Cell figures that the master computes; shown where the cells themselves are missing. None = missing."""
 
     voltage_v: Number  # 0 where no cell was measured
     voltage_min_v: Extreme

@@ -1,4 +1,4 @@
-"""What a snapshot is sent with that is the service's and not the battery's: recording, replay, ids."""
+"""The part of a snapshot that is the service's and not the battery's: recording, replay, ids."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -20,7 +20,7 @@ class RecordingState:
 
 @dataclass(frozen=True, slots=True)
 class Stall:
-    """What should be recorded does not get onto the disk."""
+    """A recording that does not reach the disk."""
 
     since_ns: Annotated[int, SentAs("since", 1e9)]
     reason: Message
@@ -40,7 +40,7 @@ class ReplayCompared:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """Where a replay stands, and with what it recomputes the estimates."""
+    """Position of a replay, and the filter and cell that recompute the estimates."""
 
     session_id: str
     position_s: Annotated[float, Unit("s", "since the session's start", None)]

@@ -124,7 +124,7 @@ class Accumulator:
 
 @dataclass(frozen=True, slots=True)
 class CountedWith:
-    """How many cells are counted with a learned capacity and resistance; the factors are against the cell file."""
+    """Number of cells that use a learned capacity and resistance; the factors are against the cell file."""
 
     capacity_cells: int
     capacity_factor: Annotated[Number, Unit("1", "mean learned capacity", None)]
@@ -134,7 +134,7 @@ class CountedWith:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What lies ahead, judged once a second."""
+    """The prediction, computed once a second."""
 
     power: StatePower | None
     to_trip: tuple[TimeToTrip, ...]  # at the present current; infinite seconds are sent as null
@@ -176,7 +176,7 @@ class Flags:
 
 @dataclass(frozen=True, slots=True)
 class Master:
-    """What the master says of itself."""
+    """State that the master reports."""
 
     state: MasterState
     why: Message
@@ -246,7 +246,7 @@ class Plausibility:
 
 @dataclass(frozen=True, slots=True)
 class ProtectionLimits:
-    """At which the shutdown circuit opens, by the master's configuration or the profile; NaN: unknown."""
+    """Limits at which the shutdown circuit opens, by the master's configuration or the profile; NaN: unknown."""
 
     cell_voltage_min_v: float
     cell_voltage_max_v: float

@@ -1,4 +1,4 @@
-"""What the service tells a person: codes with arguments, and the tables that turn them into text."""
+"""The words of the service: codes with arguments, and the tables that turn them into text."""
 
 from app.words.conditions import condition_of
 from app.words.message import (

@@ -1,4 +1,4 @@
-"""What protocol and estimator cost on a Cortex-M4: flash, RAM, worst-case stack, instructions.
+"""Cost of protocol and estimator on a Cortex-M4: flash, RAM, worst-case stack, instructions.
 
     python benchmarks/firmware/cost.py [--cc gcc]
 

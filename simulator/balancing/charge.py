@@ -68,7 +68,7 @@ class ChargePlan:
 
 @dataclass
 class BalancingRun:
-    """How a charge or a rest went. Traces have one entry a minute and one at the end."""
+    """Result of a charge or a rest. Traces have one entry a minute and one at the end."""
 
     hours: float
     max_degc: float  # temperature of the hottest cell

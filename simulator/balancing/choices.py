@@ -1,4 +1,4 @@
-"""What can be chosen of a balancing study: circuits by name, limits of its numbers."""
+"""Choices of a balancing study: circuits by name, limits of its numbers."""
 
 from typing import Final
 

@@ -21,7 +21,7 @@ STRONG_TRANSFORMER = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, se
 
 @dataclass
 class Balance:
-    """What balancing does to the cells during the next period."""
+    """The effect of balancing on the cells during the next period."""
 
     bleeding: BoolArray | FloatArray | None = None  # on or off, or the part of the period it is on
     cell_current_a: FloatArray | None = None

@@ -42,7 +42,7 @@ _SMALL_CAPACITORS = SwitchedCapacitorParameters(200e-6, 3e-3, 100e3, cell_ohm=0.
 
 @dataclass(frozen=True)
 class Study:
-    """What is charged or rests.
+    """A charge or a rest to study.
 
     Attributes:
         cells: `thesis`, six cells of the balancing thesis, or `car`, the modules of the team's car.
@@ -94,7 +94,7 @@ class Study:
 
     @property
     def is_of_thesis(self) -> bool:
-        """Whether the thesis charged just these cells, at some rate and with some resistors."""
+        """Return whether the thesis charged just these cells, at some rate and with some resistors."""
         return replace(self, rate_c=THESIS.rate_c, resistor_ohm=THESIS.resistor_ohm) == THESIS
 
     @property

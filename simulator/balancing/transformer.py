@@ -41,7 +41,7 @@ class TransformerParameters:
 
 @dataclass(frozen=True)
 class Transfer:
-    """What the transformer does while one cell drives it."""
+    """The effect of the transformer while one cell drives it."""
 
     cell_current_a: FloatArray  # (n,) mean current out of each cell, negative into it
     loss_w: float  # in switch, windings and diode

@@ -18,7 +18,7 @@ class BatteryEncoder(Protocol):
 
     @property
     def due_s(self) -> float:
-        """When the next frame is due [s]."""
+        """Return when the next frame is due [s]."""
         ...
 
     @property
@@ -40,7 +40,7 @@ class SerialVoice(Protocol):
 
     @property
     def due_s(self) -> float:
-        """When the next bytes are due [s]."""
+        """Return when the next bytes are due [s]."""
         ...
 
     def begin(self, now_s: float) -> None:
@@ -57,7 +57,7 @@ class SerialVoice(Protocol):
 
 
 class SilentBus:
-    """Of a battery that is on a serial line alone."""
+    """The CAN bus of a battery that is on a serial line alone."""
 
     due_s = float("inf")
     has_fd_frames = False
@@ -72,7 +72,7 @@ class SilentBus:
 
 @dataclass(frozen=True, slots=True)
 class TripLimits:
-    """What the BMS trips at, and tells where its DBC has signals for it."""
+    """Limits at which the BMS trips, sent where its DBC has signals for them."""
 
     cell_voltage_min_v: float = 2.5
     cell_voltage_max_v: float = 4.2

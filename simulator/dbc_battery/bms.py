@@ -192,12 +192,12 @@ class Bms:
 
     @property
     def relay_state(self) -> RelayState:
-        """Which side the relays connect the battery to."""
+        """Return the side that the relays connect the battery to."""
         return self._relays.state
 
     @property
     def relays_since_s(self) -> float:
-        """When they came to that."""
+        """Return since when they are there [s]."""
         return self._relays.since_s
 
     @property

@@ -1,4 +1,4 @@
-"""What an ordinary BMS measures with: cell inputs, temperature sensors that stand for some cells, a current sensor."""
+"""The sensors of an ordinary BMS: cell inputs, temperature sensors that stand for some cells, current."""
 
 import numpy as np
 

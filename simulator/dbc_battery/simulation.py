@@ -29,7 +29,7 @@ class BmsOnBus:
 
     @property
     def bit_rate(self) -> int:
-        """Of the bus [bit/s]."""
+        """Return the bit rate of the bus [bit/s]."""
         return 0 if self._simulation.bms is None or self.is_held_off else self.rate
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:

@@ -1,5 +1,6 @@
 """Names, comments and texts in the words of the field: banned words, exceptions, areas that still have some."""
 
+import ast
 import io
 import re
 import tokenize
@@ -126,6 +127,26 @@ def test_no_comment_is_a_fragment_of_the_name_before_it():
         if kind == "comment" and re.match(r"# ?of ", text)
     ]
     assert found == []
+
+
+def docstrings(text: str):
+    """Public docstrings of a Python file: line and first line."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            is_private = re.match("_[^_]", getattr(node, "name", ""))
+            if not is_private and (lines := (ast.get_docstring(node) or "").splitlines()):
+                yield node.body[0].lineno, lines[0]
+
+
+def test_a_docstring_begins_with_what_a_thing_is_or_does():
+    clauses = [
+        f"{name}:{line}: {first}"
+        for name, path in files(".py")
+        for line, first in docstrings(path.read_text(encoding="utf-8"))
+        if re.match(r"(?:What|Whether|Where|When|Who|Whose|How|Which|Why)\b", first)
+    ]
+    assert clauses == []
 
 
 def test_every_exception_is_still_needed():

@@ -1,1 +1,1 @@
-"""What happened around a trip."""
+"""The black box: the record of a trip and its surroundings."""

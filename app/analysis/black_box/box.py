@@ -18,7 +18,7 @@ Side = Literal["low", "high"]
 
 @dataclass(frozen=True)
 class BoxEvent:
-    """What was reported; `t_s` from the trip."""
+    """One reported event; `t_s` counts from the trip."""
 
     t_s: float
     severity: Severity
@@ -28,7 +28,7 @@ class BoxEvent:
 
 @dataclass(frozen=True)
 class Beyond:
-    """How long the value was beyond its limit; `since_s` None: never seen beyond it."""
+    """The time that the value was beyond its limit; `since_s` None: never seen beyond it."""
 
     since_s: float | None
     lasted_s: float | None
@@ -76,7 +76,7 @@ class BoxSamples:
 
 @dataclass(frozen=True)
 class BlackBox:
-    """What happened around a trip; times in seconds from it, `at` in unix seconds."""
+    """The record of a trip and its surroundings; times in seconds from it, `at` in unix seconds."""
 
     id: str
     session_id: str | None

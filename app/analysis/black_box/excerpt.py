@@ -1,4 +1,4 @@
-"""What happened around a trip: the cell and its place, how far and how long beyond the limit, what the others did."""
+"""The excerpt around a trip: the cell and its place, how far and how long beyond the limit, the other cells."""
 
 from __future__ import annotations
 

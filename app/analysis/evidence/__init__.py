@@ -1,1 +1,1 @@
-"""How fast the master opens the shutdown circuit, measured from recorded bytes, as a document for the scrutineers."""
+"""Reaction times of the master, measured from recorded bytes, as a document for the scrutineers."""

@@ -76,7 +76,7 @@ class LimitRow:
 
 @dataclass(frozen=True)
 class Coverage:
-    """What is measured: the rules want all voltages, and a temperature for a share of the cells of every segment."""
+    """Measured share of the sensors: the rules want all voltages, and temperatures of a share of every pack."""
 
     cells: int
     voltages: int
@@ -88,7 +88,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Bytes:
-    """How good the recording is."""
+    """Quality of the recording: frames, their interval and the master's clock."""
 
     frames: int
     bad: int

@@ -21,7 +21,7 @@ _WANTED = ("status.flags", "i_fs", "i_fc", "v", "t")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledValues:
-    """What a fast frame carries, in the counts of the memory map, all copied at one instant."""
+    """The values of a fast frame, in the counts of the memory map, all copied at one instant."""
 
     is_ok: bool  # the OK signal: off opens the shutdown circuit
     is_loaded: bool  # the relays connect the vehicle

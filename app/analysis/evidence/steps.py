@@ -49,7 +49,7 @@ STEPS: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """How often the firmware measures, as the team declares it [s]: it cannot be read from the bytes."""
+    """Periods at which the firmware measures, as the team declares them [s]: they cannot be read from the bytes."""
 
     pass_s: float = 0.02  # all voltages and the current
     temperature_s: float = 0.4  # every temperature once

@@ -1,4 +1,4 @@
-"""From the violation to the open circuit, out of samples at the master; each end lies between two samples.
+"""Time from the violation to the open circuit, out of samples at the master; each end lies between two samples.
 
 Both ends stand on the master's own clock, so that neither the line nor this computer can make the time shorter: a frame
 that comes late still says when it was copied, one that is lost only moves two samples apart. This computer's clock is
@@ -84,7 +84,7 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class Unmeasured:
-    """Why there is no reaction time."""
+    """The reason for a missing reaction time."""
 
     why: Missing
 

@@ -1,1 +1,1 @@
-"""When laps began and what each cost."""
+"""Laps: their starts and their figures."""

@@ -1,4 +1,4 @@
-"""When laps began: from the power's own pattern, from marks that somebody set, or from a counter on CAN."""
+"""Lap detection: from the power's own pattern, from marks that somebody set, or from a counter on CAN."""
 
 from __future__ import annotations
 

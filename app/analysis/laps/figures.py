@@ -1,4 +1,4 @@
-"""What a lap cost: energy, power, charge, heat, weakest cell; and drivers against each other."""
+"""Figures of a lap: energy, power, charge, heat, weakest cell; and drivers against each other."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class LapFigures:
 
 @dataclass(frozen=True)
 class DriverFigures:
-    """What a driver's laps have in common: means over the laps that count."""
+    """Means of a driver's laps that count."""
 
     driver: str
     laps: int

@@ -1,4 +1,4 @@
-"""How far round a lap the car is, by a speed or a place that the session holds: laps lie on each other by distance."""
+"""Position of the car on the lap, by a speed or a place that the session holds: laps lie on each other by distance."""
 
 import re
 

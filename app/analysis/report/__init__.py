@@ -1,1 +1,1 @@
-"""What a person concludes from a session."""
+"""The report of a session."""

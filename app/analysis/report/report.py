@@ -127,7 +127,7 @@ _OF_OTHER_TRIPS = ("master-fault", "bms-fault")  # listed with what caused them
 
 @dataclass(frozen=True)
 class ReportedSession:
-    """Whose report it is; `started` in unix seconds, `voltwall` is the version that recorded it."""
+    """The session of a report; `started` in unix seconds, `voltwall` is the version that recorded it."""
 
     id: str
     name: str
@@ -149,7 +149,7 @@ class ReportSummary:
 
 @dataclass(frozen=True)
 class Report:
-    """How a session went. Lists over cells go by index from 0; None = not measured.
+    """The report of a session. Lists over cells go by index from 0; None = not measured.
 
     Attributes:
         session: whose report it is.

@@ -1,4 +1,4 @@
-"""What a person would say after a run: how it went, what limited, what to look at. Numbers in, findings out."""
+"""Summary of a run: result, limits reached, recommended checks. Numbers in, findings out."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _DIGITS: Final = {"V": 3, "degC": 1, "A": 1, "K": 1}
 
 @dataclass(frozen=True)
 class Margin:
-    """How near a recording came to one limit; `margin` in the unit, negative = beyond."""
+    """The least distance of a recording to one limit; `margin` in the unit, negative = beyond."""
 
     limit: LimitName
     name: str

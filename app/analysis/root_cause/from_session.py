@@ -233,7 +233,7 @@ def _hypotheses(recording: SessionStretch, model: CellModel, at_s: float) -> lis
 
 
 def found_live(recording: SessionStretch) -> Iterator[Hypothesis]:
-    """What the judge had found of cells while the session was recorded, by its events, and evidence has not ended."""
+    """Return the hypotheses that the live judge reported while recording and that no later evidence ended."""
     triggers: dict[int, Trigger] = {}
     for event in recording.events:
         if event.cell is None or not event.code.startswith(FINDING):

@@ -1,4 +1,4 @@
-"""From hypotheses to causes: what explains each trip, and what is wrong without one."""
+"""The judge of causes: from hypotheses to the cause of each trip, and to faults without one."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Judgement:
 
 
 def trip_kind(code: str) -> str | None:
-    """What a trip is about; None for one that only repeats another."""
+    """Return the kind of a trip; None for one that only repeats another."""
     condition = code.removeprefix("trip-")
     return condition if condition in EXPLAINS else None
 
@@ -226,7 +226,7 @@ def confidences(ranked: Sequence[Hypothesis]) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class OtherCause:
-    """What else it could be; cell and pack count from 0."""
+    """Another possible cause; cell and pack count from 0."""
 
     code: str
     message: RenderedMessage

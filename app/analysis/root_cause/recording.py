@@ -1,4 +1,4 @@
-"""What a stretch of a session shows, as arrays: the only thing that hypotheses look at. No file, no clock."""
+"""A stretch of a session as arrays: the only thing that hypotheses read. No file, no clock."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNKNOWN = -1  # value of a byte that was not received
 
 @dataclass(frozen=True)
 class Boards:
-    """What the slave boards report, (m,) times [s] and a row each; a board that reported nothing has no row."""
+    """Reports of the slave boards, (m,) times [s] and a row each; a board that reported nothing has no row."""
 
     time_s: FloatArray
     status: FloatArray  # (m, packs)

@@ -1,1 +1,1 @@
-"""Who may come in: accounts, tokens, the certificate; values and files, nothing of the web."""
+"""Access: accounts, tokens, the certificate; values and files, nothing of the web."""

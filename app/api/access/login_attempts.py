@@ -1,4 +1,4 @@
-"""How often somebody may be wrong about a password: a guesser is slowed, the right person is locked out nowhere else.
+"""Limits of wrong passwords: a guesser is slowed, the right person is locked out nowhere else.
 
 Three bounds, each for one address alone: tries of a minute; fewer where the account is guessed at from many addresses;
 and, of an hour, tries at one account, after which each has to wait for the one before.
@@ -76,7 +76,7 @@ class LoginAttempts:
 
 
 def source_of(address: str) -> str:
-    """Who counts as one guesser: an IPv4 address, or an IPv6 network, of which anyone has 2^64 addresses."""
+    """Return the address that counts as one guesser: an IPv4 address, or an IPv6 network of 2^64 addresses."""
     try:
         parsed = ip_address(address)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Who came in, who was refused and who changed the accounts, in the signed log.
+"""Sign-ins, refusals and changes of accounts, in the signed log.
 
 A guesser writes no log full: refusals are kept once a minute, with how many there were.
 """

@@ -1,4 +1,4 @@
-"""What people and programs may be, the least first; how long a token may hold."""
+"""Roles of people and programs, the least first; lifetimes of tokens."""
 
 from typing import Literal
 

@@ -50,7 +50,7 @@ class FrameIn(Body):
     count: int = Field(0, ge=0, le=1_000_000)
 
     def outgoing(self) -> Outgoing:
-        """As the sender has it."""
+        """Return the frame as the sender takes it."""
         if not self.extended and self.id > 0x7FF:
             raise Problem(
                 422,
@@ -148,7 +148,7 @@ def _status(links: LinksPart) -> dict[str, Any]:
 
 @router.get("/transmit", response_model=TransmitOut)
 def transmitting(links: LinksPart) -> dict[str, Any]:
-    """Whether frames may be sent, and what is being sent."""
+    """Return whether frames may be sent, and which are being sent."""
     return _status(links)
 
 

@@ -55,7 +55,7 @@ class SignalIn(BaseModel):
 
 
 class MessageIn(BaseModel):
-    """What both tables' messages have; the bytes as offsets, or as signals by name with the rest unused."""
+    """Fields of a message of both tables; its bytes as offsets, or as signals by name with the rest unused."""
 
     model_config = ConfigDict(extra="ignore")
     index: int = Field(ge=0, le=7)
@@ -90,7 +90,7 @@ class TxIn(MessageIn):
     period_ms: int = Field(ge=0, le=60000)
 
     def message(self) -> TxMessage:
-        """As the protocol has it."""
+        """Return the message as the protocol has it."""
         return TxMessage(self.index, self.enabled, self.id, self.extended, self.period_ms, self.length, self.offsets())
 
 
@@ -102,7 +102,7 @@ class RxIn(MessageIn):
     charges: bool = Field(False, description="charging begins with it and ends with its silence")
 
     def message(self) -> RxMessage:
-        """As the protocol has it."""
+        """Return the message as the protocol has it."""
         return RxMessage(
             self.index,
             self.enabled,

@@ -171,7 +171,7 @@ def identify(events: EventsPart, links: LinksPart, user: UserDep) -> Identity:
 
 
 class CalibrationIn(Body):
-    """What is calibrated: the zero with relays open, or the gain against a reference meter."""
+    """A calibration: of the zero with relays open, or of the gain against a reference meter."""
 
     what: Literal["measure", "zero", "gain"]
     reference_a: float | None = Field(None, ge=-1000, le=1000, description="gain: the meter, positive on discharge")

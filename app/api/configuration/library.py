@@ -44,7 +44,7 @@ Reference = Annotated[str, Query(max_length=120, description=render(NAMES))]
 
 
 class ProfileIn(Body):
-    """What to keep under a name: a source, or a profile's file as it is."""
+    """A configuration profile to keep under a name: a source, or a profile's file as it is."""
 
     source: str = Field("in-force", max_length=120, description=render(NAMES))
     profile: dict[str, Any] | None = Field(
@@ -54,7 +54,7 @@ class ProfileIn(Body):
 
 
 class RollbackIn(Body):
-    """Why."""
+    """The reason for a rollback."""
 
     reason: str = Field("", max_length=500)
 
@@ -135,7 +135,7 @@ def source(name: Reference, config_sources: ConfigSourcesPart, rules: RulesPart)
 
 @router.get("/compare", response_model=ComparisonOut)
 def compare(a: Reference, b: Reference, config_sources: ConfigSourcesPart) -> dict[str, Any]:
-    """What differs from one configuration to another."""
+    """Return the differences between two configurations."""
     first, second = config_sources.image(a), config_sources.image(b)
     return {
         "a": {"source": a, "hash": image_hash(first)},

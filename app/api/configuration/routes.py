@@ -92,7 +92,7 @@ def read(
 
 @router.get("/stored", response_model=None, responses={200: {"model": StoredConfigOut | None}})
 def read_stored(request: Request, configuration: ConfigurationPart) -> Response | dict[str, Any] | None:
-    """What the EEPROM holds, read now; null, or no content, where it holds no valid configuration."""
+    """Return the configuration in the EEPROM, read now; null, or no content, where it holds no valid one."""
     stored = configuration.read_stored()
     if stored is None:
         return Response(status_code=204) if OCTETS in request.headers.get("accept", "") else None

@@ -45,7 +45,7 @@ class SlaveCheckOut(BaseModel):
 
 
 class SlaveLimitsOut(BaseModel):
-    """What a slave may be off, and a meter at most, to judge it."""
+    """Tolerances of a slave, and the largest error of a meter that may judge it."""
 
     unit: str
     tolerance: float
@@ -53,7 +53,7 @@ class SlaveLimitsOut(BaseModel):
 
 
 class SlaveCheckResultOut(BaseModel):
-    """What was read; with a meter's readings also the check, and the one before it."""
+    """The readings; with those of a meter also the check, and the one before it."""
 
     readings: list[CellReading]
     limits: SlaveLimitsOut
@@ -68,7 +68,7 @@ class SlaveChecksOut(PageOut):
 
 
 class SlaveCheckIn(Body):
-    """Which slave; with the meter's readings it is judged and kept, without them only read."""
+    """The slave to check; with the meter's readings it is judged and kept, without them only read."""
 
     pack: int = Field(ge=0, lt=N_PACKS)
     quantity: QuantityName = "voltage"

@@ -92,7 +92,7 @@ def _frame_json(item: CanItem, name: str | None) -> dict[str, Any]:
 
 
 def measured_messages(trace: CanTrace) -> list[Cyclic]:
-    """What the bus monitor measured of every id, as a message that comes again and again."""
+    """Return the bus monitor's measurement of every id, as periodic messages."""
     return [
         Cyclic(can_id & ~CAN_ID_EXTENDED, bool(can_id & CAN_ID_EXTENDED), len(traced.latest.data), traced.period_s)
         for can_id, traced in trace.by_id().items()

@@ -59,7 +59,7 @@ def signed_log(
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     cursor: CursorQuery = None,
 ) -> dict[str, Any]:
-    """What changed the car or who may come in, newest first; log-ins and accounts are for those who manage them.
+    """Return changes of car and users, newest first; log-ins and accounts are for those who manage them.
 
     `genuine` is false where a signature is not right, `all_genuine` where one of all records is not.
     """

@@ -77,7 +77,7 @@ class FleetOut(BaseModel):
 
 @alone.get("/health")
 def health(fleet: FleetPart) -> dict[str, Any]:
-    """Whether the broker answers; the container asks."""
+    """Return whether the broker answers; the container asks."""
     problem = fleet.problem
     reasons = [] if problem is None else [problem]
     status = "degraded" if reasons else "ok"

@@ -40,7 +40,7 @@ class InferredCandidateOut(BaseModel):
 
 
 class CurrentValueOut(BaseModel):
-    """What a line reads now: one value a cell or sensor, or one; of a state also its raw number and what that means."""
+    """The present value of a line: one a cell or sensor, or one; of a state also its raw number and its meaning."""
 
     values: list[Number]
     age_s: Number
@@ -100,7 +100,7 @@ class InferIn(Body):
 
 
 class ChoiceIn(Body):
-    """What a person says of a line; what is not given is as suggested."""
+    """A person's correction of a line; what is not given is as suggested."""
 
     signal: Name = ""
     taken: bool | None = None

@@ -23,7 +23,7 @@ MAX_RESERVE = 0.5
 
 
 class RacePlanOut(BaseModel):
-    """What was asked for; what a lap may take is in the snapshot."""
+    """The race plan; what a lap may take is in the snapshot."""
 
     laps_to_go: int
     reserve_soc: float
@@ -70,7 +70,7 @@ class DriverFrameIn(Body):
     period_ms: int = Field(200, ge=100, le=10_000)
 
     def frame(self, field: str, value_bytes: int) -> DriverFrame:
-        """As the service has it."""
+        """Return the frame as the service has it."""
         if not self.extended and self.id > 0x7FF:
             raise invalid(f"{field}.id", self.id, Message("short-id-ends"))
         if self.start_byte + value_bytes > self.length:
@@ -82,7 +82,7 @@ class DriverFrameIn(Body):
 
 
 class DriverCanIn(Body):
-    """Which of the two frames are sent; null: not sent."""
+    """The frames to send; null: not sent."""
 
     target: DriverFrameIn | None = None
     message: DriverFrameIn | None = None
@@ -115,7 +115,7 @@ def end_plan(live: LivePart, events: EventsPart, signed: SignedPart, user: UserD
 
 @router.get("/driver-can", response_model=DriverCanOut)
 def driver_can(display: DriverDisplayPart, links: LinksPart) -> dict[str, Any]:
-    """Which frames the driver's display is sent, what stands in them now, and why none can be sent."""
+    """Return the frames sent to the driver's display, their present values, and why none can be sent."""
     block_reason = None if links.can is not None else Message("no-can")
     return {
         "target": _frame_json(display.target),

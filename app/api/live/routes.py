@@ -40,7 +40,7 @@ async def health(
     response: Response,
     strict: bool = False,
 ) -> dict[str, Any]:
-    """Whether the service does its work; `reasons` says in words what is missing.
+    """Return whether the service does its work; `reasons` says in words what is missing.
 
     `failing`: nothing comes from the battery, or nothing gets onto the disk; with `strict` the answer is 503 then.
     """

@@ -22,7 +22,7 @@ Url = Annotated[str | None, Field(min_length=1, max_length=300)]
 
 
 class ConnectionsOut(BaseModel):
-    """With neither link the battery is simulated."""
+    """The connection that is read; with neither link the battery is simulated."""
 
     serial: str | None
     can: str | None
@@ -58,14 +58,14 @@ class SetupOut(BaseModel):
 
 
 class PluggedOut(BaseModel):
-    """What is plugged into the machine of the service."""
+    """Adapters plugged into the machine of the service."""
 
     serial: list[FoundOut]
     can: list[FoundOut]
 
 
 class LinkCheckOut(BaseModel):
-    """What arrived, and what to do where that is not right."""
+    """Result of a link check, and the remedy where something is not right."""
 
     seconds: float
     bytes: int
@@ -81,7 +81,7 @@ class UploadedOut(BaseModel):
 
 
 class ConnectionsIn(Body):
-    """What to read; without a link the battery is simulated."""
+    """The connection to read; without a link the battery is simulated."""
 
     serial: Url = None
     can: Url = None
@@ -124,7 +124,7 @@ def _setup_json(setup: Setup) -> dict[str, Any]:
 
 @router.get("", response_model=SetupOut)
 def setup(setup: SetupPart) -> dict[str, Any]:
-    """What was chosen, what is read now, and which batteries can be chosen."""
+    """Return the chosen connection, the one read now, and the batteries that can be chosen."""
     return _setup_json(setup)
 
 

@@ -40,7 +40,7 @@ class ClockOut(BaseModel):
 
 
 class CertificateOut(BaseModel):
-    """What the service shows of itself by HTTPS: SHA-256 of the certificate, its end in unix seconds."""
+    """Identity of the HTTPS certificate: its SHA-256, its end in unix seconds."""
 
     fingerprint: str
     ends: float

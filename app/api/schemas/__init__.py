@@ -1,1 +1,1 @@
-"""What the service answers: the shapes for OpenAPI and for the front end's generated types. null = missing."""
+"""Answers of the service: the shapes for OpenAPI and for the front end's generated types. null = missing."""

@@ -70,7 +70,7 @@ class ImportedTablesOut(BaseModel):
 
 
 class TransmitOut(BaseModel):
-    """Whether frames may be sent, and what is being sent, or was last."""
+    """State of the frames to send: whether they may be sent, and which are, or were last."""
 
     allowed: bool
     block_reason: RenderedMessage | None

@@ -45,7 +45,7 @@ class SchemaOut(BaseModel):
 
 
 class ConfigIssueOut(BaseModel):
-    """What the rules say about one element: errors block, warnings need a reason unless they stand already.
+    """A finding of the rules about one element: errors block, warnings need a reason unless they stand already.
 
     A notice is for people: the page asks for a reason, a program may write without one.
     """
@@ -76,7 +76,7 @@ class ConfigOut(BaseModel):
 
 
 class StoredConfigOut(BaseModel):
-    """What the EEPROM holds."""
+    """The configuration in the EEPROM."""
 
     hash: str
     values: dict[str, Any]
@@ -96,7 +96,7 @@ class DifferenceOut(BaseModel):
 
 
 class WriteResultOut(BaseModel):
-    """What a write, or a dry run, came to."""
+    """The result of a write, or of a dry run."""
 
     hash: str
     written: bool
@@ -169,7 +169,7 @@ class ComparedOut(BaseModel):
 
 
 class ComparisonOut(BaseModel):
-    """What differs from `a` to `b`."""
+    """The differences from `a` to `b`."""
 
     a: ComparedOut
     b: ComparedOut
@@ -229,7 +229,7 @@ class CanMessageOut(BaseModel):
 
 
 class CanTxOut(CanMessageOut):
-    """What the master sends."""
+    """A message that the master sends."""
 
     period_ms: int
     latency_ms: Number  # at worst, from due to sent; null: not cyclic, or the bus is too busy for it
@@ -237,7 +237,7 @@ class CanTxOut(CanMessageOut):
 
 
 class CanRxOut(CanMessageOut):
-    """What the master listens for; `active` null before the master reports it."""
+    """A message that the master receives; `active` null before the master reports it."""
 
     timeout_ms: int
     response: int | None

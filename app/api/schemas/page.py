@@ -1,4 +1,4 @@
-"""What every list that may grow has in common."""
+"""The common part of every list that may grow."""
 
 from pydantic import BaseModel
 

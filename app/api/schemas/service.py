@@ -36,7 +36,7 @@ class ProblemOut(BaseModel):
 
 
 class HealthOut(BaseModel):
-    """Whether the service does its work; `reasons` says what is missing."""
+    """Health of the service; `reasons` lists what is missing."""
 
     status: Literal["ok", "degraded", "failing"]
     version: str
@@ -46,7 +46,7 @@ class HealthOut(BaseModel):
 
 
 class MeOut(BaseModel):
-    """Who asks; null where nobody is logged in."""
+    """The signed-in user; null where nobody is."""
 
     role: Literal["viewer", "engineer", "chief"] | None
     name: str | None
@@ -103,7 +103,7 @@ class SignedLogOut(PageOut):
 
 
 class AcknowledgedOut(BaseModel):
-    """Who saw it."""
+    """The user who acknowledged it."""
 
     acknowledged_by: str
 

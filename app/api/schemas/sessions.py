@@ -53,7 +53,7 @@ class MarkerOut(BaseModel):
 
 
 class MarkersOut(PageOut):
-    """Of a session, in order."""
+    """Markers of a session, in order."""
 
     markers: list[MarkerOut]
 
@@ -74,7 +74,7 @@ class SessionEventOut(BaseModel):
 
 
 class StoredBoxOut(BaseModel):
-    """What a list shows of a black box."""
+    """A black box as a list shows it."""
 
     id: str
     time: float
@@ -144,13 +144,13 @@ class DeletedOut(BaseModel):
 
 
 class ReplayStateOut(BaseModel):
-    """Where the replay stands; null: the live source is shown."""
+    """Position of the replay; null: the live source is shown."""
 
     replay: ReplayOut | None  # type: ignore[valid-type]
 
 
 class FetchOut(BaseModel):
-    """How far a fetch from another service has come."""
+    """Progress of a fetch from another service."""
 
     url: str
     is_running: bool
@@ -179,7 +179,7 @@ class RecordingPlanOut(BaseModel):
 
 
 class RecorderOut(BaseModel):
-    """How the recorder does."""
+    """State of the recorder."""
 
     state: Literal["idle", "recording", "stalled"]
     session_id: str | None
@@ -197,7 +197,7 @@ class RecorderOut(BaseModel):
 
 
 class ReplayChoicesOut(BaseModel):
-    """Where the replay stands, and with what it can recompute the estimates."""
+    """Position of the replay, and the filters and cells that can recompute the estimates."""
 
     replay: ReplayOut | None  # type: ignore[valid-type]
     filters: list[str]
@@ -205,7 +205,7 @@ class ReplayChoicesOut(BaseModel):
 
 
 class ImportMappingOut(BaseModel):
-    """Which column is what; empty: not there."""
+    """The column of each quantity; empty: not there."""
 
     time: str
     time_unit: str
@@ -264,7 +264,7 @@ class UnderstoodOut(BaseModel):
 
 
 class PreviewOut(BaseModel):
-    """What is in an upload, and what the profile makes of it; `understood` is null where `error` says why."""
+    """Contents of an upload, and how the profile reads it; `understood` is null where `error` names the fault."""
 
     profile: ImportMappingOut
     columns: list[ColumnOut]
@@ -274,7 +274,7 @@ class PreviewOut(BaseModel):
 
 
 class ImportStateOut(BaseModel):
-    """How far an import has come: `done` of `total`; its rows once it is a session."""
+    """Progress of an import: `done` of `total`; its rows once it is a session."""
 
     filename: str
     is_running: bool

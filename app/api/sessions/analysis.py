@@ -189,7 +189,7 @@ def overlay(
 def black_boxes(
     black_boxes: BlackBoxesPart, of_sessions: BoxesOfSessionsPart, limit: LimitQuery = None, cursor: CursorQuery = None
 ) -> BoxList:
-    """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
+    """Return the black boxes of all trips, newest first; they outlive the sessions. Old sessions are read meanwhile."""
     of_sessions.update()
     return _box_list(black_boxes.store.stored(), limit, cursor)
 
@@ -232,7 +232,7 @@ def session_black_boxes(
 
 @router.get("/sessions/{session_id}/report")
 def report(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Report:
-    """How it went, what limited, what to look at, with the figures and curves behind it."""
+    """Return the report of a session: result, limits reached and recommended checks, with figures and curves."""
     return workers.run(REPORT, of_session, catalogue.path(session_id), report_of)
 
 
@@ -252,7 +252,7 @@ def compare(session_id: str, other_id: str, catalogue: CataloguePart, workers: W
 
 @router.get("/sessions/{session_id}/evidence")
 def evidence(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Evidence:
-    """How fast the master opened the shutdown circuit, of a session that `voltwall evidence` recorded."""
+    """Return the reaction times of the master, of a session that `voltwall evidence` recorded."""
     try:
         return workers.run(REPORT, of_session, catalogue.path(session_id), evidence_of)
     except NoEvidence as error:

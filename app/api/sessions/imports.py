@@ -23,7 +23,7 @@ Name = Annotated[str, Field(max_length=60)]
 
 
 class ReadingIn(Body):
-    """How an upload is to be read: fields of a profile, or the name of a kept one."""
+    """The reading of an upload: fields of a profile, or the name of a kept one."""
 
     profile: dict[Name, Annotated[str, Field(max_length=5000)] | float | bool] = Field(
         default_factory=dict, max_length=40
@@ -33,7 +33,7 @@ class ReadingIn(Body):
 
 
 class PreviewIn(ReadingIn):
-    """How it is to be read, and what is picked by the file."""
+    """The reading of an upload, and the quantities whose units the file determines."""
 
     pick_units: list[Quantity] = Field(
         default_factory=list, max_length=5, description="take their units from the names and values of the columns"
@@ -41,7 +41,7 @@ class PreviewIn(ReadingIn):
 
 
 class ImportIn(ReadingIn):
-    """How an upload is to be read, and what to make of it."""
+    """The reading of an upload, and the session to make of it."""
 
     save_as: str | None = Field(None, max_length=60, description="keep the profile under this name")
     battery: str | None = Field(None, max_length=60, description="a bundled battery: whose frames, or whose cells")
@@ -63,7 +63,7 @@ def _state_json(state: ImportState) -> dict[str, Any]:
 
 @router.get("/imports", response_model=ImportsOut)
 def imports(imports: ImportsPart) -> dict[str, Any]:
-    """How far the last import has come, and the profiles that are kept."""
+    """Return the progress of the last import, and the profiles that are kept."""
     store = imports.profiles
     return {"last": _state(imports), "profiles": store.names()}
 

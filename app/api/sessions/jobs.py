@@ -1,4 +1,4 @@
-"""What is made of a whole session, by the path of its file: for a process of its own, which is handed no open file."""
+"""Jobs over a whole session, by the path of its file: for a process of its own, which is handed no open file."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -60,7 +60,7 @@ To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description=
 
 
 class NewSession(Body):
-    """What to call it."""
+    """The name of a new session."""
 
     name: str | None = Field(None, max_length=120)
 
@@ -76,7 +76,7 @@ class NewMarker(Body):
 
 
 class ReplayIn(Body):
-    """Which session, how fast."""
+    """The session to replay, and its speed."""
 
     session_id: str = Field(max_length=200)
     speed: float = Field(1.0, ge=MIN_SPEED, le=MAX_SPEED)
@@ -318,7 +318,7 @@ def _digest_headers(digest: bytes) -> dict[str, str]:
 
 @router.get("/replay", response_model=ReplayChoicesOut)
 def replay_state(replay: ReplayPart, pipelines: PipelinesPart) -> dict[str, Any]:
-    """Where the replay stands, and the filters and cells that can recompute the estimates."""
+    """Return the position of the replay, and the filters and cells that can recompute the estimates."""
     return {"replay": replay.state(), "filters": FILTERS, "cells": [SESSION_CELL, *pipelines.cells]}
 
 

@@ -70,7 +70,7 @@ class Season:
 
 @dataclass(frozen=True)
 class SeasonChanges:
-    """What estimating again changed; `after` and `before` are sets, None where there is none."""
+    """Changes by a new estimation; `after` and `before` are sets, None where there is none."""
 
     sets: list[str]
     after: EstimateSet | None
@@ -181,7 +181,7 @@ def season_changes(
     after: Annotated[str, Query(max_length=200)] = "",
     before: Annotated[str, Query(max_length=200)] = "",
 ) -> SeasonChanges:
-    """What `voltwall season estimate` changed: a set of results against another; by default the newest two."""
+    """Return the changes of `voltwall season estimate`: a set of results against another; by default the newest two."""
     results = Results(settings.data)
     sets = results.sets()
     names = [estimate_set.id for estimate_set in sets]

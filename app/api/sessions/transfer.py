@@ -105,7 +105,7 @@ class HeadOut(BaseModel):
 
 
 class FetchIn(Body):
-    """Where from, and what; without `sessions` all that are finished there and not here."""
+    """The remote service, and the sessions to fetch; without `sessions` all that are finished there and not here."""
 
     url: str = Field(max_length=200, description="the other service, as http://car.local:8000")
     label: str = Field("", max_length=41, description="what its sessions are called here, before their id")
@@ -120,7 +120,7 @@ class FetchIn(Body):
 
 
 class OrderIn(Body):
-    """Which of the missing pieces come first."""
+    """The missing pieces to fetch first."""
 
     order: Order
 
@@ -134,7 +134,7 @@ def _answer(state: Any) -> dict[str, Any]:
 
 @router.get("/fetch", response_model=FetchStateOut)
 def fetch_state(fetches: FetchesPart) -> dict[str, Any]:
-    """How far the last fetch has come; null before the first."""
+    """Return the progress of the last fetch; null before the first."""
     return _answer(fetches.state())
 
 
@@ -186,7 +186,7 @@ def choose_order(
 def offers(
     catalogue: CataloguePart, recorder: RecorderPart, newest: Annotated[int, Query(ge=1, le=1000)] = 20
 ) -> dict[str, Any]:
-    """Of the newest sessions that were recorded here, how many pieces of ten seconds there are."""
+    """Return the newest sessions recorded here, with the number of pieces of ten seconds of each."""
     recording = None if recorder.session is None else recorder.session.id
     return {
         "sessions": [

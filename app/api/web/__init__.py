@@ -1,1 +1,1 @@
-"""What every route shares: authentication, limits, problem documents, static files."""
+"""The common part of all routes: authentication, limits, problem documents, static files."""

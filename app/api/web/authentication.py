@@ -1,4 +1,4 @@
-"""Who may do what: loopback without a password is the engineer; else a session cookie, HTTP Basic or a token.
+"""Authentication: loopback without a password is the engineer; else a session cookie, HTTP Basic or a token.
 
 Foreign origins and foreign host names are refused before anything else looks at the request.
 """
@@ -38,7 +38,7 @@ _WRITES = ("POST", "PUT", "PATCH", "DELETE")
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Who asks; `token_id` where a program does by a token."""
+    """The user of a request; `token_id` where a program asks with a token."""
 
     name: str
     role: Role
@@ -222,7 +222,7 @@ class Authentication:
         return None if account is None else account.stamp
 
     def is_slow(self, headers: Headers) -> bool:
-        """Whether it takes a moment to say who asks: a password that has to be checked, or a refusal to be kept."""
+        """Return whether authentication takes a moment: a password has to be checked, or a refusal to be kept."""
         given = _basic(headers)
         if given is None:
             kind, _, secret = headers.get("authorization", "").partition(" ")

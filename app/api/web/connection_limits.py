@@ -1,4 +1,4 @@
-"""How many connections the service has open, in total and from one address, and which one makes room for another.
+"""Limits of open connections, in total and from one address, and which one makes room for another.
 
 Descriptors are kept for what must never wait for a stranger: links, recorder, databases.
 """
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 
 class Connection(Protocol):
-    """What is known of an open connection."""
+    """One open connection."""
 
     address: str
     is_websocket: bool

@@ -1,4 +1,4 @@
-"""What routes are given: the part of the service that they need, and the user. Each is named once, here."""
+"""Dependencies of routes: the part of the service that they need, and the user. Each is named once, here."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class WebParts:
 
 @dataclass(frozen=True, slots=True)
 class FleetParts:
-    """What the page of several cars needs, in the place of WebParts."""
+    """Parts of the service that the page of several cars needs, in the place of WebParts."""
 
     fleet: Fleet
     authentication: Authentication
@@ -112,7 +112,7 @@ async def _writable(connection: HTTPConnection) -> None:
 
 
 def block_reason(battery: LoadedBattery) -> Message | None:
-    """Why the configuration of a battery cannot be written; None where it can."""
+    """Return why the configuration of a battery cannot be written; None where it can."""
     return None if battery.has_memory_map else Message("battery-not-writable")
 
 

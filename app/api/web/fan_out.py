@@ -39,14 +39,14 @@ class Reader:
 
 
 class Timer(Protocol):
-    """What waits in a loop."""
+    """A call that waits in an event loop."""
 
     def cancel(self) -> None:
         """Wait no more."""
 
 
 class Loop(Protocol):
-    """What is needed of the event loop."""
+    """The parts of an event loop that are used."""
 
     def time(self) -> float:
         """Return the monotonic clock [s]."""
@@ -75,7 +75,7 @@ class FanOut:
 
     @property
     def readers(self) -> list[Reader]:
-        """Who reads, the longest first."""
+        """Return who reads, the longest first."""
         return list(self._readers)
 
     @contextlib.contextmanager

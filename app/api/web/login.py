@@ -1,4 +1,4 @@
-"""Who am I, log in, log out."""
+"""Routes to sign in and out, and of the signed-in user."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What every request passes: how much a client may send, HEAD as GET, headers against foreign content."""
+"""Middleware of all requests: the size that a client may send, HEAD as GET, headers against foreign content."""
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as HttpMessage

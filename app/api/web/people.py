@@ -20,7 +20,7 @@ Password = Annotated[str, Field(min_length=LEAST_CHARACTERS, max_length=MOST_CHA
 
 
 class AccountIn(Body):
-    """Of a new account, or a change; without a password it stays as it is."""
+    """Fields of a new account, or of a change; without a password it stays as it is."""
 
     role: Role
     password: Password | None = None
@@ -34,7 +34,7 @@ class PasswordIn(Body):
 
 
 class TokenIn(Body):
-    """What a program shall be called, what it may do, and for how long."""
+    """Name, role and lifetime of a new token."""
 
     name: str = Field(min_length=1, max_length=40)
     role: Literal["viewer", "engineer"]
@@ -178,7 +178,7 @@ def revoke_token(token_id: Name, authentication: AuthenticationPart, user: UserD
 
 @router.get("/logins")
 def logins(request: Request, authentication: AuthenticationPart, user: UserDep) -> list[LoginOut]:
-    """Who is logged in by cookie: one's own, a chief sees all."""
+    """Return the sessions that are signed in by cookie: one's own; an administrator sees all."""
     this = authentication.login_of(authentication.token_of(request.headers))
     return [
         LoginOut(

@@ -1,4 +1,4 @@
-"""What request bodies have in common."""
+"""The common part of request bodies."""
 
 from typing import Annotated, Any
 

@@ -39,7 +39,7 @@ ENTROPY_SIGMA_V_K: Final = 3e-4  # by which an OCV changes with temperature wher
 
 @dataclass(frozen=True, slots=True)
 class CellLimits:
-    """What the data sheet allows beyond the voltages; None where unknown."""
+    """Limits of the data sheet beyond the voltages; None where unknown."""
 
     temperature_min_degc: float | None = None
     temperature_max_degc: float | None = None
@@ -155,7 +155,7 @@ class CellModel:
 
     @property
     def has_surface(self) -> bool:
-        """Whether the OCV is read at a SOC of the surface, and the overpotential has its own current at each SOC."""
+        """Return whether the OCV is that of the surface's SOC, with an overpotential current of its own at each SOC."""
         return self.surface_per_a is not None
 
     @property

@@ -1,4 +1,4 @@
-"""What the identification of a cell rests on, and what it leaves over."""
+"""Evidence of a cell's identification, and its residuals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HELD_S: Final = (1.0, 3.0, 10.0, 30.0, 100.0)  # for which currents are looked f
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the identification rests on, and what it leaves over; nothing of it is needed to compute a voltage.
+    """The measurements behind an identification, and their residuals; no voltage is computed from it.
 
     Attributes:
         has_ocv: whether something measured the OCV: a slow test, or rests. Without, no filter is valid.

@@ -1,4 +1,4 @@
-"""What every filter answers."""
+"""The answer of every filter."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UNKNOWN_SIGMA: Final = 12**-0.5  # 1 sigma of a number that may be anything from
 
 
 class Estimates:
-    """What one step says about every cell; all arrays are (n_cells,) and belong to the reader.
+    """The answer of one step; all arrays are (n_cells,) and belong to the reader.
 
     Attributes:
         numbers: (8, n_cells) what is below, in that order; the last two rows are 0 or 1. Of a record that was run with

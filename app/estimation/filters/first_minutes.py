@@ -34,7 +34,7 @@ class FirstMinutes:
 
     @property
     def is_keeping(self) -> bool:
-        """Whether samples are still kept."""
+        """Return whether samples are still kept."""
         return self._samples is not None
 
     def keep(self, dt_s: float, current_a: float, voltages_v: FloatArray, temperatures_degc: FloatArray) -> None:

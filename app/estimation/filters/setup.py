@@ -1,4 +1,4 @@
-"""What a filter is made of."""
+"""The setup of a filter: cell model, kind and tuning."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from app.estimation.filters.tuning import Tuning
 
 
 class Kind(IntEnum):
-    """How the state is estimated; the numbers are those of `vw_kind`."""
+    """The kind of a filter; the numbers are those of `vw_kind`."""
 
     COUNT = 0  # charge count alone
     TANGENT = 1  # extended Kalman filter
@@ -37,5 +37,5 @@ class FilterSetup:
 
     @property
     def counts(self) -> bool:
-        """Whether the charge count has a part in what is reported."""
+        """Return whether the charge count has a part in what is reported."""
         return self.kind in (Kind.COUNT, Kind.SIGMA_FUSED)

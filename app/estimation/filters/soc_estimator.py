@@ -71,7 +71,7 @@ class SocEstimator:
         return soc, np.sqrt(np.minimum(variance, SOC_VARIANCE_MAX))
 
     def use_capacity(self, capacity_ah: ArrayLike) -> None:
-        """From the next step on count with capacities of the cells' own instead of the cell file's.
+        """Count with capacities of the cells' own instead of the cell file's, from the next step on.
 
         Args:
             capacity_ah: (n_cells,) or scalar [Ah].
@@ -117,7 +117,7 @@ class SocEstimator:
         )
 
     def use_resistance(self, factor: ArrayLike) -> None:
-        """From the next step on predict voltages with resistances that differ from the cell file's.
+        """Predict voltages with resistances that differ from the cell file's, from the next step on.
 
         Args:
             factor: (n_cells,) or scalar, all resistances of a cell over those of the cell file.

@@ -1,1 +1,1 @@
-"""What ages: capacity, resistance, joints, and the current sensor's offset."""
+"""Ageing: capacity, resistance, joints, and the current sensor's offset."""

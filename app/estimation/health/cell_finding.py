@@ -26,7 +26,7 @@ BAND_SIGMAS: Final = 2.0
 
 @dataclass(frozen=True)
 class CellFinding:
-    """What is wrong with one cell. Times are those that the watch was fed with.
+    """A fault of one cell. Times are those that the watch was fed with.
 
     Attributes:
         code: what it is.

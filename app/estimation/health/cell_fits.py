@@ -1,4 +1,4 @@
-"""How well each thing that can be wrong with one cell explains its voltage: least squares, onset and size searched.
+"""Fits of every possible fault to one cell's voltage: least squares, onset and size searched.
 
 The cell is compared with the median cell, which carries the same current. The noise is what healthy cells differ by.
 Every model is: nothing until an onset, then its own law with one size.

@@ -32,7 +32,7 @@ LESS_CHARGE: Final = np.arange(-220, 221) * CHARGE_STEP
 
 @dataclass(frozen=True)
 class CellVoltage:
-    """What the laws are fitted to, thinned; arrays are (m,)."""
+    """The thinned voltage of a cell that the laws are fitted to; arrays are (m,)."""
 
     time_s: FloatArray
     current_a: FloatArray  # as the voltages show it, where they do: see `shown_current`
@@ -111,7 +111,7 @@ def resistances(model: CellModel) -> tuple[float, FloatArray]:
 
 
 class UnderLoad:
-    """What a cell's voltage would be with another charge, at the recorded current.
+    """The voltage of a cell with another charge, at the recorded current.
 
     The searches ask for it some hundred times a cell: it is made once for each step of charge, and read between them.
     """

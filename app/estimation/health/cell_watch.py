@@ -1,4 +1,4 @@
-"""What is wrong with which cell: the one judge of joints, capacities, leaks and sensors, live and over a session.
+"""The one judge of a cell's joints, capacity, leaks and sensors, live and over a session.
 
 Feed `step` with every sample and call `judge` every JUDGE_S seconds. Times are labels: any clock that does not run
 backwards within a session; unix time lets findings live through a restart.
@@ -49,7 +49,7 @@ HOLD: Final = 0.6  # share of a threshold: what was found ends below it
 
 @dataclass(frozen=True)
 class CellWatchMemory:
-    """What a session leaves to the next one of the same cells.
+    """State of a watch that a session leaves to the next one of the same cells.
 
     Attributes:
         joint_baseline_ohm: (n_cells,) of `JointWatch`.
@@ -93,14 +93,14 @@ class CellWatch:
 
     @property
     def memory(self) -> CellWatchMemory:
-        """What to keep for the next session."""
+        """Return the state to keep for the next session."""
         return CellWatchMemory(
             self._joint_watch.baseline_ohm, self._joint_watch.loose_joints, self._charge_watch.memory, self.findings
         )
 
     @property
     def findings(self) -> tuple[CellFinding, ...]:
-        """What is wrong, the surest first."""
+        """Return the present faults, the surest first."""
         return tuple(sorted(self._findings.values(), key=lambda finding: (-finding.confidence, finding.cell)))
 
     def has(self, code: FindingCode) -> BoolArray:

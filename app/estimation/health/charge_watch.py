@@ -1,4 +1,4 @@
-"""Which cell leaks and which has lost capacity: drift of every cell's charge against its pack, at rest and driving.
+"""Leaks and lost capacity: drift of every cell's charge against its pack, at rest and driving.
 
 A Kalman filter for each cell, fed with one reading of the cell's open-circuit voltage every READING_S:
 
@@ -85,7 +85,7 @@ class ChargeMemory:
 
 @dataclass(frozen=True)
 class ChargeDrift:
-    """What the readings so far say, (n_cells,).
+    """Leak and lost capacity by the readings so far, (n_cells,).
 
     Attributes:
         leak_a: what leaks [A], by the quick filter where that is surer of it.
@@ -150,7 +150,7 @@ class ChargeWatch:
 
     @property
     def looked_s(self) -> float:
-        """When the last reading was made; NaN before the first."""
+        """Return the time of the last reading [s]; NaN before the first."""
         return self._reading_s
 
     @property
@@ -165,7 +165,7 @@ class ChargeWatch:
 
     @property
     def memory(self) -> ChargeMemory | None:
-        """What to keep for the next session; None before the first reading."""
+        """Return the state to keep for the next session; None before the first reading."""
         if not np.isfinite(self._reading_s):
             return None
         mean, cov = self._mean[:, LASTING].copy(), self._cov[:, :, LASTING].copy()

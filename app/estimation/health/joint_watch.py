@@ -102,7 +102,7 @@ NEW_S: Final = 1.0  # time of driving since the last judgement: less is no new e
 
 @dataclass(frozen=True)
 class LooseJoints:
-    """What an earlier session found of joints, (n_cells,): their excess and its sigma [ohm]; NaN where sound."""
+    """Loose joints of an earlier session, (n_cells,): their excess and its sigma [ohm]; NaN where sound."""
 
     excess_ohm: FloatArray
     sigma_ohm: FloatArray

@@ -1,4 +1,4 @@
-"""Which busbar joint has come loose, by the resistances of all cells.
+"""Loose busbar joints, by the resistances of all cells.
 
 A cell's measuring span holds the cell and one joint. An aged cell grows in both coefficients of the regression
 (`resistance_tracker.py`) in proportion, a joint in the first alone.
@@ -23,7 +23,7 @@ SLOPE_MAX: Final = 5.0  # ohmic over pair resistance; more means that the pair w
 
 @dataclass(frozen=True)
 class JointReport:
-    """What the pattern of resistances over the accumulator says; all arrays are (n_cells,).
+    """Joints by the pattern of resistances over the accumulator; all arrays are (n_cells,).
 
     Attributes:
         resistance_ohm: ohmic resistance of cell and joint [ohm], NaN where not known.

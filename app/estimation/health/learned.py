@@ -1,4 +1,4 @@
-"""What is known of the cells beyond their cell file, and where it is known well enough to be counted with."""
+"""Parameters of the cells beyond their cell file, and where they are certain enough to be used."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ LEARN_S: Final = 1.0  # between two uses of what was learned
 
 
 class LearningRun:
-    """What goes on from one piece of a recording to the next.
+    """State that is carried from one piece of a recording to the next.
 
     Attributes:
         scale: what was learned of the resistances.

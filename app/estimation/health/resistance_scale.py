@@ -1,4 +1,4 @@
-"""How much more every cell resists than its cell file says, from the drops of driving, from one session to the next.
+"""Resistance of every cell over that of its cell file, from the drops of driving, from one session to the next.
 
 What an earlier session found is where the next one begins, less sure by what temperature and age may have changed. The
 regression itself is the C engine's (`filters/engine/native_resistance.py`).

@@ -33,7 +33,7 @@ OFFSET: Final = 2
 
 
 class SensorOffset(NamedTuple):
-    """What is known of the offset.
+    """The estimated offset of the current sensor.
 
     Attributes:
         offset_a: positive where the sensor reads more discharge than flows [A].
@@ -82,7 +82,7 @@ class OffsetTracker:
         return self._since_s >= COMPARE_S
 
     def interrupt(self) -> None:
-        """What flowed since the last sample is not known: the SOC to count from is a new one."""
+        """Start at a new SOC: the charge since the last sample is unknown."""
         self._mean[START] = 0.5
         self._cov[START] = self._cov[:, START] = 0.0
         self._cov[START, START] = START_SIGMA**2

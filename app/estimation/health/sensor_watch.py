@@ -1,4 +1,4 @@
-"""Which sensor does not show its cell: a thermistor that came off, a voltage channel that stands still.
+"""Sensors that do not show their cell: a thermistor that came off, a voltage channel that stands still.
 
 Every rule asks for what no cell can do: warm by JUMP_K in seconds, be far colder than the air that it shares, keep its
 temperature or its voltage while those around it move.

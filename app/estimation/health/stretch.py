@@ -46,7 +46,7 @@ class Stretch:
 
     @property
     def end_s(self) -> float:
-        """Of the last sample [s]."""
+        """Return the time of the last sample [s]."""
         return float(self.time_s[-1]) if self.time_s.size else self.start_s
 
     @cached_property

@@ -59,18 +59,18 @@ NAN: Final = float("nan")
 
 @dataclass(frozen=True)
 class Warmth:
-    """How much warmer one cell is than the median cell, once a second; None of it was there at the beginning."""
+    """Excess temperature of one cell over the median cell, once a second, 0 at the beginning."""
 
     time_s: FloatArray
     warmer_k: FloatArray
 
     @property
     def now_k(self) -> float:
-        """At the end."""
+        """Return the excess temperature at the end [K]."""
         return float(self.warmer_k[-5:].mean())
 
     def response(self, onset_s: float) -> FloatArray:
-        """What one watt since an onset makes [K/W]: one lump that loses heat to its neighbours and the air."""
+        """Return the response to one watt since an onset [K/W]: one lump loses heat to its neighbours and the air."""
         ago_s = np.maximum(self.time_s - onset_s, 0.0)
         return np.asarray(-np.expm1(-LOSS_W_PER_K / CELL_J_PER_K * ago_s) / LOSS_W_PER_K)
 

@@ -74,7 +74,7 @@ OnProgress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class PartFit:
-    """How well the model follows one recording, open loop from its reference SOC.
+    """The fit of the model to one recording, open loop from its reference SOC.
 
     Attributes:
         name: the file.

@@ -1,4 +1,4 @@
-"""What slow tests say about a cell: its branches over SOC, and the charge between full and empty.
+"""Slow tests of a cell: its branches over SOC, and the charge between full and empty.
 
 A slow test is a discharge of C/10 or less, a charge, or both, in one or several recordings. Where nothing was that
 slow, the rests of a stepwise discharge stand for it, or discharges at two currents. The charge counter of the rig is
@@ -83,7 +83,7 @@ class SlowCurves:
 
     @property
     def is_flat(self) -> bool:
-        """Whether a voltage hardly determines the SOC, so that counted charge counts more."""
+        """Return whether a voltage hardly determines the SOC, so that counted charge counts more."""
         return self.flat_share >= FLAT_SHARE
 
 

@@ -161,7 +161,7 @@ class Unknowns:
 
 
 class OcvBasis:
-    """What the OCV is made of, on `SOC_GRID`; straight beyond full and empty."""
+    """Basis functions of the OCV on `SOC_GRID`; straight beyond full and empty."""
 
     def __init__(self, slow: SlowCurves) -> None:
         inside = np.clip(SOC_GRID, 0.0, 1.0)
@@ -298,7 +298,7 @@ def voltage_and_slopes(unknowns: Unknowns, basis: OcvBasis, rows: Rows, x: Float
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """What fits best.
+    """The best fit.
 
     Attributes:
         surface: the numbers of the cell.

@@ -1,1 +1,1 @@
-"""What lies ahead: power, energy, the driver's number."""
+"""Prediction: power, energy, the driver's number."""

@@ -41,7 +41,7 @@ HEATING_SIGMA_FRAC: Final = 0.5  # share of the warming without cooling
 
 @dataclass(frozen=True)
 class Limits:
-    """What no cell may pass; currents are magnitudes of the accumulator's current.
+    """Limits of every cell; currents are magnitudes of the accumulator's current.
 
     Attributes:
         v_min_v, v_max_v: terminal voltage [V].
@@ -63,7 +63,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Where the cells are now: arrays over cells, `branch_a` is (n_rc, n_cells) [A]. NaN in soc = cell left out."""
+    """Present state of the cells: arrays over cells, `branch_a` is (n_rc, n_cells) [A]. NaN in soc = cell left out."""
 
     soc: FloatArray
     branch_a: FloatArray
@@ -120,7 +120,7 @@ class CellKnowledge:
 
 
 class Ahead(NamedTuple):
-    """What comes of a constant current: arrays over (..., n_cells), each with its standard deviation."""
+    """Result of a constant current: arrays over (..., n_cells), each with its standard deviation."""
 
     voltage_v: FloatArray
     voltage_sigma_v: FloatArray
@@ -209,7 +209,7 @@ def _depleting_current_a(cell: CellModel, time_s: ArrayLike, temperature_degc: A
 
 
 class Beyond(NamedTuple):
-    """How far a current is beyond those that were measured, as shares of the model's drop."""
+    """Excess of a current over the measured ones, as shares of the model's drop."""
 
     expected: FloatArray  # that comes on top
     sigma: FloatArray

@@ -1,4 +1,4 @@
-"""What the driver sees: one whole number of percent that does not flicker and never flatters.
+"""The driver's SOC: one whole number of percent that does not flicker and never flatters.
 
 Per cell the SOC in permille is averaged over the last 100 samples and floored to whole percent; the driver sees
 the lowest cell. The spread is the highest cell minus the lowest. Source: SPKF-2020.

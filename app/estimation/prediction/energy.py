@@ -1,4 +1,4 @@
-"""How far the accumulator still goes: energy to the first limit, energy of a lap, laps left with their band.
+"""Remaining energy: to the first limit, of a lap, and laps left with their band.
 
 Cells in series give the same charge, so the first cell to reach the lowest SOC ends the race for all of them.
 """

@@ -18,7 +18,7 @@ PACE_RANGE: Final = (0.3, 2.0)  # share of the energy of the laps driven that lo
 
 @dataclass(frozen=True)
 class RacePlan:
-    """What the crew wants.
+    """The crew's plan of a race.
 
     Attributes:
         laps_to_go: the one that is driven included.
@@ -31,7 +31,7 @@ class RacePlan:
 
 @dataclass(frozen=True)
 class EnergyTarget:
-    """What a lap may take.
+    """Energy that a lap may take.
 
     Attributes:
         laps_to_go: the one that is driven included; 0: all are driven.

@@ -1,4 +1,4 @@
-"""How much heat the cells lose to their surroundings, from what they were given and how they warmed.
+"""Heat loss of the cells to their surroundings, from what they were given and how they warmed.
 
     cooling = loss - C dT/dt, both averaged over the same last minutes
 

@@ -1,4 +1,4 @@
-"""Which laps were driven and what each of them took: by marks on the line, or by the period of the power.
+"""Laps driven, and the energy of each: by marks on the line, or by the period of the power.
 
 The power of a lap repeats with the lap. A period counts where the power of the whole drive, smoothed, correlates with
 itself one period earlier, over at least three laps, and stays found for half a lap: chance repetitions move on. Two
@@ -102,7 +102,7 @@ class LapWatch:
 
     @property
     def last_mark(self) -> tuple[int, tuple[float, float] | None]:
-        """How often the line was marked, and where the last mark lies, as `now`."""
+        """Return the number of marks on the line, and the time of the last, as `now`."""
         return self._n_marks, (self._marks[-1].driving_s, self._marks[-1].energy_wh) if self._marks else None
 
     def energy_at(self, driving_s: float) -> float:

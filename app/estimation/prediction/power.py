@@ -45,7 +45,7 @@ TINY: Final = 1e-9  # sigma of what is known exactly
 
 @dataclass(frozen=True)
 class PowerLimit:
-    """What can be held for one horizon in one direction.
+    """Power that can be held for one horizon in one direction.
 
     Attributes:
         horizon_s: how long [s].

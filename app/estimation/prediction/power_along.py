@@ -34,7 +34,7 @@ Direction = Literal["discharge", "charge"]
 
 @dataclass(frozen=True)
 class PowerAlong:
-    """What can be held for a horizon in one direction at every row: (n,), power and its band [W], current [A]."""
+    """Power that can be held for a horizon in one direction at every row: (n,), power and its band [W], current [A]."""
 
     direction: Direction
     horizon_s: float

@@ -1,4 +1,4 @@
-"""What may have flowed while nothing was measured: the current to take for a gap, and how unsure the charge is.
+"""Gaps of a measurement: the current to take for one, and how unsure its charge is.
 
 In a gap of seconds the current is taken for the mean of its ends, in one of up to a minute more and more for that of
 the minute around. It may have been any that this minute shows, and changes within some seconds; and from minute to

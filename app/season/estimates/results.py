@@ -28,7 +28,7 @@ _SET = "set.json"
 
 @dataclass(frozen=True)
 class EstimateSet:
-    """What a set of results was made with; `cell_hash` of the cell file, "session" where each has its own."""
+    """The inputs of a set of results; `cell_hash` of the cell file, "session" where each has its own."""
 
     cell_name: str
     cell_hash: str
@@ -106,7 +106,7 @@ class Results:
         return sorted(results, key=lambda result: (result["start_s"], result["session"]))
 
     def has(self, made: EstimateSet, session_id: str, content: str) -> bool:
-        """Whether there is a result of a session with this `SessionFile.content_digest`."""
+        """Return whether there is a result of a session with this `SessionFile.content_digest`."""
         result = self.read(made, session_id)
         return result is not None and result.get("content") == content
 

@@ -36,7 +36,7 @@ class EstimateProgress:
 
 @dataclass
 class Outcome:
-    """What a run did; `failed` are sessions with their reasons."""
+    """Result of a run; `failed` are sessions with their reasons."""
 
     estimated: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)

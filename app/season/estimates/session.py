@@ -46,7 +46,7 @@ EVERY: Final = 10  # rows of the master's stream are a second; means need no mor
 
 @dataclass(frozen=True)
 class EstimateJob:
-    """What a worker is sent; `cells` are texts of cell files, None is the session's own."""
+    """A job for a worker; `cells` are texts of cell files, None is the session's own."""
 
     path: str
     cells: tuple[str | None, ...]

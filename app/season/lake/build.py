@@ -1,4 +1,4 @@
-"""From closed sessions to the lake: what is new, has changed, or was made by an older version."""
+"""Build of the lake from closed sessions: those that are new, changed, or made by an older version."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ORDER: Final = (*(name for name in TABLES if name != MARK), MARK)
 
 @dataclass
 class Built:
-    """What a build did, by session id."""
+    """Result of a build, by session id."""
 
     made: list[str] = field(default_factory=list)
     current: list[str] = field(default_factory=list)  # nothing to do

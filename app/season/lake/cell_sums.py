@@ -138,5 +138,5 @@ class RestCounter:
 
     @property
     def stretches(self) -> list[Stretch]:
-        """What was counted between two rests, in order."""
+        """Return the counts between two rests, in order."""
         return self._tracker.stretches

@@ -1,4 +1,4 @@
-"""Where a lake lies: a folder, or whatever else fsspec reaches by URL."""
+"""The place of a lake: a folder, or whatever else fsspec reaches by URL."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _PARAMETER: Final = re.compile(r"-- \$(\w+) = (.*?): (.*)")
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a question wants to know."""
+    """A parameter of a question."""
 
     name: str
     default: str

@@ -39,7 +39,7 @@ class QueryFailed(SeasonError):
 
 @dataclass(frozen=True)
 class QueryLimits:
-    """What a question may cost."""
+    """Limits of the cost of a query."""
 
     seconds: float = 60.0
     memory_mb: int = 1024
@@ -188,7 +188,7 @@ def columns_of(table: str) -> tuple[LakeColumn, ...]:
 
 
 def mentions(sql: str, table: str) -> bool:
-    """Whether a table may be asked for: its name stands somewhere in the text."""
+    """Return whether a table may be asked for: its name stands somewhere in the text."""
     return re.search(rf"\b{table}\b", sql, re.IGNORECASE) is not None
 
 

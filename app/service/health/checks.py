@@ -1,4 +1,4 @@
-"""Whether the service does its work."""
+"""Health checks of the service."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which broker a URL names, and a client of it with its password and TLS."""
+"""The broker of a URL, and a client of it with its password and TLS."""
 
 import re
 import ssl
@@ -31,7 +31,7 @@ class Broker:
     ca: Path | None = None
 
     def __str__(self) -> str:
-        """For people; without the password."""
+        """Return the address without the password."""
         return f"{'mqtts' if self.uses_tls else 'mqtt'}://{self.host}:{self.port}/{self.prefix}"
 
     def of_car(self, car: str | None) -> "Broker":

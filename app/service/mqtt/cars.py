@@ -33,7 +33,7 @@ _AGES = ("voltage", "current")
 
 @dataclass
 class CarClock:
-    """How a car's clock differs from ours, by the message that waited least since the car's service started."""
+    """Difference of a car's clock and ours, by the message that waited least since the car's service started."""
 
     run: object = None
     since_s: float = 0.0  # first message of this run, by our clock
@@ -53,7 +53,7 @@ class CarClock:
 
 @dataclass
 class Car:
-    """What was received of one car; times in seconds of our monotonic clock."""
+    """Values received from one car; times in seconds of our monotonic clock."""
 
     name: str
     is_online: bool | None = None  # None: unknown
@@ -127,7 +127,7 @@ class Car:
         return max(0.0, reported_s) + self.waited_s + (now_s - self.values_s)
 
     def state(self, now_s: float) -> State:
-        """Whether its values may be taken for the present."""
+        """Return whether its values are live."""
         if self.is_online is False or self.last_contact_s is None or now_s - self.last_contact_s >= SILENT_S:
             return "vanished"
         age_s = self.age_s("voltage", now_s)

@@ -37,17 +37,17 @@ class Fleet:
 
     @property
     def broker(self) -> str:
-        """Where the cars are received, for people."""
+        """Return the broker's address, for people."""
         return str(self._broker)
 
     @property
     def problem(self) -> Message | None:
-        """Why no car is received, None while the broker answers."""
+        """Return why no car is received, None while the broker answers."""
         return None if self._problem is None else Message("mqtt", broker=str(self._broker), problem=self._problem)
 
     @property
     def notice(self) -> Message | None:
-        """What members of the broker published beyond the limits, None for nothing."""
+        """Return the message about members of the broker beyond the limits; None for none."""
         if not self.left_out:
             return None
         most_kb, all_mb = MOST_BYTES >> 10, MOST_KEPT_BYTES >> 20

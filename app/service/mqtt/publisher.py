@@ -92,7 +92,7 @@ class MqttPublisher:
 
     @property
     def problem(self) -> Message | None:
-        """Why nothing reaches the broker, None while all does."""
+        """Return why nothing reaches the broker, None while all does."""
         problem = self._problem
         if problem is None and self._clock.monotonic_s() < self._conflict_until_s:
             problem = Message("mqtt-twice")

@@ -1,4 +1,4 @@
-"""How a text that a session brings along is parsed: here, or by the service in a process with limits."""
+"""Parsing of a text in a session: here, or by the service in a process with limits."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeVar

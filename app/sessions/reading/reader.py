@@ -93,7 +93,7 @@ class SessionFile:
 
     @property
     def info(self) -> SessionInfo:
-        """What there is to say about the session; quick however long it is."""
+        """Return the facts of the session; quick however long it is."""
         return info_of(self._stored)
 
     @property
@@ -187,7 +187,7 @@ class SessionFile:
         yield from merge(*sources, key=lambda item: item.t_mono_ns)
 
     def bad_frames(self) -> int:
-        """How many serial frames arrived damaged."""
+        """Return the number of damaged serial frames."""
         with self.consistent():
             ((stored, last),) = self._stored.rows(
                 "SELECT coalesce(sum(bad_frames), 0), coalesce(max(last_frame), 0) FROM chunks"
@@ -336,7 +336,7 @@ class SessionFile:
         )
 
     def note(self, key: str) -> Any:
-        """What somebody settled about the session afterwards, None where nobody did."""
+        """Return a note that somebody added to the session afterwards; None without one."""
         return read_note(self._stored, key)
 
     def chunk_spans_us(self) -> list[tuple[int, int]]:

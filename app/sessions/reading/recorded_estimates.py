@@ -1,4 +1,4 @@
-"""What was estimated while a session was recorded, looked up by time; a minute of it is kept at hand."""
+"""Estimates of a session as they were recorded, looked up by time; a minute of them is kept at hand."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What there is to say about a session, out of its file alone: no battery is needed, and only SessionError is raised.
+"""Facts of a session, out of its file alone: no battery is needed, and only SessionError is raised.
 
 A file may come from elsewhere, so every value is held to its type, its range and its length.
 """

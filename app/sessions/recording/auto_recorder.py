@@ -1,4 +1,4 @@
-"""When a recording starts and ends by itself, and what goes into it."""
+"""The automatic start and end of recordings, and their contents."""
 
 import threading
 from collections.abc import Callable
@@ -104,12 +104,12 @@ class AutoRecorder:
 
     @property
     def session_id(self) -> str | None:
-        """Of the session being recorded."""
+        """Return the id of the session that is recorded."""
         return None if (session := self.session) is None else session.id
 
     @property
     def stall(self) -> Stall | None:
-        """Why nothing gets onto the disk although it should, and since when; None where it does, or nothing should."""
+        """Return why nothing reaches the disk although it should, and since when; None where all is well."""
         status = self.status
         if status.error is not None and status.stalled_ns is not None and status.session is not None:
             return Stall(status.stalled_ns, status.error)
@@ -124,7 +124,7 @@ class AutoRecorder:
 
     @property
     def commit_delay_s(self) -> float | None:
-        """How long the newest frames took to the disk, or wait already; None while nothing is recorded."""
+        """Return how long the newest frames took to the disk, or wait already; None while nothing is recorded."""
         return self._recorder.commit_delay_s
 
     def wait_for_commit(self, timeout_s: float) -> None:
@@ -173,7 +173,7 @@ class AutoRecorder:
 
     @property
     def plan(self) -> RecordingPlan:
-        """What the next sessions are called."""
+        """Return the name and facts of the next sessions."""
         return self._plan
 
     def set_plan(self, plan: RecordingPlan) -> None:

@@ -1,4 +1,4 @@
-"""What waits for the disk and how the disk takes it: filled by any thread, emptied by the recorder's."""
+"""The queue to the disk: filled by any thread, emptied by the recorder's."""
 
 import threading
 import time
@@ -86,7 +86,7 @@ class CommitQueue:
 
     @property
     def delay_s(self) -> float | None:
-        """How long the newest frames took from their arrival to the disk, or wait already.
+        """Return how long the newest frames took from their arrival to the disk, or wait already.
 
         None while the disk takes nothing: to leave out other work brings nothing onto it.
         """
@@ -128,14 +128,14 @@ class CommitQueue:
 
     @property
     def pause_s(self) -> float:
-        """How long the recorder's thread waits before the next commit."""
+        """Return how long the recorder's thread waits before the next commit."""
         # What came during the last commit has waited that long already, and the next one takes as long again
         since_s = time.monotonic() - self._committed_s + 2 * self.delay.commit_s
         return max(PAUSE_S, COMMIT_S - since_s)
 
     @property
     def is_due(self) -> bool:
-        """Whether the last commit is so long ago that another is wanted, whatever the recorder's thread does."""
+        """Return whether the last commit is so long ago that another is wanted, whatever the recorder's thread does."""
         return self.pause_s <= PAUSE_S
 
     def begin(self) -> int:

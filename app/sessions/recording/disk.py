@@ -13,7 +13,7 @@ from app.words import Message, Quantity
 
 @dataclass(frozen=True, slots=True)
 class DiskLimits:
-    """When to warn, when to stop writing, how much to keep in memory meanwhile."""
+    """Limits of the disk: free space to warn at and to stop writing at, memory for what waits, size of a session."""
 
     warn_free_bytes: int = 1 << 30
     stop_free_bytes: int = 64 << 20  # the system and the closing of the file need some

@@ -1,4 +1,4 @@
-"""Whether what was written into a session is still in its file, which any program may delete, replace, cut or fill."""
+"""A watch over the file of a session, which any program may delete, replace, cut or fill."""
 
 import sqlite3
 import time
@@ -21,7 +21,7 @@ _LOG_MAGIC = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")  # https://www.sqlite.or
 
 
 class FileWatch:
-    """Of one session that is being written; the thread that writes uses it."""
+    """Watches the file of a session that is being written; the thread that writes uses it."""
 
     def __init__(self, path: Path, session_id: str) -> None:
         """Look at the file and its log for the first time; a disk without locks has no log."""
@@ -33,7 +33,7 @@ class FileWatch:
         self._read_s = time.monotonic()
 
     def is_intact(self) -> bool:
-        """Whether file and log are where they were, no shorter than before, and the session still reads as itself.
+        """Return whether file and log are in place, no shorter than before, and still read as the session.
 
         While a session is written neither becomes shorter: its log is used again from the start, not cut.
         """
@@ -55,7 +55,7 @@ class FileWatch:
 
     @property
     def size_bytes(self) -> int:
-        """Of file and log, when last looked at."""
+        """Return the size of file and log at the last check."""
         return sum(size for _, _, size in self._seen.values())
 
     def close(self) -> None:

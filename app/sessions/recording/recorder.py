@@ -176,7 +176,7 @@ class Recorder:
 
     @property
     def status(self) -> RecorderStatus:
-        """What is being recorded, and how well."""
+        """Return what is recorded, and how well."""
         with self._lock:
             session, free, size = self._session, self._free, self._size
             waiting = self._waiting
@@ -193,7 +193,7 @@ class Recorder:
 
     @property
     def is_alive(self) -> bool:
-        """Whether its thread runs."""
+        """Return whether its thread runs."""
         return self._thread.is_alive()
 
     @property

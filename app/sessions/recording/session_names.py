@@ -1,4 +1,4 @@
-"""What the next sessions are called and what is known of them beforehand: event, driver, vehicle, venue."""
+"""Names and metadata of the next sessions: event, driver, vehicle, venue."""
 
 import json
 import logging
@@ -29,7 +29,7 @@ class RecordingPlan:
     venue: str = ""
 
     def metadata(self) -> dict[str, object]:
-        """What is known, by name."""
+        """Return the metadata by name."""
         return {name: value for name, value in asdict(self).items() if value}
 
     def name(self, started_wall_ns: int) -> str:

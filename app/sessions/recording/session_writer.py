@@ -138,12 +138,12 @@ class SessionWriter:
 
     @property
     def path(self) -> Path:
-        """Of the file."""
+        """Return the path of the file."""
         return self._path
 
     @property
     def size_bytes(self) -> int:
-        """Of file and log, at the last `is_intact`."""
+        """Return the size of file and log at the last `is_intact`."""
         return self._watch.size_bytes
 
     @property
@@ -158,7 +158,7 @@ class SessionWriter:
         return self._builder.bad_checksums
 
     def is_intact(self) -> bool:
-        """Whether what was written is still in the file: see `FileWatch`."""
+        """Return whether what was written is still in the file: see `FileWatch`."""
         return self._watch.is_intact()
 
     def write(self, items: Sequence[TableRow]) -> None:

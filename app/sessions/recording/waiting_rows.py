@@ -83,12 +83,12 @@ class WaitingRows:
 
     @property
     def waited_s(self) -> float:
-        """How long the oldest row has waited, at least; 0 where none does."""
+        """Return how long the oldest row has waited, at least; 0 where none does."""
         return time.monotonic() - self.since_s if self.items else 0.0
 
     @property
     def n_of_session(self) -> int:
-        """How many rows of the batch come before a session's start or end."""
+        """Return how many rows of the batch come before a session's start or end."""
         return next((i for i, (table, _) in enumerate(self.batch) if table in (START, STOP)), len(self.batch))
 
     @property

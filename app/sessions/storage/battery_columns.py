@@ -1,4 +1,4 @@
-"""What a battery without our memory map measured, as columns: by CAN frames and a DBC, or in rows of a table.
+"""Measurements of a battery without our memory map, as columns: by CAN frames and a DBC, or in rows of a table.
 
 Pure, no I/O. Each value is at its own time, and so is what all cells make together. The columns of two chunks go on in
 each other: what a frame carried last is held.
@@ -42,7 +42,7 @@ class Holder:
         return self.rows_and_times(samples, grid_us)[0]
 
     def rows_and_times(self, samples: Iterable[Samples], grid_us: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """As `rows`, with the (n, elements) times of the values [us]."""
+        """Return `rows`, and the (n, elements) times of the values [us]."""
         shape = (len(grid_us), len(self._value))
         latest, at_us = np.broadcast_to(self._value, shape).copy(), np.broadcast_to(self._t_us, shape).copy()
         for elements, times_us, values in samples:

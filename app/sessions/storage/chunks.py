@@ -36,7 +36,7 @@ Layout = tuple[tuple[int, int], ...]  # offset and length of each window
 
 @dataclass(frozen=True, slots=True)
 class SeriesKey:
-    """What a column block holds: consecutive elements of one field, as counts, or as values of type `<f8`."""
+    """Key of a column block: consecutive elements of one field, as counts, or as values of type `<f8`."""
 
     field: str
     first_element: int
@@ -154,7 +154,7 @@ class ChunkBuilder:
 
     @property
     def master_clock(self) -> tuple[int, int | None]:
-        """How often the master's clock has gone back, and what it showed in the last intact frame [ms]."""
+        """Return how often the master's clock has gone back, and its value in the last intact frame [ms]."""
         return self._boots, self._last_uptime_ms
 
     @property

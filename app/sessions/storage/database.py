@@ -21,7 +21,7 @@ from app.words import Message
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """What a kind of file looks like: its mark in the file's header and its steps in order."""
+    """Schema of a kind of file: the mark in its header and its steps in order."""
 
     application_id: int
     steps: tuple[str, ...]

@@ -33,7 +33,7 @@ Row = tuple[Any, ...]
 
 
 class Digest:
-    """Of the rows of one table, in the order of their ids."""
+    """Digest of the rows of one table, in the order of their ids."""
 
     def __init__(self) -> None:
         self.last_id = 0
@@ -71,7 +71,7 @@ class Digest:
 
 
 class Digests:
-    """Of all tables of a session that is being written."""
+    """Digests of all tables of a session that is being written."""
 
     def __init__(self) -> None:
         self._tables = {table: Digest() for table in COLUMNS}
@@ -102,7 +102,7 @@ class Digests:
         return other
 
     def text(self) -> str:
-        """What is written into `meta`."""
+        """Return the text that is written into `meta`."""
         digests = {table: digest.value for table, digest in self._tables.items()}
         return json.dumps(digests | {META: meta_digest(self._meta)})
 

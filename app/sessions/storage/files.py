@@ -48,7 +48,7 @@ def size_on_disk(path: Path) -> int:
 
 
 def is_in_use(path: Path) -> bool:
-    """Whether another connection, of this or another process, has the file open: being recorded, or read."""
+    """Return whether another connection, of this or another process, has the file open: being recorded, or read."""
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=0, isolation_level=None)
     try:
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")

@@ -152,7 +152,7 @@ class StoredSession:
 
     @contextmanager
     def sound(self) -> Iterator[None]:
-        """What does not have the shape that it was written in is damage: NotASession."""
+        """Raise NotASession for rows that do not have the shape they were written in."""
         try:
             yield
         except (ArithmeticError, LookupError, TypeError, ValueError, struct.error, zlib.error) as error:

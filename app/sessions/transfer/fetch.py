@@ -52,7 +52,7 @@ class RemoteSession:
 
 
 def reason_of(error: BaseException) -> Text:
-    """What broke a connection, in the system's words alone: `Connection refused`."""
+    """Return the fault of a connection, in the system's words alone: `Connection refused`."""
     inner = error.reason if isinstance(error, urllib.error.URLError) else error
     if isinstance(inner, OSError) and inner.strerror:
         return inner.strerror
@@ -127,15 +127,15 @@ class Remote:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def local_id(self, session: RemoteSession) -> str:
-        """What a session of it is called here."""
+        """Return the id that a session of it has here."""
         return self.label_of(session.id)
 
     def label_of(self, session_id: str) -> str:
-        """What the session of this id is called here."""
+        """Return the name that the session of this id has here."""
         return f"{self.label}-{session_id}"
 
     def is_fetched(self, session: RemoteSession, folder: Path) -> bool:
-        """Whether it was fetched as it is there."""
+        """Return whether it was fetched as it is there."""
         path, note = self._paths(session, folder)
         try:
             return path.is_file() and not session.is_recording and int(note.read_text()) == session.size_bytes

@@ -18,7 +18,7 @@ from app.words import Message, Text
 
 @dataclass(frozen=True, slots=True)
 class FetchState:
-    """How far a fetch has come."""
+    """Progress of a fetch."""
 
     url: str
     is_running: bool = True
@@ -101,7 +101,7 @@ class FetchJobs:
         self._fetch: Fetch | None = None
 
     def state(self) -> FetchState | None:
-        """How far the last fetch has come, None before the first."""
+        """Return the progress of the last fetch, None before the first."""
         return None if self._fetch is None else self._fetch.state
 
     def start(self, remote: Remote, wanted: Sequence[str], *, fill: bool) -> FetchState:

@@ -48,7 +48,7 @@ class CanOnlySession(SessionError):
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """What was put in; `spans` are the gaps of half a second and more, in seconds from the session's start."""
+    """The frames put in; `spans` are the gaps of half a second and more, in seconds from the session's start."""
 
     frames: int = 0
     can_frames: int = 0
@@ -56,7 +56,7 @@ class Filled:
     spans: tuple[tuple[float, float], ...] = ()
 
     def message(self, source: str) -> Message:
-        """What to say about it."""
+        """Return the message about it."""
         time = Quantity(self.seconds, "s", 1)
         return Message("filled", frames=self.frames, time=time, n=len(self.spans), source=source)
 
@@ -125,7 +125,7 @@ def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Me
 
 
 def is_own(info: SessionInfo) -> bool:
-    """Whether a session was recorded here, not brought from another service."""
+    """Return whether a session was recorded here, not brought from another service."""
     return not info.path.with_name(info.path.name + FETCHED).exists()
 
 

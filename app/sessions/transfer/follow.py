@@ -34,7 +34,7 @@ FRESH_PIECES = 30  # a session is made of what is here after so many, or a quart
 
 @dataclass(frozen=True, slots=True)
 class FollowState:
-    """How it goes with one recorder."""
+    """State of following one recorder."""
 
     url: str
     is_reached: bool = False
@@ -235,7 +235,7 @@ class Followers:
 
     @property
     def order(self) -> Order:
-        """Which of the missing pieces come first, of all recorders."""
+        """Return which missing pieces come first, of all recorders."""
         return self._followers[0].order if self._followers else "oldest"
 
     def choose(self, order: Order) -> None:
@@ -244,7 +244,7 @@ class Followers:
             follower.order = order
 
     def states(self) -> list[FollowState]:
-        """How it goes with each of them."""
+        """Return the state of each."""
         return [follower.state for follower in self._followers]
 
 

@@ -43,7 +43,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class ImportState:
-    """How far an import has come: `done` of `total`; its rows once it is a session."""
+    """Progress of an import: `done` of `total`; its rows once it is a session."""
 
     filename: str
     is_running: bool = True

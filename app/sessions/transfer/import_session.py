@@ -42,7 +42,7 @@ NewPipeline = Callable[[LoadedBattery], Pipeline]
 
 @dataclass(frozen=True, slots=True)
 class ImportedSession:
-    """What was made; rows of a table, frames of a log."""
+    """The session made by an import; rows of a table, frames of a log."""
 
     info: SessionInfo
     rows: int

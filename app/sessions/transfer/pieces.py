@@ -56,7 +56,7 @@ class SessionPiece:
 
 
 def n_pieces(info: SessionInfo, *, is_recording: bool) -> int:
-    """How many pieces a session has whose rows are all on the disk; of a finished one all."""
+    """Return the number of pieces of a session whose rows are all on the disk; of a finished one all."""
     length_ns = (info.ended_mono_ns or info.started_mono_ns) - info.started_mono_ns
     return max(0, (length_ns - SETTLED_NS) // PIECE_NS) if is_recording else length_ns // PIECE_NS + 1
 

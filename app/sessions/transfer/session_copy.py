@@ -109,7 +109,7 @@ class SessionCopy:
         self._write(_name(number, ids), body)
 
     def is_whole(self) -> bool:
-        """Whether the session has ended there and every frame of it is here, by their ids."""
+        """Return whether the session has ended there and every frame of it is here, by their ids."""
         head, here = self.head, self.have()
         if not head or head["recording"] or set(here) != set(range(int(head["pieces"]))):
             return False
@@ -168,7 +168,7 @@ class SessionCopy:
             yield parse_piece((self._pieces / _name(number, here[number])).read_bytes())
 
     def state(self) -> dict[str, Any]:
-        """What is shown of it: unix times of what is missing, of `pieces` of `piece_s` each."""
+        """Return the state to show: unix times of what is missing, of `pieces` of `piece_s` each."""
         head, missing = self.head, self.missing()
         start_s = head.get("start_wall_ns", 0) / 1e9
         piece_s = PIECE_NS / 1e9

@@ -1,4 +1,4 @@
-"""Whose certificate is trusted: of whom the system believes, of a file, or one known by its fingerprint.
+"""Trusted certificates: those of the system, of a file, or one given by its fingerprint.
 
 A pit's certificate is self-signed: a client of a service by HTTPS names it by VOLTWALL_TRUST or by an argument.
 """

@@ -44,7 +44,7 @@ _FOLDER: Final = Path(__file__).resolve().parents[3 + _ABOVE.count(".")]
 
 @dataclass(frozen=True, slots=True)
 class JobLimits:
-    """What a job may use of the machine.
+    """Limits of a job's use of the machine.
 
     Attributes:
         cpu_s: processor time [s].

@@ -37,7 +37,7 @@ _NEVER = -(2**62)  # ns; older than any time
 
 @dataclass(frozen=True, slots=True)
 class BatteryMeasurement:
-    """What one instant says of a battery. NaN = missing or too old; times are those of the frames [ns]."""
+    """Measurement of a battery at one instant. NaN = missing or too old; times are those of the frames [ns]."""
 
     t_ns: int
     voltage_v: FloatArray  # (n_cells,)

@@ -110,7 +110,7 @@ class SignalBinding:
 
 @dataclass(frozen=True, slots=True)
 class BindingIssue:
-    """What of a profile does not fit the definitions."""
+    """A part of a profile that does not fit the definitions."""
 
     line: int | None  # line number in the profile
     field: str

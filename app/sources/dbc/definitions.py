@@ -1,4 +1,4 @@
-"""What a database of CAN messages says: signals as places of bits, messages, and what was odd about the file."""
+"""Definitions of CAN messages: signals as places of bits, messages, and irregularities of the file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ FLOAT_BITS = (16, 32, 64)  # sizes of IEEE 754
 
 @dataclass(frozen=True, slots=True)
 class BitLayout:
-    """Where a raw number stands in a frame, and what it means; equal layouts are extracted together."""
+    """Position of a raw number in a frame, and its scale; equal layouts are extracted together."""
 
     start: int  # as a DBC writes it: lowest bit if little endian, highest bit (sawtooth count) if big endian
     length: int  # bits, 1 to 64
@@ -69,7 +69,7 @@ class MessageDefinition:
 
 @dataclass(frozen=True, slots=True)
 class Oddity:
-    """What is odd in a file; loaded all the same."""
+    """An irregularity of a file; loaded all the same."""
 
     file: str
     line: int | None

@@ -173,7 +173,7 @@ def bounds(layout: BitLayout) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True)
 class BitField:
-    """Where a signal stands in a frame of a size, the frame taken as one little-endian number."""
+    """Position of a signal in a frame of a size, the frame taken as one little-endian number."""
 
     size: int  # bytes
     layout: BitLayout
@@ -320,7 +320,7 @@ class FrameEncoder:
 
     @property
     def due_s(self) -> float:
-        """When the next frame is due [s]."""
+        """Return when the next frame is due [s]."""
         return self._due[0][0] if self._due else math.inf
 
     def not_encoded(self) -> dict[str, list[int]]:

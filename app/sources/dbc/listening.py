@@ -43,7 +43,7 @@ class BusListener:
         self._thread.start()
 
     def frames(self) -> Frames:
-        """What was received and is kept; keeps it listening."""
+        """Return the frames received so far; it stays open."""
         self._asked_s = time.monotonic()
         return frames_of(list(self._frames))
 

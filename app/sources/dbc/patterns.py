@@ -86,7 +86,7 @@ def _matched(pattern: str, name: str) -> dict[str, str] | None:
         return None
 
     def ends(kind: str, what: str, at: int, texts: _Texts) -> range | tuple[int, ...]:
-        """Where a token that begins there can end, the longest first."""
+        """Return where a token that begins there can end, the longest first."""
         if kind == _STAR:
             return range(len(name), at - 1, -1)
         before = what if kind == "" else dict(texts).get(kind)

@@ -37,7 +37,7 @@ _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is known coun
 
 @dataclass(slots=True)
 class UpdateInterval:
-    """How often each part comes: with it, how long a value of the part is live."""
+    """The period of each part, and with it how long a value of the part is live."""
 
     newest_ns: dict[str, int] = field(default_factory=dict)
     gap_s: dict[str, float] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class UpdateInterval:
 
 
 class AssembledSource:
-    """What frames on CAN or a serial line have in common: their values make measurements, one a period."""
+    """A source whose frames on CAN or a serial line are assembled into measurements, one a period."""
 
     def __init__(
         self,
@@ -161,7 +161,7 @@ class DbcSource(AssembledSource):
 
     @property
     def due_ns(self) -> int | None:
-        """When the period ends in which frames wait."""
+        """Return when the period ends in which frames wait."""
         if not self._waiting:
             return None
         return (self._waiting_of + 1) * self._period_ns

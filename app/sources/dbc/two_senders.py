@@ -23,7 +23,7 @@ MOST_SHARE: Final = 0.5  # share of all cells; where more alternate, it is the c
 
 
 class TwoSenders:
-    """Which cells read two values in turn. Called from one thread."""
+    """Finds the cells that read two values in turn. Called from one thread."""
 
     def __init__(self, n_cells: int) -> None:
         self._newest_v = np.full(n_cells, np.nan)

@@ -49,7 +49,7 @@ def reported_state(message: can.Message) -> BusState | None:
 
 
 class ControllerWatch:
-    """What an opened adapter's own controller says: errors seen, its two error counters, its state; None: nothing.
+    """Watches an opened adapter's controller: errors seen, its two error counters, its state; None: nothing.
 
     Adapters differ: some pass error frames on, in SocketCAN's form or in one of their own, some can be asked, most
     cheap serial ones do neither. What a form means is only read where the form is known.

@@ -124,7 +124,7 @@ _TIMESTAMP = 4  # digits that some adapters append
 
 
 def is_whole(line: str) -> bool:
-    """Whether a line of the adapter is an answer, or a frame with exactly the bytes that it announces."""
+    """Return whether a line of the adapter is an answer, or a frame with exactly the bytes that it announces."""
     digits = _DIGITS.get(line[:1])
     if digits is None:
         return True

@@ -27,7 +27,7 @@ class Outgoing:
 
 @dataclass(frozen=True, slots=True)
 class SenderStatus:
-    """What is being sent."""
+    """State of the frames that are sent."""
 
     what: str | None = None
     who: str | None = None
@@ -49,7 +49,7 @@ class CanSender:
 
     @property
     def status(self) -> SenderStatus:
-        """What is sent now, or what became of the last list."""
+        """Return the frames sent now, or the result of the last list."""
         return self._status
 
     @property

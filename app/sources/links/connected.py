@@ -32,7 +32,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class LinkCheck:
-    """What arrived in CHECK_S, and what to do where that is not right."""
+    """Result of listening for CHECK_S, and the remedy where something is not right."""
 
     bytes: int
     frames: int

@@ -1,4 +1,4 @@
-"""What the driver is shown over CAN: the energy that a lap may take, and go, slow or box. Off until somebody maps it.
+"""The driver's display over CAN: the energy that a lap may take, and go, slow or box. Off until somebody maps it.
 
 After a start of the service nothing is sent: an engineer switches it on. A lap's target that is not known, or was
 judged too long ago, is sent as 0xFFFF, never as the last good one.
@@ -26,7 +26,7 @@ UNKNOWN: Final = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class DriverFrame:
-    """Where a value is sent: bit 31 of the id marks a 29-bit one; the other bytes are 0."""
+    """The CAN frame of a value: bit 31 of the id marks a 29-bit one; the other bytes are 0."""
 
     can_id: int
     length: int
@@ -98,7 +98,7 @@ class DriverDisplay:
 
     @property
     def target_wh(self) -> float | None:
-        """What a lap may take; None where nobody planned the race, or where the last judgement is old [Wh]."""
+        """Return the energy that a lap may take [Wh]; None without a race plan, or where the last judgement is old."""
         snapshot = self._snapshot()
         prediction = None if snapshot is None else snapshot.prediction
         if snapshot is None or prediction is None or prediction.target is None:

@@ -130,7 +130,7 @@ class LinkMonitor:
         self._rates.add(t_ns, 1, length, worst_case_bits(length, is_extended))
 
     def on_fault(self, fault: CanFault) -> bool:
-        """What the controller says; True where its state is another one now."""
+        """Take the controller's error state; True where it changed."""
         before, self._fault = self._fault, fault
         was = None if before is None else before.bus_state
         return fault.bus_state is not None and fault.bus_state != (was or "active")

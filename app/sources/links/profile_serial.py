@@ -14,7 +14,7 @@ REPLY_S = 0.1  # for one answer, before the next request
 
 
 class Requests:
-    """What is sent when: each frame's request every `poll_s`, one after the other."""
+    """Schedule of requests: each frame's every `poll_s`, one after the other."""
 
     def __init__(self, mapping: SerialMapping) -> None:
         self._all = [(part.poll, part.poll_s) for part in mapping.parts if part.poll]

@@ -1,4 +1,4 @@
-"""Whether RS232 and CAN say the same: both are windows onto one memory, so where they differ, one of them is wrong.
+"""Agreement of RS232 and CAN: both are windows onto one memory, so where they differ, one of them is wrong.
 
 Only values that a CAN message carries whole are compared, each with what RS232 brought in the last seconds: a value
 that moves is allowed to be as far outside as it moved meanwhile. Time is an argument.

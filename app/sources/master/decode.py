@@ -146,7 +146,7 @@ class Decoder:
         return tuple(self.integer(f"slave[{pack}].status") for pack in range(N_PACKS))
 
     def reported(self) -> Reported:
-        """What the master itself makes of its cells."""
+        """Return the cell figures that the master computes itself."""
         return Reported(
             voltage_v=self.number("v_tot"),
             voltage_min_v=self._extreme("v_min", V_MISSING),
@@ -172,7 +172,7 @@ class Decoder:
         return float(field.unpack(self._shadow.image)[0] * field.scale)
 
     def relays_open(self) -> bool:
-        """Whether no current can flow, neither into the car nor from a charger; False while that is not known."""
+        """Return whether no current can flow, into the car or from a charger; False while that is unknown."""
         raw = self.integer("status.flags")
         return raw is not None and not raw & _CONNECTED
 

@@ -70,7 +70,7 @@ def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | No
 
 
 def boot_cause(message: EventMessage) -> Message:
-    """Why the master started, by its boot event."""
+    """Return why the master started, by its boot event."""
     is_known = 0 <= message.value < len(_BOOT_CAUSES)
     return _BOOT_CAUSES[message.value] if is_known else Message("boot-other", number=message.value)
 

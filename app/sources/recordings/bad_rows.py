@@ -23,7 +23,7 @@ class UnreadableLine(ValueError):
 
 @dataclass(slots=True)
 class BadRows:
-    """What could not be read of a file; fed while it is read."""
+    """The rows of a file that could not be read; fed while it is read."""
 
     what: Message = field(default_factory=lambda: Message("frames"))
     count: int = 0

@@ -231,7 +231,7 @@ def _text_of_python_can(text: TextIO, kind: str, bad: BadRows) -> Iterator[Frame
 
 
 class LogSignals(NamedTuple):
-    """What a log's frames tell by a DBC."""
+    """The signals of a log, decoded by a DBC."""
 
     source: str
     by_name: Signals  # times [s] and values by name
@@ -286,7 +286,7 @@ def read_signals(
 
 
 def column_profile(profile: ImportMapping) -> dict[str, object]:
-    """What differs in the profile of a table of `LogSignals`: a time column, patterns for indexed signals."""
+    """Return the changes to the profile of a table of `LogSignals`: a time column, patterns for indexed signals."""
     changed: dict[str, object] = {"time": "time", "time_unit": "s"}
     for field in ("voltages", "temperatures"):
         name, bracket, _ = getattr(profile, field).partition("[")

@@ -32,7 +32,7 @@ UNUSED_NAMED = 6  # columns without a use that a note names
 
 
 class Source(NamedTuple):
-    """Where a field comes from: the column's name or its number from 1, and a factor into our unit."""
+    """The column of a field: its name or its number from 1, and a factor into our unit."""
 
     column: str
     factor: float

@@ -1,4 +1,4 @@
-"""Which columns of a table are what, by their names and numbers: a profile to begin with."""
+"""A first import mapping of a table, by its names and numbers: a profile to begin with."""
 
 import re
 from collections import defaultdict

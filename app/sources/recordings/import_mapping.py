@@ -1,4 +1,4 @@
-"""Which columns of another program's recording are what: written once, kept as TOML, used for every file of that kind.
+"""The columns of another program's recording: mapped once, kept as TOML, used for every file of that kind.
 
 A pattern stands for many columns: `Cell {n} Voltage`, with several packs `Pack{p}_Cell{n}_V`; columns are taken in
 the order of pack and number. In a CAN log names are signals of the DBC, also as Message.Signal; one signal whose cell
@@ -27,7 +27,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
 @dataclass(frozen=True, slots=True)
 class ImportMapping:
-    """Where each quantity is; an empty text is: not there."""
+    """The column of each quantity; an empty text is: not there."""
 
     time: str = ""
     time_unit: str = "s"  # empty: not clear, to be chosen

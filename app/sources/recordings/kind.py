@@ -1,4 +1,4 @@
-"""What a recording is, by its content, and how its text is encoded; its name counts only where nothing else tells."""
+"""The kind of a recording, by its content, and the encoding of its text; its name decides last."""
 
 import gzip
 import re

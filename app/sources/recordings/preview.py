@@ -40,7 +40,7 @@ class CellColumn:
 
 @dataclass(frozen=True, slots=True)
 class Understood:
-    """What the import would make of the file; the first rows in our units, current positive on discharge."""
+    """The file as the import reads it; the first rows in our units, current positive on discharge."""
 
     rows: int
     length_s: float
@@ -55,7 +55,7 @@ class Understood:
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What is in a file, and what a profile makes of it."""
+    """Contents of a file, and how a profile reads it."""
 
     profile: ImportMapping  # with the units that were picked
     columns: tuple[PreviewColumn, ...]

@@ -1,4 +1,4 @@
-"""What users, test rigs and other systems call their columns: one vocabulary, by name and by numbers.
+"""Names of quantities in the columns of users, test rigs and other systems: one vocabulary, by name and by numbers.
 
 Every reader of tables asks `candidates` which columns may be a quantity: the best one first, by what its name says and
 by whether its numbers can be that. Words are of Arbin, Maccor, Neware, BioLogic, Basytec, Digatron, PEC, Novonix, the

@@ -1,4 +1,4 @@
-"""What is doubtful in a battery's serial tables, and what captured bytes show."""
+"""Checks of a battery's serial tables, and of captured bytes."""
 
 import re
 from pathlib import Path

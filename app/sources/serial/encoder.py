@@ -36,7 +36,7 @@ class SerialEncoder:
 
     @property
     def due_s(self) -> float:
-        """When something is to be sent [s]."""
+        """Return when something is to be sent [s]."""
         if self._asked:
             return 0.0
         return self._due_s if self._streams and self._unasked else math.inf

@@ -33,7 +33,7 @@ class SerialSource(AssembledSource):
 
     @property
     def due_ns(self) -> int | None:
-        """When silence completes a frame, or the period ends in which values came."""
+        """Return when silence completes a frame, or the period ends in which values came."""
         return min((time_ns for time_ns in (self._silent_ns, self._ends_ns) if time_ns is not None), default=None)
 
     def feed(self, item: Item) -> Received:

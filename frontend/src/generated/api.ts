@@ -40,7 +40,7 @@ export interface Accumulator {
   lowest_under_load: LowestUnderLoad | null;
 }
 
-/** Who saw it. */
+/** The user who acknowledged it. */
 export interface Acknowledged {
   acknowledged_by: string;
 }
@@ -75,7 +75,7 @@ export interface Alarm {
   ended: number | null;
 }
 
-/** How it went; the curves have a value at each `time_h`, null after the end. */
+/** Result of one circuit; the curves have a value at each `time_h`, null after the end. */
 export interface BalancingCircuit {
   name: 'passive' | 'switched-capacitor' | 'transformer' | 'none';
   hours: number;
@@ -97,7 +97,7 @@ export interface Balancing {
   circuits: BalancingCircuit[];
 }
 
-/** What the balancing thesis has for it. */
+/** Figures of the balancing thesis for the same study. */
 export interface BalancingThesis {
   hours: number;
   max_degc: number;
@@ -128,7 +128,7 @@ export interface Battery {
   why_not: RenderedMessage | null;
 }
 
-/** How long the value was beyond its limit; `since_s` None: never seen beyond it. */
+/** The time that the value was beyond its limit; `since_s` None: never seen beyond it. */
 export interface Beyond {
   since_s: number | null;
   lasted_s: number | null;
@@ -136,7 +136,7 @@ export interface Beyond {
   worst: number;
 }
 
-/** What happened around a trip; times in seconds from it, `at` in unix seconds. */
+/** The record of a trip and its surroundings; times in seconds from it, `at` in unix seconds. */
 export interface BlackBox {
   id: string;
   session_id: string | null;
@@ -165,7 +165,7 @@ export interface BlackBox {
   segments?: number[];
 }
 
-/** What was reported; `t_s` from the trip. */
+/** One reported event; `t_s` counts from the trip. */
 export interface BoxEvent {
   t_s: number;
   severity: 'info' | 'watch' | 'warning' | 'trip';
@@ -190,7 +190,7 @@ export interface BoxSamples {
   load: (number | null)[];
 }
 
-/** How good the recording is. */
+/** Quality of the recording: frames, their interval and the master's clock. */
 export interface Bytes {
   frames: number;
   bad: number;
@@ -248,7 +248,7 @@ export interface CanId {
   values: CanValue[];
 }
 
-/** What the master listens for; `active` null before the master reports it. */
+/** A message that the master receives; `active` null before the master reports it. */
 export interface CanRx {
   index: number;
   enabled: boolean;
@@ -309,7 +309,7 @@ export interface CanTrace {
   by_id: CanSeen[];
 }
 
-/** What the master sends. */
+/** A message that the master sends. */
 export interface CanTx {
   index: number;
   enabled: boolean;
@@ -407,7 +407,7 @@ export interface CellColumn {
   median_v: number | null;
 }
 
-/** What is wrong with one cell: how much, since when, on which evidence, and how sure that is. */
+/** A fault of one cell: its size, since when, by which evidence, and how sure it is. */
 export interface CellFinding {
   code:
     | 'joint-resistance-high'
@@ -489,7 +489,7 @@ export interface Cells {
   voltage_age_s?: (number | null)[] | null;
 }
 
-/** What the service shows of itself by HTTPS: SHA-256 of the certificate, its end in unix seconds. */
+/** Identity of the HTTPS certificate: its SHA-256, its end in unix seconds. */
 export interface Certificate {
   fingerprint: string;
   ends: number;
@@ -580,7 +580,7 @@ export interface ComparedSession {
   judged: RenderedMessage[];
 }
 
-/** What differs from `a` to `b`. */
+/** The differences from `a` to `b`. */
 export interface Comparison {
   a: Compared;
   b: Compared;
@@ -593,7 +593,7 @@ export interface ConfigHistory {
   records: ConfigRecord[];
 }
 
-/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
+/** A finding of the rules about one element: errors block, warnings need a reason unless they stand already. */
 export interface ConfigIssue {
   level: 'error' | 'warning' | 'notice';
   code: string;
@@ -632,7 +632,7 @@ export interface ConfigRecord {
   genuine: boolean;
 }
 
-/** With neither link the battery is simulated. */
+/** The connection that is read; with neither link the battery is simulated. */
 export interface Connections {
   serial: string | null;
   can: string | null;
@@ -658,7 +658,7 @@ export interface Copy {
   missing_s: number;
 }
 
-/** How many cells are counted with a learned capacity and resistance; the factors are against the cell file. */
+/** Number of cells that use a learned capacity and resistance; the factors are against the cell file. */
 export interface CountedWith {
   capacity_cells: number;
   capacity_factor: number | null;
@@ -666,7 +666,7 @@ export interface CountedWith {
   resistance_factor: number | null;
 }
 
-/** What is measured: the rules want all voltages, and a temperature for a share of the cells of every segment. */
+/** Measured share of the sensors: the rules want all voltages, and temperatures of a share of every pack. */
 export interface Coverage {
   cells: number;
   voltages: number;
@@ -676,7 +676,7 @@ export interface Coverage {
   is_enough: boolean;
 }
 
-/** What a line reads now: one value a cell or sensor, or one; of a state also its raw number and what that means. */
+/** The present value of a line: one a cell or sensor, or one; of a state also its raw number and its meaning. */
 export interface CurrentValue {
   values: (number | null)[];
   age_s: number | null;
@@ -684,7 +684,7 @@ export interface CurrentValue {
   text: string;
 }
 
-/** How often the firmware measures, as the team declares it [s]: it cannot be read from the bytes. */
+/** Periods at which the firmware measures, as the team declares them [s]: they cannot be read from the bytes. */
 export interface Cycles {
   pass_s: number;
   temperature_s: number;
@@ -728,7 +728,7 @@ export interface Done {
   done: true;
 }
 
-/** Where the segments sit on the map. */
+/** Positions of the packs on the map. */
 export interface Drawing {
   rows: number;
   order: number[];
@@ -746,7 +746,7 @@ export interface DriverCan {
   block_reason: RenderedMessage | null;
 }
 
-/** What a driver's laps have in common: means over the laps that count. */
+/** Means of a driver's laps that count. */
 export interface DriverFigures {
   driver: string;
   laps: number;
@@ -772,7 +772,7 @@ export interface DriverFrame {
   period_ms: number;
 }
 
-/** What a lap may take. */
+/** Energy that a lap may take. */
 export interface EnergyTarget {
   laps_to_go: number;
   reserve_soc: number;
@@ -805,7 +805,7 @@ export interface EstimateChange {
   innovation_after_v: number | null;
 }
 
-/** What a set of results was made with; `cell_hash` of the cell file, "session" where each has its own. */
+/** The inputs of a set of results; `cell_hash` of the cell file, "session" where each has its own. */
 export interface EstimateSet {
   cell_name: string;
   cell_hash: string;
@@ -862,7 +862,7 @@ export interface FaultInForce {
   cell?: number | null;
 }
 
-/** What can go wrong. */
+/** A fault that the simulator can inject. */
 export interface FaultKind {
   name: string;
   meaning: string;
@@ -880,7 +880,7 @@ export interface FaultsInForce {
   active: FaultInForce[];
 }
 
-/** How far a fetch from another service has come. */
+/** Progress of a fetch from another service. */
 export interface Fetch {
   url: string;
   is_running: boolean;
@@ -955,7 +955,7 @@ export interface Head {
   battery_files: string[][];
 }
 
-/** Whether the service does its work; `reasons` says what is missing. */
+/** Health of the service; `reasons` lists what is missing. */
 export interface Health {
   status: 'ok' | 'degraded' | 'failing';
   version: string;
@@ -988,7 +988,7 @@ export interface Identity {
   boots: number;
 }
 
-/** Which column is what; empty: not there. */
+/** The column of each quantity; empty: not there. */
 export interface ImportMapping {
   time: string;
   time_unit: string;
@@ -1008,7 +1008,7 @@ export interface ImportMapping {
   hold_s: number;
 }
 
-/** How far an import has come: `done` of `total`; its rows once it is a session. */
+/** Progress of an import: `done` of `total`; its rows once it is a session. */
 export interface ImportState {
   filename: string;
   is_running: boolean;
@@ -1129,7 +1129,7 @@ export interface LastCells {
   times?: (number | null)[] | null;
 }
 
-/** What is missing now, as it was last measured since the service started. */
+/** The last measured values since the service started, of what is missing now. */
 export interface LastKnown {
   cells: LastOfCells;
   packs: LastOfPack[];
@@ -1197,7 +1197,7 @@ export interface LimitRow {
   standing: 'within' | 'beyond' | 'pulses';
 }
 
-/** What arrived, and what to do where that is not right. */
+/** Result of a link check, and the remedy where something is not right. */
 export interface LinkCheck {
   seconds: number;
   bytes: number;
@@ -1275,7 +1275,7 @@ export interface LowestUnderLoad {
   time: number;
 }
 
-/** How near a recording came to one limit; `margin` in the unit, negative = beyond. */
+/** The least distance of a recording to one limit; `margin` in the unit, negative = beyond. */
 export interface Margin {
   limit: 'v_min' | 'v_max' | 't_max' | 'i_max' | 'i_min';
   name: string;
@@ -1301,13 +1301,13 @@ export interface Marker {
   who: string | null;
 }
 
-/** Of a session, in order. */
+/** Markers of a session, in order. */
 export interface Markers {
   next_cursor: string | null;
   markers: Marker[];
 }
 
-/** What the master says of itself. */
+/** State that the master reports. */
 export interface Master {
   state: 'unknown' | 'idle' | 'drive' | 'charge' | 'balance' | 'fault';
   why: RenderedMessage;
@@ -1328,7 +1328,7 @@ export interface Master {
   implausible: string[];
 }
 
-/** Who asks; null where nobody is logged in. */
+/** The signed-in user; null where nobody is. */
 export interface Me {
   role: 'viewer' | 'engineer' | 'chief' | null;
   name: string | null;
@@ -1374,7 +1374,7 @@ export interface Offers {
   sessions: Offer[];
 }
 
-/** What else it could be; cell and pack count from 0. */
+/** Another possible cause; cell and pack count from 0. */
 export interface OtherCause {
   code: string;
   message: RenderedMessage;
@@ -1417,7 +1417,7 @@ export interface Pack {
   slave_status: number | null;
 }
 
-/** What a question wants to know. */
+/** A parameter of a question. */
 export interface Parameter {
   name: string;
   default: string;
@@ -1451,13 +1451,13 @@ export interface Plausibility {
   chips: Check;
 }
 
-/** What is plugged into the machine of the service. */
+/** Adapters plugged into the machine of the service. */
 export interface Plugged {
   serial: Found[];
   can: Found[];
 }
 
-/** What a trip may have been caused by; cell and pack count from 0. */
+/** A possible cause of a trip; cell and pack count from 0. */
 export interface PossibleCause {
   code: string;
   message: RenderedMessage;
@@ -1466,7 +1466,7 @@ export interface PossibleCause {
   confidence: number;
 }
 
-/** What can be held for one horizon in one direction. */
+/** Power that can be held for one horizon in one direction. */
 export interface PowerLimit {
   horizon_s: number;
   power_w: number;
@@ -1485,7 +1485,7 @@ export interface Power {
   charge: PowerLimit[];
 }
 
-/** What lies ahead, judged once a second. */
+/** The prediction, computed once a second. */
 export interface Prediction {
   power: Power | null;
   to_trip: Trip[];
@@ -1510,7 +1510,7 @@ export interface Prediction {
   laps_condition: RenderedMessage;
 }
 
-/** What is in an upload, and what the profile makes of it; `understood` is null where `error` says why. */
+/** Contents of an upload, and how the profile reads it; `understood` is null where `error` names the fault. */
 export interface Preview {
   profile: ImportMapping;
   columns: Column[];
@@ -1554,7 +1554,7 @@ export interface Profiles {
   broken: string[];
 }
 
-/** What to change, in raw counts, and what the same reading would be then [A]. */
+/** A proposed change, in raw counts, and the same reading with it [A]. */
 export interface Proposal {
   field: 'i_offset' | 'i_gain';
   before_raw: number;
@@ -1571,7 +1571,7 @@ export interface Question {
   parameters: Parameter[];
 }
 
-/** What was asked for; what a lap may take is in the snapshot. */
+/** The race plan; what a lap may take is in the snapshot. */
 export interface RacePlan {
   laps_to_go: number;
   reserve_soc: number;
@@ -1593,7 +1593,7 @@ export interface RecorderFollowed {
   last_contact_s: number | null;
 }
 
-/** How the recorder does. */
+/** State of the recorder. */
 export interface Recorder {
   state: 'idle' | 'recording' | 'stalled';
   session_id: string | null;
@@ -1633,7 +1633,7 @@ export interface RenderedMessage {
   text: string;
 }
 
-/** Where the replay stands, and with what it can recompute the estimates. */
+/** Position of the replay, and the filters and cells that can recompute the estimates. */
 export interface ReplayChoices {
   replay: Replay | null;
   filters: string[];
@@ -1650,7 +1650,7 @@ export interface ReplayCompared {
   largest_difference_cell: number | null;
 }
 
-/** Where a replay stands, and with what it recomputes the estimates. */
+/** Position of a replay, and the filter and cell that recompute the estimates. */
 export interface Replay {
   session_id: string;
   position_s: number;
@@ -1665,12 +1665,12 @@ export interface Replay {
   compared: ReplayCompared | null;
 }
 
-/** Where the replay stands; null: the live source is shown. */
+/** Position of the replay; null: the live source is shown. */
 export interface ReplayState {
   replay: Replay | null;
 }
 
-/** How a session went. Lists over cells go by index from 0; None = not measured. */
+/** The report of a session. Lists over cells go by index from 0; None = not measured. */
 export interface Report {
   session: ReportedSession;
   segments: number[];
@@ -1699,7 +1699,7 @@ export interface ReportSummary {
   judged: RenderedMessage[];
 }
 
-/** Whose report it is; `started` in unix seconds, `voltwall` is the version that recorded it. */
+/** The session of a report; `started` in unix seconds, `voltwall` is the version that recorded it. */
 export interface ReportedSession {
   id: string;
   name: string;
@@ -1778,7 +1778,7 @@ export interface SeasonCell {
   self_discharge: SeasonCurve;
 }
 
-/** What estimating again changed; `after` and `before` are sets, None where there is none. */
+/** Changes by a new estimation; `after` and `before` are sets, None where there is none. */
 export interface SeasonChanges {
   sets: string[];
   after: EstimateSet | null;
@@ -1963,7 +1963,7 @@ export interface SignedRecord {
   genuine: boolean;
 }
 
-/** What happens, what else could, and what can go wrong. */
+/** State of the simulated car, its scenarios and its faults. */
 export interface Simulator {
   scenario: string;
   status: SimulatorStatus;
@@ -1972,7 +1972,7 @@ export interface Simulator {
   faults: FaultKind[];
 }
 
-/** What happens in the simulated car; `speed` null: as fast as possible. */
+/** State of the simulated car; `speed` null: as fast as possible. */
 export interface SimulatorStatus {
   time_s: number;
   speed: number | null;
@@ -2003,7 +2003,7 @@ export interface SlaveCheck {
   verdict: SlaveVerdict;
 }
 
-/** What was read; with a meter's readings also the check, and the one before it. */
+/** The readings; with those of a meter also the check, and the one before it. */
 export interface SlaveCheckResult {
   readings: CellReading[];
   limits: SlaveLimits;
@@ -2017,14 +2017,14 @@ export interface SlaveChecks {
   checks: SlaveCheck[];
 }
 
-/** What a slave may be off, and a meter at most, to judge it. */
+/** Tolerances of a slave, and the largest error of a meter that may judge it. */
 export interface SlaveLimits {
   unit: string;
   tolerance: number;
   meter_error_max: number;
 }
 
-/** What the errors of a slave say together; `share` is the common error where the cause is the reference. */
+/** The verdict on the errors of a slave; `share` is the common error where the cause is the reference. */
 export interface SlaveVerdict {
   cells: CheckedCell[];
   cause: 'none' | 'reference' | 'wire' | 'cells';
@@ -2076,7 +2076,7 @@ export interface Speed {
   speed: number | 'max';
 }
 
-/** What should be recorded does not get onto the disk. */
+/** A recording that does not reach the disk. */
 export interface Stall {
   since: number;
   reason: RenderedMessage;
@@ -2106,7 +2106,7 @@ export interface StoreResult {
   counter: number;
 }
 
-/** What a list shows of a black box. */
+/** A black box as a list shows it. */
 export interface StoredBox {
   id: string;
   time: number;
@@ -2118,7 +2118,7 @@ export interface StoredBox {
   is_complete: boolean;
 }
 
-/** What the EEPROM holds. */
+/** The configuration in the EEPROM. */
 export interface StoredConfig {
   hash: string;
   values: Record<string, unknown>;
@@ -2185,7 +2185,7 @@ export interface Token {
   secret?: string | null;
 }
 
-/** Whether frames may be sent, and what is being sent, or was last. */
+/** State of the frames to send: whether they may be sent, and which are, or were last. */
 export interface Transmit {
   allowed: boolean;
   block_reason: RenderedMessage | null;
@@ -2204,7 +2204,7 @@ export interface Trend {
   balanced_s: number;
 }
 
-/** What is taken for the cause of a trip, found in the recording seconds after it. */
+/** The cause of a trip, determined from the recording seconds after it. */
 export interface TripCause {
   code: string;
   message: RenderedMessage;
@@ -2275,7 +2275,7 @@ export interface Uploaded {
   id: string;
 }
 
-/** What a write, or a dry run, came to. */
+/** The result of a write, or of a dry run. */
 export interface WriteResult {
   hash: string;
   written: boolean;

@@ -52,7 +52,7 @@ class ReceivedMessage:
         return (len(t_ns) - 1) / span_s if span_s > 0 else float("nan")
 
     def signal(self, name: str) -> ReceivedSignal | None:
-        """What was received of a signal; None: no frame carries it."""
+        """Return the received values of a signal; None: no frame carries it."""
         if name not in self._signals:
             self._signals[name] = self._decoded(self.message.signal(name))
         return self._signals[name]
@@ -79,11 +79,11 @@ class BusSurvey:
     duration_s: float
 
     def of(self, message: MessageDefinition) -> ReceivedMessage | None:
-        """What was received of a message."""
+        """Return what was received of a message."""
         return self.received.get(message.can_id)
 
     def signal(self, message: MessageDefinition, name: str) -> ReceivedSignal | None:
-        """What was received of a signal of a message."""
+        """Return the received values of a signal of a message."""
         received = self.of(message)
         return None if received is None else received.signal(name)
 

@@ -70,12 +70,12 @@ class NameColumn:
 
     @property
     def is_letter(self) -> bool:
-        """Whether letters stand for its numbers."""
+        """Return whether letters stand for its numbers."""
         return bool(self.texts) and self.texts[0].isalpha()
 
     @property
     def varies(self) -> bool:
-        """Whether members differ in it."""
+        """Return whether members differ in it."""
         return len(set(self.values)) > 1
 
 

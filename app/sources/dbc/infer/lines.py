@@ -37,7 +37,7 @@ CONFIRMED_FIRST = ("state.", "limit.")  # lines that raise alarms: nobody's befo
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What a person says of a line; empty: as suggested."""
+    """A person's choice for a line; empty: as suggested."""
 
     signal: str = ""  # title of a candidate, or MESSAGE.SIGNAL
     is_taken: bool | None = None

@@ -31,7 +31,7 @@ Run = Callable[..., Any]  # calls a function with arguments that can be pickled,
 
 @dataclass(frozen=True, slots=True)
 class CurrentValue:
-    """What a line reads now: the newest value of each cell or sensor, or of the one signal."""
+    """The present value of a line: the newest of each cell or sensor, or of the one signal."""
 
     values: tuple[float | None, ...]  # V, degC, A, a fraction of 1; 0 or 1 of a state
     age_s: float | None  # age of the newest value: now on a bus, at the end of a log
@@ -41,7 +41,7 @@ class CurrentValue:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """What a person says of a suggestion; empty: as suggested."""
+    """A person's correction of a suggestion; empty: as suggested."""
 
     name: str = ""
     segments: tuple[int, ...] = ()
@@ -73,7 +73,7 @@ class ProfileDraft:
         self._checked: tuple[str, list[ProfileIssue]] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process needs: all but the open bus."""
+        """Return the state for another process: all but the open bus."""
         return self.__dict__ | {"listener": None}
 
     def close(self) -> None:

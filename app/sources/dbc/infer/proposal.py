@@ -32,7 +32,7 @@ _FEW = 0.02  # share of values that may be out of range: start-up, a sensor off
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How numbers fit a quantity."""
+    """The fit of numbers to a quantity."""
 
     share: float  # share of the measured values in range, 0..1
     unit: str  # for the profile; "" = the DBC's own unit is right
@@ -95,7 +95,7 @@ def _codes(raw: NDArray[np.int64], bits: int, is_signed: bool) -> tuple[int, ...
 
 
 def fits(fitted: Fit | None) -> bool:
-    """Whether nearly all values are in range."""
+    """Return whether nearly all values are in range."""
     return fitted is not None and fitted.share >= 1.0 - 10 * _FEW
 
 

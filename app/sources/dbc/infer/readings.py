@@ -40,7 +40,7 @@ _SUM = name_set("sum total summe")  # words of a sum over cells
 
 @dataclass(frozen=True, slots=True)
 class PackVoltage:
-    """What all cells together read over time, from cells or from the pack voltage."""
+    """The sum of all cells over time, from cells or from the pack voltage."""
 
     t_ns: NDArray[np.int64]
     values: FloatArray  # V
