@@ -45,7 +45,7 @@ def battery_of_table(log: BatteryLog, source: str, like: LoadedBattery | None = 
         like = team_battery()
     battery = Battery(source, (log.n_cells,)) if like is None else like.battery
     drawing = battery.drawing
-    limits = {name: each for name, each in battery.limits.items() if not isinstance(each, SignalName)}
+    limits = {name: limit for name, limit in battery.limits.items() if not isinstance(limit, SignalName)}
     lines = [
         "# The battery of an imported table.",
         "[battery]",
@@ -55,8 +55,8 @@ def battery_of_table(log: BatteryLog, source: str, like: LoadedBattery | None = 
         f"cell = {json.dumps(battery.cell)}",
         "[battery.drawing]",
         f"rows = {drawing.rows}",
-        *([f"order = {[each + 1 for each in drawing.order]}"] if drawing.order else []),
-        f"turned = {[each + 1 for each in drawing.turned]}",
+        *([f"order = {[segment + 1 for segment in drawing.order]}"] if drawing.order else []),
+        f"turned = {[segment + 1 for segment in drawing.turned]}",
         "[battery.temperatures]",
         f"sensors = {log.n_cells if np.isfinite(log.temperatures_degc).any() else 0}",
     ]
@@ -88,7 +88,7 @@ class TableSource:
         self._sampled_ns: int | None = None
         self._values = NewestValues(battery, {})
         self._newest = self._values.measure(_NEVER_NS)
-        self._row_v = np.full(battery.n_cells, np.nan)  # the row before, with its holes
+        self._row_v = np.full(battery.n_cells, np.nan)  # voltages of the row before, with its holes
         counts = {"current": 1, "soc": 1, "voltage": battery.n_cells, "temperature": battery.n_sensors}
         ends = np.cumsum(list(counts.values())).tolist()
         self._places = {kind: slice(end - n, end) for (kind, n), end in zip(counts.items(), ends, strict=True)}
@@ -108,12 +108,12 @@ class TableSource:
             if len(index):
                 times_ns = np.full(len(index), item.t_mono_ns, np.int64)
                 new[kind] = self._values.take(kind, ChannelValues(times_ns, index, numbers[index]))
-        found = self._newest = self._values.measure(item.t_mono_ns, new)
-        self._rhythm.see(found)
+        measurement = self._newest = self._values.measure(item.t_mono_ns, new)
+        self._rhythm.see(measurement)
         before_ns = self._sampled_ns
-        if found.is_sample:
+        if measurement.is_sample:
             self._sampled_ns = item.t_mono_ns
-        dt_s = None if before_ns is None or not found.is_sample else (item.t_mono_ns - before_ns) / 1e9
+        dt_s = None if before_ns is None or not measurement.is_sample else (item.t_mono_ns - before_ns) / 1e9
         measured = self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s, is_fresh=True)
         if self._means_s and dt_s is not None:
             means_v = step_means(before_v, self._row_v, dt_s <= GAP_STEPS * self._means_s)

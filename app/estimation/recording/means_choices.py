@@ -1,4 +1,4 @@
-"""Choices for the currents of a recording, for the command line and for profiles, which need no numbers yet."""
+"""Choices for the currents of a recording, for the command line and profiles, which need no numbers yet."""
 
 from typing import Final
 

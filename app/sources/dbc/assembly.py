@@ -80,12 +80,12 @@ class _Channels:
         self.value[index] = values.value[first:last]  # the last one of several stays
         self.t_ns[index] = t_ns
         if self.max_age_s is None:
-            known = before != _NEVER
+            is_known = before != _NEVER
             gap_s = (self.t_ns[channels] - before) / (1e9 * counts[channels])
             old = self.period_s[channels]
             longer = np.minimum(gap_s, PERIODS_BRIDGED * old)  # a pause is no period
             smooth = np.where(gap_s > old, longer, _KEPT * old + (1 - _KEPT) * gap_s)
-            self.period_s[channels] = np.where(known, np.where(np.isnan(old), gap_s, smooth), old)
+            self.period_s[channels] = np.where(is_known, np.where(np.isnan(old), gap_s, smooth), old)
         return len(channels)
 
     def at(self, t_ns: int) -> FloatArray:
@@ -108,7 +108,7 @@ class _Scalar:
     period_s: float = float("nan")
 
     def take(self, values: ChannelValues, first: int, last: int) -> int:
-        """As `_Channels.take`."""
+        """Take new values, as `_Channels.take`."""
         t_ns = int(values.t_ns[last - 1])
         if self.t_ns != _NEVER:
             gap_s = (t_ns - self.t_ns) / 1e9 / (last - first)
@@ -161,10 +161,10 @@ class NewestValues:
         of = {kind: channels.at(t_ns) for kind, channels in self._arrays.items()}
         one = {kind: scalar.at(t_ns) for kind, scalar in self._scalars.items()}
         states = {name: one[f"state.{name}"] for name in STATES}
-        known = {kind: int(self._arrays[kind].t_ns[np.isfinite(of[kind])].max(initial=_NEVER)) for kind in _ARRAYS}
-        known |= {kind: scalar.t_ns for kind, scalar in self._scalars.items() if not math.isnan(one[kind])}
+        newest_ns = {kind: int(self._arrays[kind].t_ns[np.isfinite(of[kind])].max(initial=_NEVER)) for kind in _ARRAYS}
+        newest_ns |= {kind: scalar.t_ns for kind, scalar in self._scalars.items() if not math.isnan(one[kind])}
         newest_of_part = {
-            part: max((known.get(kind, _NEVER) for kind in kinds), default=_NEVER) for part, kinds in PARTS.items()
+            part: max((newest_ns.get(kind, _NEVER) for kind in kinds), default=_NEVER) for part, kinds in PARTS.items()
         }
         return BatteryMeasurement(
             t_ns=t_ns,
@@ -220,28 +220,28 @@ class Assembler:
             values: by kind, as a decoder gives them, not older than those of the call before.
             until_ns: the time now; None: that of the newest value.
         """
-        known = {kind: each for kind, each in values.items() if kind in self._values and len(each.t_ns)}
-        newest = [int(each.t_ns[-1]) for each in known.values()]
+        series_of = {kind: series for kind, series in values.items() if kind in self._values and len(series.t_ns)}
+        newest = [int(series.t_ns[-1]) for series in series_of.values()]
         end_ns = max([*newest, *([] if until_ns is None else [until_ns])], default=None)
         if end_ns is None:
             return []
         if self._next_ns is None:
-            first = min((int(each.t_ns[0]) for each in known.values()), default=end_ns)
+            first = min((int(series.t_ns[0]) for series in series_of.values()), default=end_ns)
             self._next_ns = (first // self._period_ns + 1) * self._period_ns
-        if self._first_ns is None and "voltage" in known:
-            self._first_ns = int(known["voltage"].t_ns[0])
-        waiting = self._rest | {kind: _joined(self._rest.get(kind), each) for kind, each in known.items()}
+        if self._first_ns is None and "voltage" in series_of:
+            self._first_ns = int(series_of["voltage"].t_ns[0])
+        waiting = self._rest | {kind: _joined(self._rest.get(kind), series) for kind, series in series_of.items()}
         at = dict.fromkeys(waiting, 0)
-        found = []
+        measurements = []
         while self._next_ns <= end_ns:
             if end_ns - self._next_ns > _SILENCE_NS:
                 self._next_ns = max(self._next_ns, self._after_silence(waiting, at, end_ns))
             new = self._take(waiting, at, self._next_ns)
-            found.append(self._values.measure(self._next_ns, new))
+            measurements.append(self._values.measure(self._next_ns, new))
             self._next_ns += self._period_ns
-        rest = ((kind, each, at[kind]) for kind, each in waiting.items())
-        self._rest = {kind: _from(each, first) for kind, each, first in rest if first < len(each.t_ns)}
-        return found
+        rest = ((kind, series, at[kind]) for kind, series in waiting.items())
+        self._rest = {kind: _from(series, first) for kind, series, first in rest if first < len(series.t_ns)}
+        return measurements
 
     def _after_silence(self, values: Mapping[str, ChannelValues], at: Mapping[str, int], end_ns: int) -> int:
         """The period with which to go on: none is made of a silence in which all values have become old."""
@@ -252,10 +252,10 @@ class Assembler:
     def _take(self, values: Mapping[str, ChannelValues], at: dict[str, int], until_ns: int) -> dict[str, int]:
         """Take what came up to an instant, from `at` on, which moves; return how many channels of each kind are new."""
         new = {}
-        for kind, each in values.items():
-            last = int(np.searchsorted(each.t_ns, until_ns, side="right"))
+        for kind, series in values.items():
+            last = int(np.searchsorted(series.t_ns, until_ns, side="right"))
             if last > at[kind]:
-                new[kind] = self._values.take(kind, each, at[kind], last)
+                new[kind] = self._values.take(kind, series, at[kind], last)
                 at[kind] = last
         return new
 

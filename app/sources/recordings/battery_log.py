@@ -62,8 +62,8 @@ def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
     if direction is not None:
         notes.append(Message("current-no-sign", column=profile.current, direction=direction))
     mean_v = np.mean(voltages_v, axis=1)
-    known = np.isfinite(current_a) & np.isfinite(mean_v)
-    if direction is None and flows_both_ways_unsigned(current_a[known], mean_v[known]):
+    is_finite = np.isfinite(current_a) & np.isfinite(mean_v)
+    if direction is None and flows_both_ways_unsigned(current_a[is_finite], mean_v[is_finite]):
         notes.append(Message("current-unsigned", column=profile.current))
     if turns:
         notes.append(Message("sign-turned", column=profile.current))

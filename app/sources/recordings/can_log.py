@@ -167,11 +167,11 @@ class _Lines:
             yield line if self._sum_s is None else self._absolute(line)
 
     def _absolute(self, line: str) -> str:
-        found = _RELATIVE.match(line)
-        if found is None:
+        match = _RELATIVE.match(line)
+        if match is None:
             return line
-        self._sum_s = (self._sum_s or 0.0) + float(found[0])
-        return f"{self._sum_s:.6f}{line[found.end() :]}"
+        self._sum_s = (self._sum_s or 0.0) + float(match[0])
+        return f"{self._sum_s:.6f}{line[match.end() :]}"
 
     def repeat_header(self) -> None:
         self._repeated = list(self._header)
@@ -280,9 +280,9 @@ def read_signals(
     frames = islice(read_frames(path, unread, on_read, clock), most)
     if on_frame is not None:
         frames = (on_frame(frame) or frame for frame in frames)  # type: ignore[assignment]
-    found = _signals(frames, path.name, dbc, bad=undecoded)
-    decoded = max((len(times) for times, _ in found.values()), default=0)
-    return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded), *clock.notes))
+    signals = _signals(frames, path.name, dbc, bad=undecoded)
+    decoded = max((len(times) for times, _ in signals.values()), default=0)
+    return LogSignals(path.name, signals, (*unread.notes(decoded), *undecoded.notes(decoded), *clock.notes))
 
 
 def column_profile(profile: ImportMapping) -> dict[str, object]:
@@ -346,10 +346,10 @@ def _signals(
                 *(f"{name}[{int(index)}]" for other, index in numbers.items() if _counts(other, name, index)),
             ]
             kept += len(names)
-            for each in names:
-                times, found = signals[each]
+            for key in names:
+                times, samples = signals[key]
                 times.append(at_s)
-                found.append(value)
+                samples.append(value)
         if kept > MOST_VALUES:
             raise LimitExceeded(Message("limit-signals", limit=MOST_VALUES))
     bad.check(source, decoded)

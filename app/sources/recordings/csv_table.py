@@ -56,7 +56,7 @@ class TableUnreadable(DatasetError):
 
 
 class CsvTable(NamedTuple):
-    """What a CSV file holds."""
+    """Contents of a CSV file."""
 
     header: list[str] | None  # None: it has none
     columns: list[FloatArray]  # NaN where no number stands
@@ -116,10 +116,10 @@ def read_csv(source: str, raw: bytes, notes: list[Message], on_read: OnRows = la
 
 def _started_s(above: list[str]) -> float | None:
     """Return the time that the lines above a table give as its start [s since 1970], or else as its date."""
-    found = [(line[: stamp.start()], _stamp_s(" ".join(stamp[0].replace(",", " ").split())))
+    stamps = [(line[: stamp.start()], _stamp_s(" ".join(stamp[0].replace(",", " ").split())))
              for line in above if (stamp := HEADER_STAMP.search(line)) is not None]  # fmt: skip
     for words in (STARTED, DATED):
-        for name, seconds in found:
+        for name, seconds in stamps:
             if seconds is not None and words.search(name):
                 return seconds
     return None

@@ -151,13 +151,13 @@ def _assign(table: Table, mapping: Mapping[str, Source], notes: list[Message]) -
     for quantity, field in FIELD_OF.items():
         if field in fields:
             continue
-        found = candidates(quantity, {name: values for name, values in columns.items() if name not in taken})
-        if not found or (not found[0].is_plain and len(found) > 1 and found[1].score == found[0].score):
+        options = candidates(quantity, {name: values for name, values in columns.items() if name not in taken})
+        if not options or (not options[0].is_plain and len(options) > 1 and options[1].score == options[0].score):
             continue  # nothing, or two names that sound alike
-        best, *others = found
+        best, *others = options
         if not best.is_plain and not is_wall_clock(best.name):
             notes.append(Message("taken-from", field=field, column=repr(best.name)))
-        alike = [each.name for each in others if each.is_plain and each.score == best.score]
+        alike = [other.name for other in others if other.is_plain and other.score == best.score]
         notes += [Message("in-more-columns", field=field, column=repr(name)) for name in alike]
         fields[field] = _converted(table, best, quantity, notes)
         taken |= {best.name, *alike}
@@ -171,17 +171,18 @@ def _assign(table: Table, mapping: Mapping[str, Source], notes: list[Message]) -
     return fields
 
 
-def _converted(table: Table, found: Candidate, quantity: str, notes: list[Message]) -> FloatArray:
-    unit = found.unit
-    if quantity == "time" and (unit := time_unit_of(found.name, table.columns)) is None:
+def _converted(table: Table, candidate: Candidate, quantity: str, notes: list[Message]) -> FloatArray:
+    unit = candidate.unit
+    if quantity == "time" and (unit := time_unit_of(candidate.name, table.columns)) is None:
         raise DatasetError(
-            table.source, f"{found.name!r} has no unit; give it with --map time_s={found.name}*0.001 (ms) or *1 (s)"
+            table.source,
+            f"{candidate.name!r} has no unit; give it with --map time_s={candidate.name}*0.001 (ms) or *1 (s)",
         )
     if unit is None:
-        return table.columns[found.name]
+        return table.columns[candidate.name]
     if UNITS[quantity][unit] != (1, 0):
-        notes.append(Message("converted", column=repr(found.name), unit=unit))
-    return in_our_unit(table.columns[found.name], quantity, unit)
+        notes.append(Message("converted", column=repr(candidate.name), unit=unit))
+    return in_our_unit(table.columns[candidate.name], quantity, unit)
 
 
 def _mapped(table: Table, field: str, wanted: Source) -> FloatArray:

@@ -35,7 +35,7 @@ def guess(table: Table) -> ImportMapping:
         if re.search(r"\d", name):
             groups[re.sub(r"\d+", "#", name)].append(name)
     profile = ImportMapping()
-    many = sorted((each for each in groups.values() if len(each) > 1), key=lambda each: -len(each))
+    many = sorted((group for group in groups.values() if len(group) > 1), key=lambda group: -len(group))
     for members in many:
         pattern = _pattern(members)
         if not pattern:
@@ -51,9 +51,11 @@ def guess(table: Table) -> ImportMapping:
     columns = {name: values for name, values in table.columns.items() if name not in grouped}
     best: dict[str, str] = {}
     for quantity in UNITS:
-        found = candidates(quantity, columns)
-        is_clear = quantity != "voltage" or not found[1:] or found[0].is_plain or found[1].score < found[0].score
-        best[quantity] = found[0].name if found and is_clear else ""
+        options = candidates(quantity, columns)
+        is_clear = (
+            quantity != "voltage" or not options[1:] or options[0].is_plain or options[1].score < options[0].score
+        )
+        best[quantity] = options[0].name if options and is_clear else ""
         columns.pop(best[quantity], None)
     profile = replace(profile, time=best["time"], current=best["current"], soc=best["soc"])
     if not profile.voltages and best["voltage"]:
@@ -134,7 +136,7 @@ def _pattern(names: list[str]) -> str:
     parts = [re.split(r"(\d+)", name) for name in names]
     places = list(range(1, len(parts[0]), 2))
     if len(places) > 2:  # `Cell 7 (0.1mV)`: what is the same in all of them stands as it is
-        places = [i for i in places if len({each[i] for each in parts}) > 1]
+        places = [i for i in places if len({part[i] for part in parts}) > 1]
     if len(places) > 2:
         return ""
     marks = dict(zip(places, ("{p}", "{n}")[-len(places) :], strict=True))

@@ -103,15 +103,15 @@ def candidates(quantity: str, columns: Mapping[str, FloatArray]) -> list[Candida
         quantity: one of `UNITS`.
         columns: (n,) values by name; a column without one number is nothing.
     """
-    found = []
+    ranked = []
     for name, values in columns.items():
         score = _score_of_name(name, quantity)
         if score > 0.0:
             unit = unit_of(name, quantity)
             score += _score_of_values(values, quantity, unit)
         if score > 0.0:
-            found.append(Candidate(name, unit, quantity_of(name) == quantity, score))
-    return sorted(found, key=lambda each: -each.score)
+            ranked.append(Candidate(name, unit, quantity_of(name) == quantity, score))
+    return sorted(ranked, key=lambda candidate: -candidate.score)
 
 
 def quantity_of(name: str) -> str | None:
@@ -120,9 +120,9 @@ def quantity_of(name: str) -> str | None:
         return "temperature"
     words = _words(name)
     for quantity, names in _NAMES.items():
-        known = names.split()
+        own_names = names.split()
         has_unit = find_unit(quantity, words[-1]) is not None
-        if "".join(words) in known or (has_unit and "".join(words[:-1]) in known):
+        if "".join(words) in own_names or (has_unit and "".join(words[:-1]) in own_names):
             return quantity
         if quantity == "time" and has_unit and "".join(words[:-1]) in _WITH_UNIT:
             return quantity
@@ -134,8 +134,10 @@ def sounds_like(name: str, quantity: str) -> bool:
     words = set(_words(name))
     bare = {word.rstrip("0123456789") for word in words}
     is_numbered = any(word[-1:].isdigit() for word in words) or find_unit("temperature", _words(name)[-1]) is not None
-    known = (words | bare) - (set() if is_numbered and len(words) > 1 else {"t"})  # `Cell3_T`; not the `T/R` of a relay
-    is_named = bool(known & _PARTS[quantity]) or (quantity == "soc" and "stateofcharge" in "".join(_words(name)))
+    own_words = (words | bare) - (
+        set() if is_numbered and len(words) > 1 else {"t"}
+    )  # `Cell3_T`; not the `T/R` of a relay
+    is_named = bool(own_words & _PARTS[quantity]) or (quantity == "soc" and "stateofcharge" in "".join(_words(name)))
     return is_named and not words & set(_NEVER[quantity].split())
 
 
@@ -177,16 +179,16 @@ def time_unit_of(name: str, columns: Mapping[str, FloatArray]) -> str | None:
         columns: (n,) values by name, of the whole table.
     """
     values = columns[name]
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     named, by_dates = unit_of(name, "time"), _unit_by_dates(values, columns)
-    if by_dates or named or not len(known):
+    if by_dates or named or not len(finite):
         return by_dates or named or "s"
     for unit, from_s in (("us", 1e14), ("ms", 1e11), ("s", UNIX_FROM_S)):
-        if known[0] > from_s:
+        if finite[0] > from_s:
             return unit
-    steps = np.diff(known)
+    steps = np.diff(finite)
     steps = steps[steps > 0.0]
-    is_slow = bool(len(steps)) and float(np.quantile(steps, 0.75)) >= SLOW_STEP_S and not np.any(known % 1.0)
+    is_slow = bool(len(steps)) and float(np.quantile(steps, 0.75)) >= SLOW_STEP_S and not np.any(finite % 1.0)
     return None if is_slow else "s"
 
 
@@ -223,15 +225,15 @@ def _score_of_name(name: str, quantity: str) -> float:
 
 def _score_of_values(values: FloatArray, quantity: str, unit: str | None) -> float:
     """How well the numbers go with a quantity; far below 0 where they cannot be it."""
-    known = values[np.isfinite(values)]
-    if not len(known):
+    finite = values[np.isfinite(values)]
+    if not len(finite):
         return -100.0
     if quantity == "time":
-        return _score_of_times(known)
-    usual = float(np.median(known if unit is None else in_our_unit(known, quantity, unit)))
+        return _score_of_times(finite)
+    usual = float(np.median(finite if unit is None else in_our_unit(finite, quantity, unit)))
     if quantity == "current":
-        steps = np.diff(known)
-        is_counter = len(known) > 3 and np.all(steps >= 0.0) and np.count_nonzero(steps) > 0.5 * len(steps)
+        steps = np.diff(finite)
+        is_counter = len(finite) > 3 and np.all(steps >= 0.0) and np.count_nonzero(steps) > 0.5 * len(steps)
         return (-3.0 if is_counter else 0.0) - (3.0 if abs(usual) > 5000.0 and unit else 0.0)
     if quantity == "voltage":
         return 2.0 if 0.5 < usual < 10.0 or (unit is None and 500.0 < usual < 10_000.0) else -3.0
@@ -239,13 +241,13 @@ def _score_of_values(values: FloatArray, quantity: str, unit: str | None) -> flo
     return 1.0 if limits[0] < usual < limits[1] else -100.0
 
 
-def _score_of_times(known: FloatArray) -> float:
-    steps = np.diff(known)
+def _score_of_times(times_s: FloatArray) -> float:
+    steps = np.diff(times_s)
     if not len(steps) or not np.any(steps):
         return 0.0
-    if known[0] > 1e9 and not np.any(steps % _DAY_S):
+    if times_s[0] > 1e9 and not np.any(steps % _DAY_S):
         return -20.0  # a date without its time of the day
-    whole = bool(np.all(known == np.floor(known)))
+    whole = bool(np.all(times_s == np.floor(times_s)))
     score = -6.0 if np.any(steps < 0.0) else 3.0  # a clock that begins again with each step is no time of the test
     return score - (2.0 if whole and np.any(steps == 0.0) else 0.0) + (0.0 if whole else 1.0)
 
@@ -290,8 +292,8 @@ def signed(current: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[Floa
     Returns:
         The current, and the name of the column of its direction.
     """
-    known = current[np.isfinite(current)]
-    if not len(known) or np.min(known) < 0.0:
+    finite = current[np.isfinite(current)]
+    if not len(finite) or np.min(finite) < 0.0:
         return current, None
     for name, values in columns.items():
         if states_direction(name) and {-1.0, 1.0} <= set(np.unique(values[np.isfinite(values)])) <= {-1.0, 0.0, 1.0}:
@@ -306,8 +308,8 @@ def charges_positive(current: FloatArray, voltage: FloatArray) -> bool:
         current: (n,) as it is in the table.
         voltage: (n,) at the same rows, in any unit.
     """
-    known = np.isfinite(current) & np.isfinite(voltage)
-    current, voltage = current[known], voltage[known]
+    is_finite = np.isfinite(current) & np.isfinite(voltage)
+    current, voltage = current[is_finite], voltage[is_finite]
     if flows_both_ways_unsigned(current, voltage):
         return False
     together = _alike(np.diff(current), np.diff(voltage))

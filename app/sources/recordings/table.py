@@ -138,10 +138,10 @@ def load_table(path: Path, on_read: OnRows = lambda done, of: None) -> Table:
         reason = getattr(exc, "strerror", None) or str(exc)  # strerror names no file: the error does
         raise TableUnreadable(str(path), Message("cannot-be-read", error=reason)) from exc
     if raw[:4] == PARQUET_MAGIC:
-        found = CsvTable(*_parquet_table(source, raw), None)
+        table = CsvTable(*_parquet_table(source, raw), None)
     else:
-        found = read_csv(source, raw, notes, on_read)
-    header, columns, started_unix_s = found
+        table = read_csv(source, raw, notes, on_read)
+    header, columns, started_unix_s = table
     names = header or [str(i + 1) for i in range(len(columns))]
     names = [f"{name} #{i + 1}" if name in names[:i] else name for i, name in enumerate(names)]
     return Table(source, dict(zip(names, columns, strict=True)), header is not None, tuple(notes), started_unix_s)
