@@ -1,9 +1,12 @@
 """Identification of cells whose every number is known: what comes out must be what went in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.evidence import Evidence
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
 from app.estimation.filters.estimators import make_estimator
@@ -236,12 +239,16 @@ def test_a_fast_discharge_is_raised_to_the_rests_of_the_pulse_tests():
     np.testing.assert_allclose(result.model.ocv.voltage(inside), model.ocv.voltage(inside), atol=0.015)
 
 
-def test_where_nothing_measured_the_ocv_the_first_warning_says_so_and_no_filter_is_valid():
+def test_tests_that_measured_no_ocv_are_refused():
     model = cell()
     fast = record(model, "fast", [(0, 60), (1, 3400), (0, 60)], 1.0, with_soc=False)
-    result = identify([fast], [], [drive(model)])
-    assert "nothing measured the OCV" in result.warnings[0]
-    estimator = make_estimator("fused", result.model, 1)
+    with pytest.raises(ModelError, match="fast: nothing measured the OCV"):
+        identify([fast], [], [drive(model)])
+
+
+def test_no_filter_calls_a_model_valid_whose_cell_file_has_no_ocv():
+    model = replace(cell(), evidence=Evidence(has_ocv=False))
+    estimator = make_estimator("fused", model, 1)
     estimator.start([3.7], [25.0], 0.0)
     assert not estimator.step(1.0, 0.0, [3.7], [25.0]).model_valid.any()
 

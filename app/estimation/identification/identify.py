@@ -262,7 +262,6 @@ def _evidence(
         if of_lags:
             sigma[name] = max(of_lags)
     return Evidence(
-        has_ocv=not slow.is_loaded,
         lowest=lowest_soc(parts, capacity_ah),
         soc=(round(float(soc[loaded].min()), 3), round(float(soc[loaded].max()), 3)) if loaded.any() else (),
         sigma=tuple((name, float(f"{value:.3g}")) for name, value in sorted(sigma.items())),

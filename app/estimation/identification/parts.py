@@ -210,7 +210,7 @@ def choose_capacity(
             )
         return column
     rests = capacity_from_rests(recordings, slow, resistance_ohm)
-    if rests is not None and not slow.is_loaded and not slow.is_flat:
+    if rests is not None and not slow.is_flat:
         capacity_ah, sigma_ah = rests
         limit = max(DISAGREEMENT_FRAC * slow.counted_ah, REFUTED_SIGMAS * sigma_ah)
         if abs(capacity_ah - slow.counted_ah) > limit and 0.5 < capacity_ah / slow.counted_ah < 2.0:

@@ -58,7 +58,6 @@ class SlowCurves:
         has_charge: a charging branch was recorded as well as a discharge.
         notes: what was assumed, in plain words.
         warnings: what makes the curves uncertaintyful.
-        is_loaded: the curves hold the drop of a current that was not slow: rests do not lie on them.
     """
 
     soc: FloatArray
@@ -69,7 +68,6 @@ class SlowCurves:
     has_charge: bool
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    is_loaded: bool = False
 
     @property
     def rested_v(self) -> FloatArray:
@@ -99,14 +97,14 @@ def read_slow(recordings: Sequence[Recording], pulses: Sequence[Recording] = ())
         pulses: pulse tests, whose rests stand for the OCV where the slow test is not slow.
 
     Raises:
-        ModelError: no recording holds a branch, one has too few samples, or its current is no slow test's.
+        ModelError: no recording holds a branch, one has too few samples, its current is no slow test's, or nothing
+            measured the OCV.
     """
     discharges, charges = find_branches(recordings)
     if not discharges and not charges:
         raise ModelError("--ocv", "no current flows one way for long: a slow discharge or charge is needed")
     notes: list[str] = []
     warnings: list[str] = []
-    is_loaded = False
     base = _slowest(discharges or charges)
     soc, counted_ah = _base_soc(base)
     grid = np.linspace(0.0, 1.0, GRID_POINTS)
@@ -119,14 +117,14 @@ def read_slow(recordings: Sequence[Recording], pulses: Sequence[Recording] = ())
         at_rest_v = _without_slow(discharges, base, counted_ah, grid, notes)
         if at_rest_v is None:
             at_rest_v = _raised_to_pulses(base, soc, counted_ah, pulses, grid, notes)
-        is_loaded = at_rest_v is None
-        if is_loaded:
-            warnings.append(
-                f"nothing measured the OCV: {base.recording.source} ran at {rate_c:.2g} C, not at C/10 or less, and "
-                "its voltage holds the drop at that current: filters will say that this model is not valid; add a slow "
-                "discharge, or a stepwise one whose charge is counted, with rests of ten minutes"
+        if at_rest_v is None:
+            raise ModelError(
+                base.recording.source,
+                f"nothing measured the OCV: it ran at {rate_c:.2g} C, not at C/10 or less, and its voltage holds the "
+                "drop at that current; add a slow discharge, or a stepwise one whose charge is counted, with rests of "
+                "ten minutes",
             )
-        discharge_v = _on_grid(grid, soc, base.recording.voltage_v[base.rows]) if at_rest_v is None else at_rest_v
+        discharge_v = at_rest_v
         charges = []
     if base.moved_ah < 0.0:
         notes.append(f"{base.recording.source}: no slow discharge: the OCV follows the charge")
@@ -147,7 +145,6 @@ def read_slow(recordings: Sequence[Recording], pulses: Sequence[Recording] = ())
         has_charge=bool(discharges and charges),
         notes=tuple(notes),
         warnings=tuple(warnings),
-        is_loaded=is_loaded,
     )
 
 

@@ -106,7 +106,6 @@ def test_rests_of_a_stepwise_discharge_are_the_curve_where_nothing_was_slow():
     assert left == pytest.approx(1.0 - 20 * (0.05 - 0.5 / 180), abs=0.005)
     inside = (found.soc > 0.06) & (found.soc < 0.98)
     np.testing.assert_allclose(found.rested_v[inside], ocv(left + (1.0 - left) * found.soc[inside]), atol=0.005)
-    assert not found.is_loaded
     assert any("rests of a stepwise discharge" in note for note in found.notes)
 
 
@@ -118,10 +117,9 @@ def test_discharges_at_two_currents_are_extrapolated_to_none():
     assert any("1.0C at 3 A and 3.0C at 9 A" in note for note in found.notes)
 
 
-def test_one_fast_discharge_is_warned_of_and_a_piece_of_a_drive_refused():
-    found = read_slow([slow([(1.0, 1.0)], gap_per_c=0.1, name="fast")])
-    assert found.is_loaded
-    assert any("fast ran at 1 C" in warning for warning in found.warnings)
+def test_one_fast_discharge_and_a_piece_of_a_drive_are_refused():
+    with pytest.raises(ModelError, match="fast: nothing measured the OCV: it ran at 1 C"):
+        read_slow([slow([(1.0, 1.0)], gap_per_c=0.1, name="fast")])
     with pytest.raises(ModelError, match="drive: its longest run"):
         read_slow([slow([(4.0, 0.3), (-1.0, 0.02)] * 3, gap_per_c=0.02, name="drive")])
 
