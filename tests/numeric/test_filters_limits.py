@@ -52,7 +52,7 @@ def test_on_a_linear_cell_every_filter_is_the_kalman_filter(name):
         measured = volts[k] + rng.normal() * 2e-3
         a = np.exp(-dt / np.array([5.0, 80.0]))
         walk = tuning.soc_walk**2 * dt + 1e-12
-        branch = (tuning.branch_rel * i) ** 2 + (tuning.branch_c * 2.0) ** 2
+        branch = (tuning.branch_rel * i) ** 2
         keep = np.diag([np.sqrt(1.0 - walk / 0.25), *a])
         x = np.array([1.0, *a]) * x + np.array([-i * dt / 7200.0, *((1.0 - a) * i)])
         cov = keep @ cov @ keep + np.diag([walk, *((1.0 - a**2) * branch + 4e-12)])

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, LOWEST, OCV_ERROR
+from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, LASTING_S, LOWEST, OCV_ERROR
 from tests.oracle.output import Output
 from tests.oracle.state import (
     LEAST_VARIANCE,
@@ -32,12 +32,12 @@ CONTRADICTION: Final = 3.0  # d^2 / 2 v, 2.4 sigma, from which a start is less l
 def soc_variance(setup: FilterSetup, state: State, measured: Measurement, output: Output) -> FloatArray:
     """Return (n,) variance of the filter's SOC with the error that averaging does not remove.
 
-    v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2 + max(lowest - z, 0)^2: a model that errs is
+    v_f = P_zz + mean square of the lasting innovation / slope^2 + max(lowest - z, 0)^2: a model that errs is
     trusted less, and below the lowest SOC that the cell file has seen it only shows that it is below. The slope is that
     of the sigma points or, if less, of a voltage that is read: in a plateau's step neither may be local.
     """
     below = np.maximum(measured.uncertainty[LOWEST] - state.soc, 0.0)
-    error_v2 = (setup.tuning.bias_v**2 + state.slow_square_v2) / slope_v2(setup, state, output)
+    error_v2 = state.slow_square_v2 / slope_v2(setup, state, output)
     variance = state.cov[0, 0] + error_v2 + below**2
     return np.asarray(np.minimum(variance, SOC_VARIANCE_MAX))
 
@@ -88,7 +88,7 @@ def fuse(
     """
     if motion.weighed_s > 0.0:
         lasting_soc_v2 = lasting_v2(setup, state, motion, measured) / slope_v2(setup, state, output)
-        left_v2 = state.unsettled_v2 * (1.0 - motion.weighed_share(setup.tuning.rest_lasts_s / 2.0))
+        left_v2 = state.unsettled_v2 * (1.0 - motion.weighed_share(LASTING_S / 2.0))
         is_below = state.soc < measured.uncertainty[LOWEST]
         state = weigh(setup, replace(state, unsettled_v2=left_v2), motion, filter_v2, lasting_soc_v2, is_below)
         # what has not settled is off in both, so neither is the surer one for it
@@ -113,9 +113,9 @@ def weigh(
     filter_v2 = np.minimum(alone_v2 + state.wander_v2, SOC_VARIANCE_MAX)
     count_v2 = state.start_v2 + gain_v2 * state.drawn**2 + state.count_gain**2 + state.count_offset**2
     d = z - (state.start_soc - state.drawn * (1.0 + fused_gain))
-    known_v2 = tuning.wander_factor * np.maximum(state.apart_v2 - state.cov[0, 0], 0.0)
+    known_v2 = tuning.hidden_factor * np.maximum(state.apart_v2 - state.cov[0, 0], 0.0)
     strays_v2 = np.maximum(state.wander_v2 - known_v2, 0.0)
-    now_v2 = alone_v2 + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
+    now_v2 = alone_v2 + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.rough_soc**2)
     errs_v2 = np.minimum(now_v2 + strays_v2, SOC_VARIANCE_MAX)
     total_v2 = np.minimum(errs_v2 + count_v2, tuning.apart_soc_max**2)
     w = state.start_weight * student(d, total_v2)
@@ -140,7 +140,7 @@ def weigh(
         fused_v2=fused_v2,
         fused_gain=fused_gain,
         start_weight=state.start_weight / (1.0 + motion.weighed_share(tuning.wander_s) * contradicted),
-        conflict=state.conflict + motion.weighed_share(tuning.conflict_s) * beyond,
+        conflict=state.conflict + motion.weighed_share(tuning.check_s) * beyond,
     )
 
 
@@ -179,7 +179,7 @@ def wander(setup: FilterSetup, state: State, motion: Motion) -> State:
     """
     a = motion.weighed_share(setup.tuning.wander_s)
     beyond = state.soc - state.count_soc - state.apart
-    wander_v2 = state.wander_v2 + a * (1.0 - a) * (setup.tuning.wander_factor * beyond**2 - state.wander_v2)
+    wander_v2 = state.wander_v2 + a * (1.0 - a) * (setup.tuning.hidden_factor * beyond**2 - state.wander_v2)
     apart_v2 = state.apart_v2 + a * (state.cov[0, 0] - state.apart_v2)
     return replace(state, wander_v2=wander_v2, apart=state.apart + a * beyond, apart_v2=apart_v2)
 
@@ -191,9 +191,8 @@ def weigh_gain(setup: FilterSetup, state: State) -> tuple[FloatArray, FloatArray
     u = gain_uncertainty
     """
     tuning, gain_v2 = setup.tuning, state.gain_v2
-    s = np.maximum(np.sqrt(tuning.gain_uncertainty * gain_v2), 1e-6)
-    odds = (1.0 - tuning.gain_prior) / tuning.gain_prior
-    p = 1.0 / (1.0 + odds * tuning.gain_sigma / s * np.exp(-((state.gain / s) ** 2) / 2.0))
+    s = np.maximum(np.sqrt(tuning.hidden_factor * gain_v2), 1e-6)
+    p = 1.0 / (1.0 + tuning.gain_sigma / s * np.exp(-((state.gain / s) ** 2) / 2.0))
     return p * state.gain, p * gain_v2 + p * (1.0 - p) * state.gain**2
 
 
@@ -221,9 +220,9 @@ def read_rest_voltage(
         p^2 = rest_left_v^2 or (rho ohm rest_driven_c)^2   what there may be: settled, or after so much current
         weight = P N(a; 0, p^2 + n^2)
         f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
-        s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
+        s^2 = lasting_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
 
-    ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice.
+    ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: lasting_v, rest_left_v count twice.
     """
     tuning, cell = setup.tuning, setup.cell
     rested_s, unsure = motion.read_rest_s, np.where(given, 1.0, 2.0)
@@ -232,7 +231,7 @@ def read_rest_voltage(
     slope = per_moment * state.rest_moment
     left_v = tuning.rest_tail_s * slope
     settled_v2 = (unsure * tuning.rest_left_v) ** 2
-    driven_a = tuning.rest_driven_c * cell.model.capacity_ah
+    driven_a = tuning.driven_c * cell.model.capacity_ah
     driven_v2 = np.maximum((state.resistance * measured.uncertainty[LASTING_DROP] * driven_a) ** 2, settled_v2)
     left_v2 = np.array((settled_v2, driven_v2))
     slow_v2 = np.array((np.zeros_like(driven_v2), tuning.rest_slow**2 * driven_v2))
@@ -242,8 +241,8 @@ def read_rest_voltage(
     f = left_v2 / (left_v2 + noise_v2)
     half_v = f * left_v / 2.0
     rest_v = state.rest_mean_v + slope * rested_s / 2.0 + half_v
-    ocv_v2 = measured.uncertainty[OCV_ERROR] ** 2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
-    error_v = np.sqrt((unsure * tuning.rest_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2 + slow_v2)
+    ocv_v2 = measured.uncertainty[OCV_ERROR] ** 2 + cell.model.hysteresis_v**2 / 3.0
+    error_v = np.sqrt((unsure * tuning.lasting_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2 + slow_v2)
     read = np.array([cell.soc_of_ocv(each, measured.place) for each in rest_v])
     v2 = np.array([cell.reading_sigma(*each, measured.place) ** 2 for each in zip(read, error_v, strict=True)])
     return read + state.drawn, v2, np.array((odds, np.ones_like(odds))) / (1.0 + odds)
@@ -258,7 +257,7 @@ def unsettled_v2(setup: FilterSetup, state: State, motion: Motion, measured: Mea
     tuning, per_moment = setup.tuning, 12.0 / motion.read_rest_s**3
     noise_v2 = (tuning.rest_tail_s * tuning.rest_noise_v) ** 2 * per_moment * motion.dt_s
     seen_v2 = np.maximum((tuning.rest_tail_s * per_moment * state.rest_moment) ** 2 - 9.0 * noise_v2, 0.0)
-    driven_a = tuning.rest_driven_c * setup.cell.model.capacity_ah
+    driven_a = tuning.driven_c * setup.cell.model.capacity_ah
     driven_v2 = (state.resistance * measured.uncertainty[LASTING_DROP] * driven_a) ** 2
     return np.asarray(np.minimum(tuning.rest_unsettled**2 * seen_v2, 4.0 * driven_v2))
 
@@ -347,7 +346,7 @@ def self_check(
         slow_mean_v=state.slow_mean_v + bias_share * (y - state.slow_mean_v),
         slow_square_v2=state.slow_square_v2 + share * (state.slow_mean_v**2 - state.slow_square_v2),
     )
-    is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.conflict_max)
+    is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.gate**2)
     is_near = (measured.uncertainty[DROP_ERROR] < tuning.drop_error_max) & (soc >= measured.uncertainty[LOWEST])
     is_known = is_near & (abs(motion.current_a) <= setup.cell.seen_a)
     return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v) & is_known

@@ -37,7 +37,7 @@ def predict(setup: FilterSetup, state: State, motion: Motion, measured: Measurem
     i, dt = motion.current_a, motion.dt_s
     moved = motion.moved_ah / state.capacity_ah
     a = np.exp(-dt / cell.time_constants(state.soc, measured.place))
-    branch_v2 = (tuning.branch_rel * i) ** 2 + (tuning.branch_c * cell.model.c_rate_a) ** 2
+    branch_v2 = (tuning.branch_rel * i) ** 2
     walk = min(tuning.soc_walk**2 * dt, SOC_VARIANCE_MAX) + VARIANCE_STEP
     keep = math.sqrt(max(1.0 - walk / SOC_VARIANCE_MAX, 0.0))
     A = np.vstack((np.full_like(state.soc, keep), a))

@@ -106,7 +106,7 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         check_mean_v=zeros,
         check_square_v2=zeros,
         slow_mean_v=zeros,
-        slow_square_v2=np.full_like(z, tuning.bias_start_v**2),
+        slow_square_v2=np.full_like(z, tuning.lasting_v**2),
     )
 
 
@@ -144,7 +144,7 @@ def start_voltage_v2(
     g = surface_direction(setup, state, measured)
     z_s = surface_soc(state, g)
     ohm = state.resistance * cell.circuit(z_s, measured.place)[R1:] - g[1:] * cell.ocv_slope(z_s)
-    pair_v2 = (tuning.start_branch_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
+    pair_v2 = (tuning.driven_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
     branch_v2 = np.full_like(ohm, pair_v2)
     branch_v2[-1] = lasting_v2(setup, state, motion, measured)
     return noise_v2(setup, motion, measured) + (ohm**2 * branch_v2).sum(axis=0), ohm, branch_v2
@@ -175,7 +175,7 @@ def suppose(setup: FilterSetup, state: State, soc: FloatArray, soc_sigma: FloatA
     tuning, given = setup.tuning, ~np.isnan(soc)
     exact = np.where(np.isnan(soc_sigma), tuning.counter_soc_sigma, soc_sigma)
     one = np.ones_like(exact)
-    spread = np.array([exact, np.maximum(tuning.start_rough_sigma, 3.0 * exact), one, one])
+    spread = np.array([exact, np.maximum(tuning.rough_soc, 3.0 * exact), one, one])
     weight = np.array([[tuning.start_exact], [tuning.start_rough], [0.0], [0.0]])
     return replace(
         state,

@@ -244,7 +244,7 @@ def motion_of(
     weighed_s = since_s if since_s >= tuning.weighing_s - TICK_S else 0.0
     is_whole = rests and rested_s >= tuning.rest_s - TICK_S
     is_on = rests and not is_whole and weighed_s > 0.0
-    is_broken = has_rested and not rests and rest_s >= tuning.rest_least_s - TICK_S
+    is_broken = has_rested and not rests and rest_s >= 2.0 * tuning.weighing_s - TICK_S
     kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
     return Motion(
         dt_s=dt_s,
@@ -271,7 +271,7 @@ def noise_v2(setup: FilterSetup, motion: Motion, measured: Measurement) -> Float
 def empty_growth(setup: FilterSetup, state: State, measured: Measurement) -> FloatArray:
     """Return (n,) growth of the model's error where the cell is nearly empty, which in the cold it looks early."""
     tuning, cold = setup.tuning, measured.uncertainty[COLD]
-    empty = np.minimum(tuning.empty_soc * cold, tuning.empty_soc_max)
+    empty = np.minimum(tuning.empty_soc * cold, 1.0)
     low = np.maximum(empty - state.soc, 0.0) / empty
     return np.asarray(1.0 + low * (tuning.empty_factor * cold - 1.0))
 
@@ -286,5 +286,5 @@ def lasting_v2(setup: FilterSetup, state: State, motion: Motion, measured: Measu
     drop_v = measured.uncertainty[LASTING_DROP] * slow_a * empty_growth(setup, state, measured)
     share2 = tuning.lasting_rel**2 + measured.uncertainty[DROP_ERROR] ** 2
     rest_v2 = tuning.lasting_v**2 + measured.uncertainty[OCV_ERROR] ** 2
-    rest_v2 = rest_v2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
+    rest_v2 = rest_v2 + cell.model.hysteresis_v**2 / 3.0
     return np.asarray(np.minimum(rest_v2 + share2 * drop_v**2, LASTING_VARIANCE_MAX))

@@ -99,7 +99,7 @@ def test_three_points_equal_the_full_set(
     drop_v = uncertainty[LASTING_DROP] * current
     error_v2 = OPEN_GATE.voltage_variance(drop_v) + (uncertainty[DROP_ERROR] * drop_v) ** 2
     predicted_soc = mean[0] + gain[0]
-    empty = min(OPEN_GATE.empty_soc * uncertainty[COLD], OPEN_GATE.empty_soc_max)
+    empty = min(OPEN_GATE.empty_soc * uncertainty[COLD], 1.0)
     growth = 1.0 + max(empty - predicted_soc, 0.0) / empty * (OPEN_GATE.empty_factor * uncertainty[COLD] - 1.0)
     noise_v2 = error_v2 * growth**2 * motion.correlation
     # the textbook's points lie along the SOC at the surface, where that is not the SOC

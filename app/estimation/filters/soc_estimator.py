@@ -66,8 +66,7 @@ class SocEstimator:
             return None
         soc = self.engine.get("soc")
         slope_v = np.maximum(self.model.ocv.slope(np.clip(soc, 0.0, 1.0)), SLOPE_FLOOR_V)
-        bias_v2 = self.tuning.bias_v**2 + self.engine.get("slow_square_v2")
-        variance = self.engine.get("cov")[0, 0] + bias_v2 / slope_v**2
+        variance = self.engine.get("cov")[0, 0] + self.engine.get("slow_square_v2") / slope_v**2
         return soc, np.sqrt(np.minimum(variance, SOC_VARIANCE_MAX))
 
     def use_capacity(self, capacity_ah: ArrayLike) -> None:
@@ -111,7 +110,7 @@ class SocEstimator:
         """Return (n_cells,) capacities as far as the run contradicts the ones counted with, and their sigmas [Ah]."""
         counted_ah, gain = self.engine.get("capacity_ah"), self.engine.get("gain")
         per_gain_ah = counted_ah / (1.0 + gain) ** 2
-        uncertainty = self.tuning.gain_uncertainty
+        uncertainty = self.tuning.hidden_factor
         return counted_ah / (1.0 + self.engine.get("fused_gain")), per_gain_ah * np.sqrt(
             uncertainty * self.engine.get("gain_v2")
         )

@@ -167,7 +167,7 @@ def test_a_disagreement_beyond_both_errors_widens_sigma_and_clears_the_verdict()
         _, variance = pair.fuse(1.0, 0.02**2)
         pair.state = replace(pair.state, start_weight=np.array([[1e9], [0.0], [0.0], [0.0]]))
     assert variance > 4.0 * pair.state.fused_v2[0]
-    state = replace(pair.state, conflict=np.array([TUNING.conflict_max + 1.0]))
+    state = replace(pair.state, conflict=np.array([TUNING.gate**2 + 1.0]))
     state, motion, measured = sample(SETUP, state)
     _, valid = self_check(SETUP, state, motion, measured, np.zeros(1), np.array([True]), np.full(1, 0.5))
     assert not valid[0]
@@ -194,7 +194,7 @@ def rested(given=None, sigma=0.003, soc=0.6, lasted_s=TUNING.rest_s, rises_v=0.0
         state = replace(
             state,
             start_soc=np.array([[given], [given], [soc], [soc]]),
-            start_v2=np.array([[sigma**2], [TUNING.start_rough_sigma**2], [0.25], [0.25]]),
+            start_v2=np.array([[sigma**2], [TUNING.rough_soc**2], [0.25], [0.25]]),
             start_weight=np.array([[TUNING.start_exact], [TUNING.start_rough], [0.0], [0.0]]),
         )
     else:

@@ -30,7 +30,7 @@ static void vw_filter_update_temperature_terms(const vw_filter *filter, const vw
                                                vw_temperature_terms *terms)
 {
     const vw_tuning *t = &filter->tuning;
-    const vw_real hysteresis_v2 = vw_square(t->lasting_hysteresis * filter->model.hysteresis_v);
+    const vw_real hysteresis_v2 = vw_square(filter->model.hysteresis_v) / 3; /* anywhere between the branches */
     vw_lanes uncertainty[VW_UNCERTAINTIES];
     vw_cell_model_place_temperature(&filter->model, degc, &terms->place);
     vw_cell_model_read_uncertainty(&filter->model, degc, uncertainty);
@@ -45,8 +45,8 @@ static void vw_filter_update_temperature_terms(const vw_filter *filter, const vw
         terms->noise_ohm2[c] = (vw_square(t->model_error_rel) + error2) * ohm2;
         terms->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(uncertainty[VW_OCV_ERROR][c]) + hysteresis_v2;
         terms->lasting_ohm2[c] = (vw_square(t->lasting_rel) + error2) * ohm2;
-        terms->relaxing_v2[c] = vw_square(t->rest_driven_c * filter->model.capacity_ah) * ohm2;
-        terms->empty_soc[c] = vw_min(t->empty_soc * uncertainty[VW_COLD][c], t->empty_soc_max);
+        terms->relaxing_v2[c] = vw_square(t->driven_c * filter->model.capacity_ah) * ohm2;
+        terms->empty_soc[c] = vw_min(t->empty_soc * uncertainty[VW_COLD][c], 1);
         terms->empty_rise[c] = (t->empty_factor * uncertainty[VW_COLD][c] - 1) / terms->empty_soc[c];
     }
 }

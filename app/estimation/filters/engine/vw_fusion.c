@@ -7,13 +7,13 @@
 #define ROUGH 1 /* the second of them */
 #define READINGS 2 /* of a voltage at rest: settled, or driven before and relaxing */
 
-/* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2 + max(lowest - z, 0)^2: a model that errs is
+/* v_f = P_zz + (mean square of the lasting innovation) / slope^2 + max(lowest - z, 0)^2: a model that errs is
  * trusted less, and below the lowest SOC that the cell file has seen at this temperature it only shows that it is below.
  * The slope is that of the sigma points or, if it is less, of a voltage that is read: in a plateau's step neither may be
  * local. */
 void vw_fusion_compute_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
 {
-    const vw_real bias_v2 = vw_square(filter->tuning.bias_v), floor_v2 = vw_square(VW_SLOPE_FLOOR_V);
+    const vw_real floor_v2 = vw_square(VW_SLOPE_FLOOR_V);
     vw_lanes reading_slope_v;
     vw_cell_model_place_soc(&filter->model, x->soc, &work->at);
     vw_cell_model_read_reading_slope(&filter->model, &work->at, reading_slope_v);
@@ -23,7 +23,7 @@ void vw_fusion_compute_soc_variance(const vw_filter *filter, const vw_cells *res
         const vw_real slope_v2 = vw_max(vw_square(slope_v), floor_v2);
         work->soc[c] = x->soc[c];
         const vw_real below = vw_max(x->terms.lowest_soc[c] - x->soc[c], 0);
-        const vw_real own_v2 = (x->slow_square_v2[c] + bias_v2) / slope_v2 + x->cov[0][c] + vw_square(below);
+        const vw_real own_v2 = x->slow_square_v2[c] / slope_v2 + x->cov[0][c] + vw_square(below);
         work->soc_v2[c] = vw_min(own_v2, VW_SOC_VARIANCE_MAX);
         work->slope_v2[c] = slope_v2;
     }
@@ -65,12 +65,12 @@ typedef struct {
 /* The voltage of a rest read as of a settled cell, and as of one that was driven before and relaxes:
  *
  *   a = tail b,   n^2 = 12 (tail noise)^2 dt / T^3     left to relax, if it goes on as its slope b = 12 moment / T^3 says
- *   p^2 = rest_left_v^2 or (rho ohm rest_driven_c)^2   what there may be: settled, or after so much current
+ *   p^2 = rest_left_v^2 or (rho ohm driven_c)^2        what there may be: settled, or after so much current
  *   weight = P N(a; 0, p^2 + n^2)
  *   f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
- *   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
+ *   s^2 = lasting_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
  *
- * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice. */
+ * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: lasting_v, rest_left_v count twice. */
 static void vw_fusion_read_rest_voltage(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
                                         int c, int is_given, vw_reading *readings)
 {
@@ -88,7 +88,7 @@ static void vw_fusion_read_rest_voltage(const vw_filter *filter, const vw_motion
         const vw_real f = left_v2 / (left_v2 + n2), half_v = f * left_v / 2;
         const vw_real rest_v = x->rest_mean_v[c] + slope * T / 2 + half_v;
         const vw_real ocv_v2 = x->terms.lasting_v2[c] - vw_square(t->lasting_v);
-        const vw_real error_v2 = vw_square(unsure * t->rest_v) + ocv_v2 + f * n2 + vw_square(half_v) + slow_v2;
+        const vw_real error_v2 = vw_square(unsure * t->lasting_v) + ocv_v2 + f * n2 + vw_square(half_v) + slow_v2;
         const vw_real read = vw_cell_model_find_soc(&filter->model, &x->terms.place, c, rest_v);
         const vw_real sigma = vw_cell_model_compute_soc_sigma(&filter->model, &x->terms.place, c, read, vw_sqrt(error_v2));
         readings[j] = (vw_reading){read + x->drawn[c], vw_square(sigma), (j == 0 ? odds : 1) / (1 + odds)};
@@ -162,19 +162,18 @@ void vw_fusion_update_from_rest(const vw_filter *filter, const vw_motion *motion
 
 /* Posterior of the capacity error: the gain that filter and counts go with, and its variance.
  *
- *   p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = uncertainty M
+ *   p = P(gain is not 0 | filter),  odds against = sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = hidden_factor M
  *
  * `gain_v2` becomes the variance of p g.
  */
 static void vw_fusion_update_gain_posterior(const vw_tuning *t, vw_cells *restrict x, vw_lanes gain_v2)
 {
-    const vw_real odds = (1 - t->gain_prior) / t->gain_prior * t->gain_sigma;
     vw_lanes s2, likely;
-    VW_EACH_CELL(c) s2[c] = vw_max(t->gain_uncertainty * x->gain_v2[c], (vw_real)1e-12);
+    VW_EACH_CELL(c) s2[c] = vw_max(t->hidden_factor * x->gain_v2[c], (vw_real)1e-12);
     VW_EACH_CELL(c) likely[c] = vw_exp(-vw_square(x->gain[c]) / s2[c] / 2);
     VW_EACH_CELL(c)
     {
-        const vw_real p = 1 / (1 + odds / vw_sqrt(s2[c]) * likely[c]);
+        const vw_real p = 1 / (1 + t->gain_sigma / vw_sqrt(s2[c]) * likely[c]);
         x->fused_gain[c] = p * x->gain[c];
         gain_v2[c] = p * x->gain_v2[c] + p * (1 - p) * vw_square(x->gain[c]);
     }
@@ -187,7 +186,7 @@ static void vw_fusion_update_drift(const vw_tuning *t, const vw_motion *motion, 
     VW_EACH_CELL(c)
     {
         const vw_real beyond = x->soc[c] - x->count_soc[c] - x->apart[c];
-        x->wander_v2[c] += a * (1 - a) * (t->wander_factor * beyond * beyond - x->wander_v2[c]);
+        x->wander_v2[c] += a * (1 - a) * (t->hidden_factor * beyond * beyond - x->wander_v2[c]);
         x->apart[c] += a * beyond;
         x->apart_v2[c] += a * (x->cov[0][c] - x->apart_v2[c]);
     }
@@ -209,8 +208,8 @@ static void vw_fusion_weigh_hypotheses(const vw_filter *filter, const vw_motion 
         const vw_real alone_v2 = work->soc_v2[c] + vw_square(slope) * gain_v2[c];
         const vw_real filter_v2 = vw_min(alone_v2 + x->wander_v2[c], VW_SOC_VARIANCE_MAX);
         const vw_real lasts_v2 = lasting_v2[c] / work->slope_v2[c];
-        const vw_real plateau_v2 = vw_square(lasts_v2) / (lasts_v2 + vw_square(t->plateau_soc));
-        const vw_real known_v2 = t->wander_factor * vw_max(x->apart_v2[c] - x->cov[0][c], 0);
+        const vw_real plateau_v2 = vw_square(lasts_v2) / (lasts_v2 + vw_square(t->rough_soc));
+        const vw_real known_v2 = t->hidden_factor * vw_max(x->apart_v2[c] - x->cov[0][c], 0);
         const vw_real strays_v2 = vw_max(x->wander_v2[c] - known_v2, 0);
         const vw_real errs_v2 = vw_min(alone_v2 + strays_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
         const vw_real drift_v2 =
@@ -271,7 +270,7 @@ static void vw_fusion_weigh_hypotheses(const vw_filter *filter, const vw_motion 
  *   z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2      q charge drawn since the start
  *   d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, apart_soc_max^2)),   w_0 = start_unknown
  *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
- *   u_f = v_f - min(f e, S) + l^2 / (l + plateau_soc^2),   l = lasting error / slope^2, large in a plateau
+ *   u_f = v_f - min(f e, S) + l^2 / (l + rough_soc^2),   l = lasting error / slope^2, large in a plateau
  *   e   = max(P_m - P_zz, 0),  P_m' = P_m + a (P_zz - P_m)      what the filter moved within its own covariance
  *   where no start is right, and for a rough one that is less sure: z_b = z_f when u_f was least, counted on, with
  *   v_b = (u_f then + S now + var(p g) q^2 + gain^2 + offset^2 since) (1 + (d_b^2 / 9 (u_f + v_b))^2), in place of z_k
@@ -280,10 +279,10 @@ static void vw_fusion_weigh_hypotheses(const vw_filter *filter, const vw_motion 
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *
  * Where no SOC was given and the voltage of a rest at the start still relaxes, filter and count read the same voltage,
- * and are off by the same u, which decays within rest_lasts_s: v grows by u^2 / slope^2. Under current both learn
+ * and are off by the same u, which decays as the lasting error: v grows by u^2 / slope^2. Under current both learn
  * otherwise: a rest that is not whole leaves no u.
  *
- * Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see conflict_s.
+ * Where filter and fusion disagree for long by more than both may err, sigma grows by as much.
  */
 void vw_fusion_fuse_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
                           vw_work *restrict work)
@@ -323,6 +322,6 @@ void vw_fusion_check_model(const vw_filter *filter, const vw_motion *motion, vw_
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
         const int is_near = (x->terms.drop_error[c] < t->drop_error_max) & (work->soc[c] >= x->terms.lowest_soc[c]);
         const int is_known = is_near & (vw_abs(motion->current_a) <= filter->model.seen_a);
-        work->valid[c] = vw_pick(is_small & is_centred & is_known & (x->conflict[c] < t->conflict_max), 1, 0);
+        work->valid[c] = vw_pick(is_small & is_centred & is_known & (x->conflict[c] < vw_square(t->gate)), 1, 0);
     }
 }

@@ -23,7 +23,7 @@ vw_motion vw_predict_make_motion(const vw_filter *filter, vw_real dt_s, vw_real 
     to.keep = vw_sqrt(vw_max(1 - to.walk / VW_SOC_VARIANCE_MAX, 0));
     if (!model->has_tau_table)
         for (int k = 0; k < model->n_rc; k++) to.decay[k] = vw_exp(-dt_s / model->tau_s[k]);
-    to.branch_v2 = vw_square(t->branch_rel * current_a) + vw_square(t->branch_c * model->capacity_ah);
+    to.branch_v2 = vw_square(t->branch_rel * current_a);
     to.branch_floor_v2 = VW_VARIANCE_STEP * vw_square(model->capacity_ah);
     /* h' = f h - sign(m) (1 - f),  f = exp(-rate |m|),  m the share of the capacity moved */
     const vw_real moved = to.moved_ah / model->capacity_ah;
@@ -43,13 +43,14 @@ vw_motion vw_predict_make_motion(const vw_filter *filter, vw_real dt_s, vw_real 
     to.rest_share = rests ? dt_s / rest_s : 0;
     to.rest_lever = rests ? filter->rest_s * dt_s / 2 : 0;
     to.is_whole_rest = rests && rest_s >= t->rest_s - VW_TICK_S;
-    const int is_broken = has_rested && !rests && filter->rest_s >= t->rest_least_s - VW_TICK_S;
+    const int is_broken = has_rested && !rests && filter->rest_s >= 2 * t->weighing_s - VW_TICK_S;
     to.is_rest_cut = has_rested && !rests;
     to.is_rest_on = rests && !to.is_whole_rest && to.weighed_s > 0;
     to.read_rest_s = to.is_whole_rest || to.is_rest_on ? rest_s : is_broken ? filter->rest_s : 0;
     to.wander_share = vw_predict_compute_share(to.weighed_s, t->wander_s);
-    to.conflict_share = vw_predict_compute_share(to.weighed_s, t->conflict_s);
-    to.settled_share = vw_predict_compute_share(2 * to.weighed_s, t->rest_lasts_s);
+    to.conflict_share = vw_predict_compute_share(to.weighed_s, t->check_s);
+    /* as the lasting error, the last branch, decays */
+    to.settled_share = vw_predict_compute_share(2 * to.weighed_s, model->tau_s[model->n_rc - 1]);
     return to;
 }
 

@@ -18,7 +18,7 @@ static vw_real vw_start_compute_voltage_v2(const vw_filter *filter, const vw_mot
     const vw_tuning *t = &filter->tuning;
     const vw_cell_model *model = &filter->model;
     const vw_real pair_v2 =
-        vw_square(t->start_branch_c * model->capacity_ah) + vw_square(t->start_branch_rel * motion->current_a);
+        vw_square(t->driven_c * model->capacity_ah) + vw_square(t->start_branch_rel * motion->current_a);
     vw_real voltage_v2 = vw_parts_compute_noise_v2(motion, x, c);
     for (int k = 0; k < model->n_rc; k++) {
         const int is_pair = k < vw_cell_model_count_pairs(model);
@@ -136,7 +136,7 @@ static void vw_start_reset_state(const vw_filter *filter, vw_cells *restrict x)
         x->gain[c] = x->gain_step[c] = x->fused_gain[c] = x->drawn[c] = x->conflict[c] = 0;
         x->count_gain[c] = x->count_offset[c] = 0;
         x->check_mean_v[c] = x->check_square_v2[c] = x->slow_mean_v[c] = 0;
-        x->slow_square_v2[c] = vw_square(filter->tuning.bias_start_v);
+        x->slow_square_v2[c] = vw_square(filter->tuning.lasting_v);
     }
 }
 
@@ -145,7 +145,7 @@ static void vw_start_init_hypotheses(const vw_tuning *t, vw_cells *restrict x, i
 {
     const int is_given = !vw_is_missing(soc);
     const vw_real exact = vw_is_missing(sigma) ? t->counter_soc_sigma : sigma;
-    const vw_real spread[VW_STARTS] = {exact, vw_max(t->start_rough_sigma, 3 * exact), 1, 1};
+    const vw_real spread[VW_STARTS] = {exact, vw_max(t->rough_soc, 3 * exact), 1, 1};
     const vw_real weight[VW_STARTS] = {t->start_exact, t->start_rough, 0, 0};
     for (int k = 0; k < VW_STARTS; k++) {
         x->start_soc[k][c] = is_given ? vw_clip(soc, VW_SOC_MIN, VW_SOC_MAX) : x->soc[c];

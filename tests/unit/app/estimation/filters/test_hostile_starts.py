@@ -104,7 +104,7 @@ def test_a_car_that_is_switched_on_at_rest_is_no_less_sure_for_the_noise_of_its_
 def test_the_longer_a_settled_rest_lasts_the_surer_is_a_start_that_it_confirms():
     estimator, ocv = started(told=0.6), MODEL.ocv.voltage(np.array([0.6]))
     sigmas = [estimator.step(0.1, 0.0, ocv, DEGC).soc_sigma[0] for _ in range(round(TUNING.rest_s / 0.1) + 10)]
-    assert sigmas[-1] < sigmas[round(TUNING.rest_least_s / 0.1)]
+    assert sigmas[-1] < sigmas[round(2.0 * TUNING.weighing_s / 0.1)]
 
 
 @pytest.mark.parametrize("degc", [-40.0, -20.0, 60.0, 100.0])

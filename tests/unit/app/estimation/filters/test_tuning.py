@@ -1,3 +1,7 @@
+import inspect
+import re
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -33,3 +37,10 @@ def test_the_model_is_trusted_less_the_more_it_drops_in_either_direction(drops_v
     np.testing.assert_array_equal(variance, TUNING.voltage_variance(-drop_v))
     order = np.argsort(np.abs(drop_v))
     assert (np.diff(variance[order]) >= 0.0).all()
+
+
+def test_there_are_no_more_constants_than_were_measured_and_each_says_what_it_rests_on():
+    source = inspect.getsource(Tuning)
+    assert len(fields(Tuning)) <= 43
+    for field in fields(Tuning):
+        assert re.search(rf"^    {field.name}: float = [\d.e-]+  # \S", source, re.MULTILINE), field.name

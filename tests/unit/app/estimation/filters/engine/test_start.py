@@ -86,7 +86,7 @@ def test_a_soc_that_was_given_is_exact_or_roughly_right():
     estimator.start([3.7, 3.7], [25.0, 25.0], MODEL.capacity_ah, [0.6, np.nan])
     weight, spread = estimator.engine.get("start_weight"), np.sqrt(estimator.engine.get("start_v2"))
     assert weight[0, 0] > weight[1, 0] > 0.0
-    assert spread[:2, 0].tolist() == pytest.approx([Tuning().counter_soc_sigma, Tuning().start_rough_sigma])
+    assert spread[:2, 0].tolist() == pytest.approx([Tuning().counter_soc_sigma, Tuning().rough_soc])
     assert not weight[:, 1].any()
 
 
