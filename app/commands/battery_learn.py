@@ -88,9 +88,13 @@ def run(args: argparse.Namespace) -> int:
     if inferred is None:
         print(render(Message("infer-nothing")))
         return 1
+    text = profile_text(inferred)
     _print_summary(inferred, draft.running(inferred))
+    for issue in draft.check(text):
+        if issue.field != "DBC":
+            print(f"  to check: {issue.field}: {render(issue.what)}")
     print()
-    write_out(profile_text(inferred), args.out)
+    write_out(text, args.out)
     if args.out is not None:
         print(f"{args.out} written; read it, correct it, then: voltwall battery check {args.out}")
     return 0

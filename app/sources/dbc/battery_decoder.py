@@ -16,6 +16,7 @@ from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames
 
 _ORION_ID = 0x7FF
+ABSENT_DEGC = -40.0  # what a sensor that is not connected reads: no battery is so cold
 MANY_FRAMES = 2000  # from here on, each message has many frames: lane by lane is faster
 
 
@@ -38,6 +39,7 @@ class BatteryDecoder:
         self._plain = AlignedBindings(self.lanes)
         self._remaining = {k: message for k, message in self.lanes.messages.items() if k not in set(self._plain.ids)}
         self.bad_checksums = 0
+        self.absent = np.zeros(self.lanes.sizes.get("temperature", 0), np.intp)  # values of ABSENT_DEGC, by sensor
         self.beyond: dict[str, int] = defaultdict(int)  # values of numbers that no cell has, by signal
 
     def decode(self, frames: Frames) -> dict[str, ChannelValues]:
@@ -59,7 +61,16 @@ class BatteryDecoder:
                 if read is not None:
                     here, index, value = read
                     parts[lane.kind].append((rows if here is None else rows[here], index, value))
-        return {kind: _in_order(frames, part) for kind, part in parts.items()}
+        decoded = {kind: _in_order(frames, part) for kind, part in parts.items()}
+        if "temperature" in decoded:
+            self._drop_absent(decoded["temperature"])
+        return decoded
+
+    def _drop_absent(self, temperature: ChannelValues) -> None:
+        is_absent = temperature.value <= ABSENT_DEGC
+        if is_absent.any():
+            self.absent += np.bincount(temperature.index[is_absent], minlength=len(self.absent))
+            temperature.value[is_absent] = np.nan
 
     def _read(
         self, lane: SignalBinding, group: MessageFrames, here: BoolArray | None
@@ -83,7 +94,9 @@ class BatteryDecoder:
             is_known = index >= 0
             if lane.numbers and not is_known.all():
                 counted = is_known if here is None else is_known | ~here
-                self.beyond[f"{group.message.name}.{lane.signal}"] += int(np.count_nonzero(~counted))
+                n_beyond = int(np.count_nonzero(~counted))
+                if n_beyond:
+                    self.beyond[f"{group.message.name}.{lane.signal}"] += n_beyond
             if lane.table is not None or not is_known.all():
                 here = _both(here, is_known)
         rows = None if here is None or here.all() else np.flatnonzero(here)

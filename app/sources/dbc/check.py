@@ -4,22 +4,27 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from app.battery.battery import Battery
 from app.battery.source import DbcMapping
-from app.estimation.arrays import FloatArray
-from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
+from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.bindings import SignalBindings
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames
+from app.sources.dbc.log_check import listed, log_issues
 from app.words import Message, Quantity, Text
 
-BRIDGED_S = 10.0  # what the filter can go without a cell's voltage before its figures are not shown
-SUM_OFF = 0.02  # share of the pack voltage
-_PLAUSIBLE_V = (1.0, 5.0)
+_GRAVEST = (  # warnings in this order, any other after them
+    "check-unsigned-current",
+    "check-current-implausible",
+    "check-wrong-sign",
+    "check-overwritten",
+    "check-two-messages",
+    "check-not-read",
+    "check-sum-off",
+    "check-implausible",
+    "check-never-moves",
+)
 _ERRORS = ("no-signal-fits", "signal-not-in-dbc", "no-such-placeholder", "pattern-too-long")
-_SHOWN = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +41,7 @@ class ProfileIssue:
 def issues_of(
     battery: Battery, source: DbcMapping, definitions: Definitions, file: str, frames: Frames | None
 ) -> list[ProfileIssue]:
-    """Return what is doubtful, errors first.
+    """Return what is doubtful, errors first, then the gravest.
 
     Args:
         battery: what the profile says of the battery.
@@ -52,8 +57,13 @@ def issues_of(
         issues.append(ProfileIssue(file, trouble.line, trouble.field, trouble.what, is_error))
     issues += [ProfileIssue(file, None, field, what) for field, what in _of_profile(battery, source, decoder.lanes)]
     if frames is not None:
-        issues += [ProfileIssue(file, None, field, what) for field, what in _of_log(decoder, frames)]
-    return sorted(issues, key=lambda issue: not issue.is_error)
+        issues += [ProfileIssue(file, None, field, what) for field, what in log_issues(decoder, frames, definitions)]
+    return sorted(issues, key=_gravity)
+
+
+def _gravity(issue: ProfileIssue) -> tuple[bool, int]:
+    code = issue.what.code if isinstance(issue.what, Message) else ""
+    return not issue.is_error, _GRAVEST.index(code) if code in _GRAVEST else len(_GRAVEST)
 
 
 def oddities_of(definitions: Definitions) -> list[ProfileIssue]:
@@ -71,17 +81,17 @@ def _of_profile(battery: Battery, source: DbcMapping, lanes: SignalBindings) -> 
         is_numbered = any(lane.numbers for bindings in lanes.by_id.values() for lane in bindings if lane.kind == kind)
         missing = [i for i in range(size) if i not in signals]
         if missing and not is_numbered:
-            yield f"source.{kind}", Message("check-without-signal", kind=kind, numbers=_listed(missing), n=len(missing))
+            yield f"source.{kind}", Message("check-without-signal", kind=kind, numbers=listed(missing), n=len(missing))
         for i, names in signals.items():
             if len(names) > 1:
                 yield f"source.{kind}", Message("check-two-signals", kind=kind, number=i + 1, names=tuple(names[:4]))
     if battery.sensors:
         without = sorted(set(range(battery.n_cells)) - {cell for cells in battery.sensors for cell in cells})
         if without:
-            yield "battery.temperatures", Message("check-no-sensor", numbers=_listed(without), n=len(without))
+            yield "battery.temperatures", Message("check-no-sensor", numbers=listed(without), n=len(without))
         empty = [i for i, cells in enumerate(battery.sensors) if not cells]
         if empty:
-            yield "battery.temperatures", Message("check-sensor-of-nothing", numbers=_listed(empty), n=len(empty))
+            yield "battery.temperatures", Message("check-sensor-of-nothing", numbers=listed(empty), n=len(empty))
     yield from _of_rules(battery)
 
 
@@ -113,96 +123,3 @@ def _signals_of_channels(lanes: SignalBindings, kind: str) -> dict[int, list[str
                 for i in channels:
                     signals[i].append(message)
     return signals
-
-
-def _of_log(decoder: BatteryDecoder, frames: Frames) -> Iterator[tuple[str, Text]]:
-    if not len(frames):
-        yield "log", Message("check-empty-log")
-        return
-    values = decoder.decode(frames)
-    for kind, size in decoder.lanes.sizes.items():
-        yield from _of_channels(decoder, kind, size, values.get(kind))
-    for name in ("current", "pack_voltage", "soc"):
-        reading = getattr(decoder.source, name)
-        if reading is not None and name not in values:
-            yield f"source.{name}", Message("check-not-received", name=str(reading.signal))
-    if decoder.bad_checksums:
-        yield "source.voltage", Message("check-bad-checksums", n=decoder.bad_checksums)
-    for name, count in decoder.beyond.items():
-        yield "source", Message("check-numbers-beyond", name=name, n=count)
-    yield from _of_sum(decoder.battery, values)
-
-
-def _of_channels(
-    decoder: BatteryDecoder, kind: str, size: int, values: ChannelValues | None
-) -> Iterator[tuple[str, Text]]:
-    field = f"source.{kind}"
-    if values is None:
-        yield field, Message("check-nothing-of-it", kind=kind)
-        return
-    is_finite = np.isfinite(values.value)
-    received = np.bincount(values.index[is_finite], minlength=size)
-    silent = np.flatnonzero(received == 0).tolist()
-    if silent:
-        yield field, Message("check-cells-not-received", kind=kind, numbers=_listed(silent), n=len(silent))
-    if kind not in ("voltage", "temperature"):
-        return
-    periods_s = _periods(values, size)
-    slow = np.flatnonzero(periods_s > BRIDGED_S)
-    if len(slow) and kind == "voltage":
-        longest = Quantity(float(np.nanmax(periods_s)), "s", 1)
-        yield field, Message("check-slow", n=len(slow), longest=longest, bridged=Quantity(BRIDGED_S, "s"))
-    for entry in decoder.source.cells.get(kind, ()):
-        if entry.max_age_s is not None and np.nanmax(periods_s, initial=0.0) > entry.max_age_s:
-            longest = Quantity(float(np.nanmax(periods_s)), "s", 2)
-            yield f"{field}.max_age_s", Message("check-age-too-short", age=entry.max_age_s, longest=longest)
-    if kind == "voltage":
-        low, high = _PLAUSIBLE_V
-        wrong = is_finite & ((values.value < low) | (values.value > high))
-        if wrong.any():
-            cells = sorted(set(values.index[wrong].tolist()))
-            worst = Quantity(float(values.value[wrong][0]), "V", 3)
-            yield field, Message("check-implausible", numbers=_listed(cells), n=len(cells), worst=worst)
-
-
-def _periods(values: ChannelValues, size: int) -> FloatArray:
-    """(size,) median time between two values of a channel [s], NaN where it was received less than twice."""
-    order = np.lexsort((values.t_ns, values.index))
-    index, t_ns = values.index[order], values.t_ns[order]
-    same = index[1:] == index[:-1]
-    gaps, of = (np.diff(t_ns) / 1e9)[same], index[1:][same]
-    periods_s = np.full(size, np.nan)
-    for i in np.unique(of):
-        periods_s[i] = np.median(gaps[of == i])
-    return periods_s
-
-
-def _of_sum(battery: Battery, values: dict[str, ChannelValues]) -> Iterator[tuple[str, Text]]:
-    if "voltage" not in values or "pack_voltage" not in values:
-        return
-    cells = values["voltage"]
-    is_finite = np.isfinite(cells.value)
-    count = np.bincount(cells.index[is_finite], minlength=battery.n_cells)
-    if not (count > 0).all():
-        return
-    total = np.bincount(cells.index[is_finite], weights=cells.value[is_finite], minlength=battery.n_cells)
-    sum_v, pack_v = float((total / count).sum()), float(np.nanmean(values["pack_voltage"].value))
-    if pack_v and abs(sum_v - pack_v) > SUM_OFF * abs(pack_v):
-        yield (
-            "source.pack_voltage",
-            Message("check-sum-off", sum=Quantity(sum_v, "V", 1), pack=Quantity(pack_v, "V", 1)),
-        )
-
-
-def _listed(indices: list[int]) -> Text:
-    """Numbers from 1, runs as from-to, shortened."""
-    runs: list[str] = []
-    start = before = None
-    for i in [*(index + 1 for index in indices), None]:
-        if before is not None and i == before + 1:
-            before = i
-            continue
-        if start is not None:
-            runs.append(f"{start}" if start == before else f"{start}-{before}")
-        start = before = i
-    return ", ".join(runs[:_SHOWN]) + (", ..." if len(runs) > _SHOWN else "")

@@ -1,5 +1,6 @@
 """Frames that say themselves which cell they tell: a cell number, module and cell, a base number and k values."""
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ from app.sources.dbc.infer.bus_survey import (
     tokens,
     words,
 )
+from app.sources.dbc.infer.packs import joined
 from app.sources.dbc.infer.proposal import CellProposal, Member, judged
 from app.words import Message, Text
 
@@ -46,13 +48,26 @@ class _Number:
 
 
 def frame_number_proposals(survey: BusSurvey, kind: str) -> Iterator[CellProposal]:
-    """Yield each message that tells a quantity of the cell that it numbers."""
+    """Yield each message that tells a quantity of the cell that it numbers, and messages alike as one."""
+    alike: dict[tuple[object, ...], list[CellProposal]] = defaultdict(list)
     for message in survey.definitions.by_id().values():
         for values in _value_signals(survey, kind, message):
             counted = _numbers(survey, message, values)
             proposal = _proposal(survey, kind, message, values, counted) if counted else None
             if proposal is not None:
                 yield proposal
+                if proposal.segments is None and survey.of(message) is not None:
+                    alike[_shape(proposal)].append(proposal)
+    for proposals in alike.values():
+        together = joined(survey, kind, proposals) if len(proposals) > 1 else None
+        if together is not None:
+            yield together
+
+
+def _shape(proposal: CellProposal) -> tuple[object, ...]:
+    """What messages of the same signals have in common."""
+    layouts = tuple((signal.name, signal.layout) for _, signal in proposal.members)
+    return layouts, tuple(tuple(sorted(entry.numbers.items())) for entry in proposal.entries)
 
 
 def _value_signals(survey: BusSurvey, kind: str, message: MessageDefinition) -> Iterator[list[SignalDefinition]]:
@@ -65,7 +80,7 @@ def _value_signals(survey: BusSurvey, kind: str, message: MessageDefinition) -> 
             families.setdefault(_lettered(signal.name), []).append(signal)
     for family in families.values():
         by_layout = {signal.layout.length for signal in family}
-        if len(by_layout) == 1 and not any(signal.conditions for signal in family):
+        if len(by_layout) == 1 and len({signal.conditions for signal in family}) == 1:
             yield sorted(family, key=lambda s: (numbers(s.name), s.name))
 
 
@@ -79,6 +94,8 @@ def _numbers(survey: BusSurvey, message: MessageDefinition, values: list[SignalD
     for signal in message.signals:
         own = words(signal.name)
         numeric = signal.is_multiplexer or bool(own & (NUMBER | SEGMENT | GROUP))
+        if values[0].conditions and (signal.is_multiplexer or signal.conditions != values[0].conditions):
+            continue
         if signal in values or not numeric or signal.layout.length > _MOST_BITS or signal.layout.is_float:
             continue
         is_whole = signal.layout.scale == 1.0 and signal.layout.offset == int(signal.layout.offset)

@@ -11,14 +11,15 @@ from app.battery.battery import Battery, Limit, each_cell, spread, spread_in_seg
 from app.battery.source import STATES, CellSignals, DbcMapping, StateSignal
 from app.sources.dbc.assembly import PERIODS_BRIDGED
 from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
+from app.sources.dbc.current_sign import VoltageSeries, cell_means, cells_together
 from app.sources.dbc.frames import Frames
 from app.sources.dbc.infer.bus_survey import BusSurvey, words
 from app.sources.dbc.infer.families import family_proposals
 from app.sources.dbc.infer.frame_numbers import frame_number_proposals
 from app.sources.dbc.infer.lines import Choice, ProfileLine, find_signal, line_of
+from app.sources.dbc.infer.packs import packs_by_sender
 from app.sources.dbc.infer.proposal import CellProposal
 from app.sources.dbc.infer.readings import (
-    PackVoltage,
     ReadingProposal,
     charger_proposals,
     current_proposals,
@@ -129,7 +130,10 @@ def infer_profile(
     ):
         questions.append(Message("infer-round-not-complete", n=battery.n_cells))
     sum_v = _sum_of_cells(received.get("voltage"), battery.n_cells)
-    lines["voltage"] = replace(line, chosen=voltage.with_reason(*_facts(received.get("voltage"), battery.n_cells)))
+    facts = _facts(received.get("voltage"), battery.n_cells)
+    if voltage.segments is None and segments == _of_senders(voltage):
+        facts.insert(0, Message("infer-senders", n=len(segments)))
+    lines["voltage"] = replace(line, chosen=voltage.with_reason(*facts))
     _add_readings(lines, survey, received.get("voltage"), battery.n_cells, sum_v, used, choices)
     _add_states_and_limits(lines, survey, used, choices)
     current = lines.get("current")
@@ -213,11 +217,19 @@ def _signals(proposal: CellProposal) -> set[tuple[int, str]]:
 
 
 def _segments(voltage: CellProposal, questions: list[Text]) -> tuple[int, ...]:
-    segments = voltage.segments
+    segments = voltage.segments or _of_senders(voltage)
     if segments is None or sum(segments) != voltage.n or 0 in segments:
         segments = _guessed_segments(voltage.n)
         questions.append(Message("infer-segments-guessed", n=voltage.n, segments=len(segments)))
     return segments
+
+
+def _of_senders(voltage: CellProposal) -> tuple[int, ...] | None:
+    """Cells of each sender, as its entries take them: one entry as names number them, several in the order of ids."""
+    in_order = list(voltage.members)
+    if len(voltage.entries) > 1:
+        in_order.sort(key=lambda member: member[0].can_id)
+    return packs_by_sender(in_order)
 
 
 def _guessed_unit(voltage: CellProposal) -> str:
@@ -280,15 +292,6 @@ def _came_round(voltages: ChannelValues) -> bool:
     return bool(np.any(np.diff(voltages.index) < 0))
 
 
-def cell_means(voltages: ChannelValues, n_cells: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """(n_cells,) mean voltage of each cell, NaN where it was not received."""
-    is_finite = np.isfinite(voltages.value)
-    index, value = voltages.index[is_finite], voltages.value[is_finite]
-    count = np.bincount(index, minlength=n_cells)
-    total = np.bincount(index, weights=value, minlength=n_cells)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
 def _sum_of_cells(voltages: ChannelValues | None, n_cells: int) -> float:
     """Sum of all cells, by the mean of those that were received where nearly all were."""
     if voltages is None:
@@ -300,19 +303,15 @@ def _sum_of_cells(voltages: ChannelValues | None, n_cells: int) -> float:
 
 def _pack_voltage(
     survey: BusSurvey, packs: list[ReadingProposal], voltages: ChannelValues | None, n_cells: int
-) -> PackVoltage | None:
+) -> VoltageSeries | None:
     """The voltage over time: of the cells where they are fast, else of the pack."""
     if packs and packs[0].score > 4:
         name = packs[0].reading.signal
         for message in survey.definitions.messages:
             received = survey.signal(message, name.signal) if message.name == name.message else None
             if received is not None and np.std(received.values) > 0:
-                return PackVoltage(received.t_ns, received.values)
-    if voltages is None:
-        return None
-    is_finite = np.isfinite(voltages.value)
-    means = cell_means(voltages, n_cells)
-    return PackVoltage(voltages.t_ns[is_finite], voltages.value[is_finite] - means[voltages.index[is_finite]])
+                return VoltageSeries(received.t_ns, received.values)
+    return None if voltages is None else cells_together(voltages, n_cells)
 
 
 def _facts(voltages: ChannelValues | None, n_cells: int) -> list[Text]:

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.battery.battery import SignalName
 from app.battery.source import CURRENT_UNITS, SOC_UNITS, VOLTAGE_UNITS, ScalarSignal
-from app.estimation.arrays import FloatArray
 from app.sources.dbc.bindings import known_conversion
+from app.sources.dbc.current_sign import CLEAR, VoltageSeries, signed, step_correlation, wraps
 from app.sources.dbc.definitions import MessageDefinition, SignalDefinition
 from app.sources.dbc.infer.bus_survey import (
     CELL,
@@ -29,21 +28,10 @@ from app.words import Message, Quantity, Text
 
 _LONG_S = 5.0
 _CLOSE, _OFF = 0.02, 0.08  # relative distance from the sum of cells
-_CLEAR = 0.4  # least correlation of current and voltage steps that decides the sign
-_COARSER = (1, 4, 16, 64)  # samples a step: a current at 100 Hz moves little from one to the next
-_BY_CHANCE = 3.0  # standard deviations of a correlation of what has nothing to do with each other
 _SENSORS = name_set("ivt shunt result string stack")
 _OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
 _NO_PACK_VOLTAGE = name_set("cell cells zelle min max avg limit lim target soc power status state fault error counter")
 _SUM = name_set("sum total summe")  # words of a sum over cells
-
-
-@dataclass(frozen=True, slots=True)
-class PackVoltage:
-    """The sum of all cells over time, from cells or from the pack voltage."""
-
-    t_ns: NDArray[np.int64]
-    values: FloatArray  # V
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +82,9 @@ def pack_voltage_proposals(survey: BusSurvey, sum_v: float, used: set[tuple[int,
     return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
-def current_proposals(survey: BusSurvey, pack: PackVoltage | None, used: set[tuple[int, str]]) -> list[ReadingProposal]:
+def current_proposals(
+    survey: BusSurvey, pack: VoltageSeries | None, used: set[tuple[int, str]]
+) -> list[ReadingProposal]:
     """Return signals that may be the current of all cells; the sign by what the voltage does. The best first."""
     proposals = []
     for message, signal in candidates(survey, used, "current"):
@@ -109,9 +99,14 @@ def current_proposals(survey: BusSurvey, pack: PackVoltage | None, used: set[tup
         unit, low, high, mean = in_unit(survey, message, signal, "current", CURRENT_UNITS, float("nan"))
         reasons: list[Text] = [name_reason(signal, message)]
         positive: Literal["discharge", "charge"] = "discharge"
+        received = survey.signal(message, signal.name)
+        if received is not None and wraps(received.raw, signal.layout):
+            values = signed(received.values, signal.layout)
+            low, high = float(values.min()), float(values.max())
+            reasons.append(Message("infer-unsigned", name=str(signal_name(message, signal))))
         if np.isfinite(mean):
             together = _correlation(survey, message, signal, pack)
-            if abs(together) >= _CLEAR:
+            if abs(together) >= CLEAR:
                 score += 4.0 * abs(together)
                 positive = "charge" if together > 0 else "discharge"
                 reasons.append(
@@ -227,38 +222,14 @@ def in_unit(
 
 
 def _correlation(
-    survey: BusSurvey, message: MessageDefinition, signal: SignalDefinition, pack: PackVoltage | None
+    survey: BusSurvey, message: MessageDefinition, signal: SignalDefinition, pack: VoltageSeries | None
 ) -> float:
     """Correlation of the steps of a current with those of the voltage: -1 where positive is discharge."""
     received = survey.signal(message, signal.name)
-    if received is None or pack is None or len(pack.t_ns) < 8 or len(received.t_ns) < 8:
+    if received is None or pack is None:
         return 0.0
-    start, end = max(received.t_ns[0], pack.t_ns[0]), min(received.t_ns[-1], pack.t_ns[-1])
-    n = int(min(len(received.t_ns), len(pack.t_ns), 5000))
-    if end <= start or n < 8:
-        return 0.0
-    strongest = 0.0
-    for bins in (n // times for times in _COARSER if n // times >= 8):
-        edges = np.linspace(start, end, bins + 1)
-        current, voltage = _binned(received.t_ns, received.values, edges), _binned(pack.t_ns, pack.values, edges)
-        both = np.isfinite(current) & np.isfinite(voltage)
-        steps_a, steps_v = np.diff(current[both]), np.diff(voltage[both])
-        moved = np.abs(steps_a) > 0.05 * (np.ptp(current[both]) if both.any() else 1.0)
-        if np.count_nonzero(moved) < 4 or np.std(steps_v) == 0 or np.std(steps_a) == 0:
-            continue
-        together = float(np.corrcoef(steps_a, steps_v)[0, 1])
-        if abs(together) > max(abs(strongest), _BY_CHANCE / np.sqrt(len(steps_a))):
-            strongest = together
-    return strongest
-
-
-def _binned(t_ns: NDArray[np.int64], values: FloatArray, edges: FloatArray) -> FloatArray:
-    """(n,) mean in each bin, NaN where nothing was received."""
-    at = np.clip(np.searchsorted(edges, t_ns, side="right") - 1, 0, len(edges) - 2)
-    inside = (t_ns >= edges[0]) & (t_ns <= edges[-1])
-    count = np.bincount(at[inside], minlength=len(edges) - 1)
-    total = np.bincount(at[inside], weights=values[inside], minlength=len(edges) - 1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    values = signed(received.values, signal.layout) if wraps(received.raw, signal.layout) else received.values
+    return step_correlation(received.t_ns, values, pack)
 
 
 _ASKED = name_set(

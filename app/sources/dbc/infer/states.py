@@ -129,7 +129,7 @@ def _proposal(
         if name == "fault" and np.mean(is_so) > 0.5:
             score -= 1.0
         if not is_so.any() or is_so.all():
-            reasons.append(Message("infer-state-constant", value=int(received.raw[-1])))
+            reasons.append(_unverified(received, is_so=bool(is_so.all())))
             score -= 0.2
     elif survey.n_frames:
         score -= not_received_penalty(survey)
@@ -137,6 +137,15 @@ def _proposal(
         return None
     state = StateSignal(SignalName(message.name, signal.name), equals or (1,), mask)
     return StateProposal(state, tuple(reasons), score)
+
+
+def _unverified(received: ReceivedSignal, *, is_so: bool) -> Message:
+    """Why a state that was the same in all frames is not verified."""
+    values = np.unique(received.raw)
+    if len(values) == 1:
+        return Message("infer-state-constant", value=int(values[0]))
+    shown = ", ".join(map(str, values[:_FEW].tolist()))
+    return Message("infer-state-always", values=shown) if is_so else Message("infer-state-never", values=shown)
 
 
 _Found = tuple[tuple[int, ...], int, float, list[Text]]

@@ -1,6 +1,8 @@
+import numpy as np
 import pytest
 
 from app.battery.profile import read_document, understand
+from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.check import issues_of
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
@@ -173,6 +175,77 @@ def test_what_a_log_says_against_a_profile_is_told(more, given, code, args):
 def test_a_sum_is_not_judged_while_a_cell_is_unknown():
     text = battery(3) + VOLTAGES + READINGS
     assert of_code(issues(text, received(pack=111)), "check-sum-off") == []
+
+
+@pytest.mark.parametrize(
+    ("amps", "code"),
+    [(6000, "check-current-implausible"), (-6000, "check-current-implausible"), (900, None)],
+)
+def test_more_current_than_a_battery_carries_is_a_finding(amps, code):
+    dbc = STATES_DBC.replace("0|16@1- (0.1,0)", "0|16@1- (1,0)")
+    frames = [
+        (t, i, amps.to_bytes(2, "little", signed=True) + data[2:] if i == 2 else data) for t, i, data in received()
+    ]
+    found = issues(battery(2) + VOLTAGES + READINGS, frames, dbc)
+    assert [issue.what.code for issue in found] == ([] if code is None else [code])
+
+
+def turns(n_frames, cells, *, gap_ms=1.0, period_ms=200.0, rounds=40, apart_mv=7):
+    """Frames of one message without a number, several a round; the voltages of a round differ."""
+    return [
+        (
+            round(1e6 * (k * period_ms + j * gap_ms)),
+            1,
+            b"".join((3700 + apart_mv * j + c + k % 2).to_bytes(2, "little") for c in range(cells)) + bytes([65, 0]),
+        )
+        for k in range(rounds)
+        for j in range(n_frames)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("frames", "n"),
+    [
+        (turns(4, 2), 4),
+        (turns(2, 2, gap_ms=10.0), 2),
+        (turns(1, 2), None),
+        (turns(2, 2, gap_ms=0.0, apart_mv=0), None),  # an adapter that stamps two frames at once
+        (turns(3, 2, gap_ms=200 / 3), None),  # evenly: three a second more
+    ],
+)
+def test_values_that_overwrite_each_other_within_a_round_are_a_finding(frames, n):
+    found = of_code(issues(battery(2) + VOLTAGES + READINGS, frames), "check-overwritten")
+    assert [issue.what.args["n"] for issue in found] == ([] if n is None else [n])
+
+
+ABSENT = [(t, i, data[:4] + bytes([0, 0]) if i == 1 else data) for t, i, data in received()]
+
+
+def test_a_sensor_that_is_not_connected_measures_nothing_and_is_counted():
+    text = battery(2, 1) + VOLTAGES + HEATS + READINGS
+    (issue,) = of_code(issues(text, ABSENT), "check-absent")
+    assert (issue.what.args["numbers"], issue.what.args["values"]) == ("1", 20)
+    profile = understand(read_document(text, "x.toml", lambda name: None))
+    decoder = BatteryDecoder(profile.battery, profile.source, parse_definitions(STATES_DBC.encode(), "x.dbc"))
+    assert np.isnan(decoder.decode(frames_of(ABSENT))["temperature"].value).all()
+
+
+@pytest.mark.parametrize(
+    ("scale", "period_s", "expected"),
+    [("(1,-40)", 0.1, []), ("(1,-40)", 20.0, ["1"]), ("(0.1,0)", 0.1, []), ("(0.1,0)", 3.0, ["1"])],
+)
+def test_a_temperature_that_never_moves_is_a_finding_once_it_would_have(scale, period_s, expected):
+    dbc = STATES_DBC.replace("T1 : 32|8@1+ (1,-40)", f"T1 : 32|8@1+ {scale}")
+    text = battery(2, 1) + VOLTAGES + HEATS + READINGS
+    found = of_code(issues(text, received(n=40, period_s=period_s), dbc), "check-never-moves")
+    assert [issue.what.args["numbers"] for issue in found] == expected
+
+
+def test_the_gravest_finding_is_the_first():
+    frames = [(t, i, (60000).to_bytes(2, "little") + data[2:] if i == 2 else data) for t, i, data in received(pack=78)]
+    dbc = STATES_DBC.replace("0|16@1- (0.1,0)", "0|16@1+ (0.1,0)")
+    found = issues(battery(3) + VOLTAGES + READINGS, frames, dbc)
+    assert next(issue.what.code for issue in found) == "check-unsigned-current"
 
 
 def test_frames_with_a_wrong_checksum_are_counted():

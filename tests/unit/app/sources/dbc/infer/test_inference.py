@@ -13,7 +13,7 @@ from app.sources.dbc.infer.bus_survey import survey_bus
 from app.sources.dbc.infer.inference import infer_profile
 from app.sources.dbc.infer.profile_text import profile_text
 from tests.peer_batteries import PEERS, cell_number, half_a_round, one_signal_a_cell
-from tests.peer_messages import HEAD, Bits, Sent, others
+from tests.peer_messages import HEAD, Bits, Sent, fixed, others
 from tests.peer_messages import Peer as AnyPeer
 from tests.wild_batteries import WILD, ranges_in_the_message
 
@@ -84,6 +84,45 @@ def test_without_a_log_names_alone_tell_the_signals(way):
     assert without.source.current.signal == with_log.source.current.signal
     if not with_log.source.cells["voltage"][0].numbers:
         assert without.battery.n_cells == peer.n_cells
+
+
+@pytest.mark.parametrize("sizes", [(18,) * 6, (18, 18, 16, 20)])
+def test_the_cells_of_a_sender_are_a_pack(sizes):
+    """Cells numbered through, in messages of as many senders as there are packs: the DBC says whose they are."""
+    peer = AnyPeer("senders", sum(sizes), 0, segments=sizes, resolution_v=0.001)
+    senders = []
+    for pack, size in enumerate(sizes):
+        for k in range(0, size, 4):
+            cells = range(sum(sizes[:pack]) + k, sum(sizes[:pack]) + min(k + 4, size))
+            bits = [
+                Bits(f"Cell_{i + 1}_Volt", 16 * j, 16, lambda t, i=i: peer.voltage(i, t), 0.001, unit="V")
+                for j, i in enumerate(cells)
+            ]
+            peer.sent.append(Sent(0x200 + len(senders), f"Volts_{len(senders)}", 8, 0.1, [bits]))
+            senders.append(f"Slave_{'ABCDEF'[pack]}")
+    peer.sent += others(peer)
+    text = peer.dbc()
+    for k, sender in enumerate(senders):
+        text = text.replace(f"Volts_{k}: 8 BMS", f"Volts_{k}: 8 {sender}")
+    definitions, frames = parse_definitions(text.encode(), "x.dbc"), frames_of(peer.frames(6))
+    inferred = infer_profile(survey_bus(definitions, frames), frames, "x", ("x.dbc",))
+    assert_decodes(peer, definitions, frames, inferred)
+    assert inferred.battery.segments == sizes
+
+
+def test_numbered_messages_of_packs_without_a_number_in_their_names_are_taken_in_order():
+    peer = AnyPeer("names", 20, 0, segments=(5,) * 4, resolution_v=0.001)
+    for pack, name in enumerate(("FrontLeft", "FrontRight", "RearLeft", "RearRight")):
+        frames = [
+            [
+                Bits("Tap_No", 0, 8, fixed(tap)),
+                Bits("Cell_Volt", 8, 16, lambda t, i=5 * pack + tap: peer.voltage(i, t), 0.001, unit="V"),
+            ]
+            for tap in range(5)
+        ]
+        peer.sent.append(Sent(0x120 + pack, f"{name}_CellVolt", 8, 0.2, frames))
+    peer.sent += others(peer)
+    assert_learned_rightly(peer, 6)
 
 
 def test_cells_that_were_not_heard_yet_are_counted():
