@@ -73,6 +73,7 @@ FULL_ONLY = (  # the short campaign would repeat `make test`
     "tests/integration/test_hurried_day.py",
     "tests/packaging/test_site.py",
     "tests/unit/app/sources/dbc/test_hostile_bus.py",
+    "tests/unit/app/sources/serial/test_thesis_streams.py",
     "tests/unit/app/sessions/transfer/test_broken_logs.py",
     "tests/unit/app/sessions/transfer/test_follow.py",
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",

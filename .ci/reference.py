@@ -99,7 +99,9 @@ PROFILE_NOTES = {
     " implausible values, and a jump of one cell that does not last, are left out.",
     "serial.frame.fields": "A list of inline tables, `fields = [{ signal = ..., type = ..., at = ... }]`.",
     "serial.frame.fields.index": "For samples of several frames: the value's place = (number - `base`) * `count`.",
+    "serial.frame.fields.charging": "For a current without a sign: a number in the frame says whether it charges.",
     "serial.line": "One line of text a sample.",
+    "serial.line.checksum": "As that of a frame, over the characters from `begin` on; the number stands in hex digits.",
 }
 
 SEASON_HEAD = """# The season lake

@@ -107,6 +107,13 @@ _OF_VALUES = (
     Field("mask", "count", "instead of `equals`: any of these bits means yes", "0", low=0, high=2**64),
     _AGE,
 )  # fmt: skip
+_CHECKSUM = (
+    Field("kind", "text", "`none`, `sum8`, `xor8`, `sum16`, `sum16-complement`, or a name of crccheck: `crc-16/modbus`", ""),  # noqa: E501
+    Field("from", "count", "first byte that it is of", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+    Field("to", "count", "byte after the last, negative: from the end", "`at`", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+    Field("at", "count", "its first byte; negative: from the end", "-1", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+    _ORDER,
+)  # fmt: skip
 _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
     "serial": (
         Field("baud", "count", "speed of the line", "115200", "bit/s", 50, 12_000_000),
@@ -133,16 +140,11 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("adds", "count", "length of the frame = number + `adds`", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
         _ORDER,
     ),
-    "serial.frame.checksum": (
-        Field("kind", "text", "`none`, `sum8`, `xor8`, `sum16`, `sum16-complement`, or a name of crccheck: `crc-16/modbus`", ""),  # noqa: E501
-        Field("from", "count", "first byte that it is of", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
-        Field("to", "count", "byte after the last, negative: from the end", "`at`", "bytes", -LONGEST_FRAME, LONGEST_FRAME),  # noqa: E501
-        Field("at", "count", "its first byte; negative: from the end", "-1", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
-        _ORDER,
-    ),
+    "serial.frame.checksum": _CHECKSUM,
+    "serial.line.checksum": _CHECKSUM,
     "serial.frame.fields": (
         *_OF_VALUES,
-        Field("type", "text", "type of each value", "", one_of=tuple(TYPES)),
+        Field("type", "text", "type of each value; `sm16`: sign and magnitude, the highest bit is the sign", "", one_of=tuple(TYPES)),  # noqa: E501
         _AT,
         Field("count", "count", "number of values", "1", low=1, high=MOST_CELLS),
         Field("stride", "count", "bytes from one value to the next", "they follow each other", "bytes", 0, LONGEST_FRAME),  # noqa: E501
@@ -155,12 +157,20 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("base", "count", "lowest number", "0", low=0, high=65535),
         _ORDER,
     ),
+    "serial.frame.fields.charging": (
+        Field("at", "count", "byte of the number", "", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+        Field("type", "text", "type of the number", "`u8`", one_of=tuple(TYPES)),
+        Field("equals", "counts", "numbers that mean charging", "[1]", low=-(2**63), high=2**64),
+        Field("mask", "count", "instead of `equals`: any of these bits means charging", "0", low=0, high=2**64),
+        _ORDER,
+    ),
     "serial.line": (
         Field("name", "text", "name of the line", "its place"),
         Field("separator", "text", "between two columns; a blank: any number of blanks", "`,`"),
         Field("pattern", "text", "expression with named groups (RE2), instead of columns", "none"),
         Field("begin", "text", "text before the first column", "none"),
         Field("end", "text", "text behind the last column", "the line's end"),
+        Field("hex", "flag", "bytes in hex without a separator: `fields` as in a frame, bytes counted after `begin`", "false"),  # noqa: E501
         Field("poll", "bytes", "request for the line, sent every `poll_s`; text, or `{hex = \"DD A5\"}`", "none"),
         _POLLS,
     ),
@@ -170,6 +180,7 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("columns", "counts", "first and last column, from 0", "`column`, `group`", low=0, high=LONGEST_FRAME),
         Field("group", "text", "group of `pattern`", "none"),
         Field("base", "count", "10, or 16 for hex", "10", low=10, high=16),
+        Field("signed", "flag", "hex: two's complement of as many bits as there are digits", "false"),
     ),
 }  # fmt: skip
 

@@ -43,7 +43,9 @@ TYPES = {
     "i64": "i8",
     "f32": "f4",
     "f64": "f8",
+    "sm16": "u2",
 }  # numpy's names
+SIGN_AND_MAGNITUDE = "sm16"  # the highest bit is the sign
 LONGEST_FRAME = 16_384  # bytes; of a line characters
 Header = tuple[int | None, ...]  # None: any byte
 
@@ -92,6 +94,17 @@ class IndexAt:
 
 
 @dataclass(frozen=True, slots=True)
+class ChargingAt:
+    """A number in the frame that says whether a current without a sign charges: one of `equals`, or a bit of `mask`."""
+
+    at: int
+    type: str
+    equals: tuple[int, ...]
+    mask: int
+    byte_order: ByteOrder
+
+
+@dataclass(frozen=True, slots=True)
 class SerialField:
     """Values of one signal in a frame or line: value = raw * scale + offset."""
 
@@ -104,9 +117,11 @@ class SerialField:
     byte_order: ByteOrder = "little"
     bits: bool = False  # each value is a mask, lowest bit first, of which `count` bits are values
     index: IndexAt | None = None
+    charging: ChargingAt | None = None
     columns: tuple[int, int] | None = None  # columns of a line: first and last, from 0
     group: str = ""  # group of a line's pattern
     base: int = 10  # base of a line's numbers: 10 or 16
+    is_signed: bool = False  # hex: two's complement
     first: int = 0  # cell or sensor, from 0, of the first value
     scale: float = 1.0
     offset: float = 0.0
@@ -145,6 +160,8 @@ class SerialLine:
     pattern: str = ""  # with named groups
     begin: str = ""
     end: str = ""
+    is_hex: bool = False  # bytes in hex, which fields count from behind `begin`
+    checksum: Checksum | None = None  # over characters from `begin` on, in hex digits
     poll: bytes = b""
     poll_s: float = 1.0
     fields: tuple[SerialField, ...] = ()

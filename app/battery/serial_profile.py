@@ -9,6 +9,7 @@ from app.battery.serial import (
     SIGNALS,
     TYPES,
     ByteOrder,
+    ChargingAt,
     Checksum,
     Header,
     IndexAt,
@@ -62,10 +63,12 @@ class SerialTables:
             raise table.error("frame", len(frames), Message("serial-frame-or-line"))
         return SerialMapping(port, frames, lines, table.number("period_s", 0.1))
 
-    def _table(self, path: str, values: Any) -> TableReader:
+    def _table(self, path: str, values: Any, of: str = "") -> TableReader:
+        """The reader of a table; `of` names another one that has the same keys."""
         plain = path.replace("[", ".[").split(".")
         name = ".".join(part for part in plain if not part.startswith("["))
-        reader = TableReader(self._file, path, values if isinstance(values, Mapping) else {}, TABLES[name], self._lines)
+        given = values if isinstance(values, Mapping) else {}
+        reader = TableReader(self._file, path, given, TABLES[of or name], self._lines)
         if not isinstance(values, Mapping):
             raise TableReader(self._file, "", {}, (), self._lines).error(path, str(values)[:60], Message("kind-table"))
         return reader
@@ -108,16 +111,19 @@ class SerialTables:
 
     def _line(self, path: str, values: Any) -> SerialLine:
         table = self._table(path, values)
-        table.check_names(("fields",))
+        table.check_names(("fields", "checksum"))
+        is_hex = table.flag("hex")
         return SerialLine(
             name=table.text("name", path),
             separator=table.text("separator", ","),
             pattern=table.text("pattern"),
             begin=table.text("begin"),
             end=table.text("end"),
+            is_hex=is_hex,
+            checksum=self._checksum(table),
             poll=_text_bytes(table, "poll"),
             poll_s=max(table.number("poll_s", 1.0), SENDS_S),
-            fields=self._fields(table, of_line=True),
+            fields=self._fields(table, has_columns=not is_hex),
             row=table.line,
         )
 
@@ -141,16 +147,18 @@ class SerialTables:
         at = inner.count("at", -1)
         return Checksum(kind, inner.count("from", 0), inner.count("to", at), at, self._byte_order(inner))
 
-    def _fields(self, table: TableReader, *, of_line: bool = False) -> tuple[SerialField, ...]:
+    def _fields(self, table: TableReader, *, has_columns: bool = False) -> tuple[SerialField, ...]:
         given = table.values.get("fields", [])
         if not isinstance(given, list) or not given:
             raise table.error("fields", str(given)[:60], Message("serial-no-fields"))
-        return tuple(self._field(f"{table.path}.fields[{i}]", entry, of_line=of_line) for i, entry in enumerate(given))
+        return tuple(
+            self._field(f"{table.path}.fields[{i}]", entry, has_columns=has_columns) for i, entry in enumerate(given)
+        )
 
-    def _field(self, path: str, values: Any, *, of_line: bool) -> SerialField:
-        table = self._table(path, values)
-        table.check_names(() if of_line else ("index",))
-        of_place = self._columns(table) if of_line else self._bytes(table)
+    def _field(self, path: str, values: Any, *, has_columns: bool) -> SerialField:
+        table = self._table(path, values, "" if has_columns else "serial.frame.fields")
+        table.check_names(() if has_columns else ("index", "charging"))
+        of_place = self._columns(table) if has_columns else self._bytes(table)
         kind, first = SIGNALS[table.text("signal")], table.count("first", 1) - 1
         field = SerialField(
             name=table.text("name") or table.text("signal"),
@@ -170,7 +178,7 @@ class SerialTables:
         most = self._channels.get(kind, 1)
         if first + field.count > most and field.index is None and not field.group:
             limit = Message("serial-too-many", signal=table.text("signal"), most=most)
-            raise table.error("columns" if of_line else "count", field.count, limit)
+            raise table.error("columns" if has_columns else "count", field.count, limit)
         return field
 
     def _bytes(self, table: TableReader) -> dict[str, Any]:
@@ -180,8 +188,9 @@ class SerialTables:
             "count": table.count("count", 1),
             "stride": table.count("stride", 0),
             "byte_order": self._byte_order(table),
-            "bits": table.values.get("bits") is True,
+            "bits": table.flag("bits"),
             "index": self._index(table),
+            "charging": self._charging(table),
         }
 
     def _columns(self, table: TableReader) -> dict[str, Any]:
@@ -194,15 +203,28 @@ class SerialTables:
             raise table.error("columns", list(columns), Message("kind-pair"))
         count = 1 if columns is None else columns[1] - columns[0] + 1
         base = table.count("base", 10)
-        return {"columns": columns, "count": count, "group": group, "base": base}
+        return {"columns": columns, "count": count, "group": group, "base": base, "is_signed": table.flag("signed")}
 
     def _index(self, table: TableReader) -> IndexAt | None:
         if "index" not in table.values:
             return None
-        inner = self._table(f"{table.path.rpartition('[')[0]}.index", table.values["index"])
+        inner = self._inner(table, "index")
         inner.check_names()
         kind = inner.text("type", "u8")
         return IndexAt(inner.count("at", 0), kind, inner.count("base", 0), self._byte_order(inner))
+
+    def _charging(self, table: TableReader) -> ChargingAt | None:
+        if "charging" not in table.values:
+            return None
+        inner = self._inner(table, "charging")
+        inner.check_names()
+        kind, equals = inner.text("type", "u8"), inner.counts("equals") or (1,)
+        return ChargingAt(inner.count("at", 0), kind, equals, inner.count("mask", 0), self._byte_order(inner))
+
+    def _inner(self, table: TableReader, name: str) -> TableReader:
+        """The reader of a table within a field."""
+        path = f"{table.path.rpartition('[')[0]}.{name}"
+        return self._table(path, table.values[name], f"serial.frame.fields.{name}")
 
     def _byte_order(self, table: TableReader) -> ByteOrder:
         order: ByteOrder = table.text("byte_order", self._order)  # type: ignore[assignment]

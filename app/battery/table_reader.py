@@ -110,6 +110,13 @@ class TableReader:
             raise self.error(name, _short(value), Message("kind-count", bounds=_bounds(field)))
         return value
 
+    def flag(self, name: str) -> bool:
+        """Return whether a field is true."""
+        value = self.values.get(name, False)
+        if not isinstance(value, bool):
+            raise self.error(name, _short(value), Message("kind-flag"))
+        return value
+
     def counts(self, name: str) -> tuple[int, ...] | None:
         """Return a list of whole numbers, each within its field's bounds; None where the profile has none."""
         if name not in self.values:

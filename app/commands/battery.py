@@ -278,7 +278,7 @@ def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argpar
     from app.sources.serial.check import captured_bytes, serial_issues, shown_values
 
     try:
-        capture = None if args.log is None else captured_bytes(args.log)
+        capture = None if args.log is None else captured_bytes(args.log, battery, mapping)
     except (OSError, ValueError) as error:
         raise ConfigError("log", args.log, getattr(error, "strerror", None) or str(error)) from error
     warnings = serial_issues(battery, mapping, file, capture)

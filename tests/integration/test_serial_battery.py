@@ -6,42 +6,24 @@ import struct
 import pytest
 
 from tests.serial_line import SerialLine
+from tests.thesis_streams import DEGC, STREAMS, current_a, hex_line, volts
 from tests.unit.app.sources.serial.test_serial_frames import JBD_BASIC, JBD_CELLS, READ
 
 JBD_REQUESTS = {bytes.fromhex("DDA50400FFFC77"): JBD_CELLS, bytes.fromhex("DDA50300FFFD77"): JBD_BASIC}
-VOLTS = [3.6 + 0.004 * k for k in range(96)]
-CURRENT_A = 41.25
+K = 4  # of the samples of the thesis's streams
 
 
-def arrays(_: int) -> bytes:
-    volts = [round(1e4 * volt) for volt in VOLTS]
-    return struct.pack("<96bi96H", *[31] * 96, round(100 * CURRENT_A), *volts)
-
-
-def by_pack(_: int) -> bytes:
+def numbered_packs(k: int) -> bytes:
     """Each pack's temperatures and voltages behind its number, then the current."""
+    cells = [round(1e4 * volt) for volt in volts(k)]
     packs = [
-        struct.pack("<BB12b12H", 0xA5, pack, *[31] * 12, *[round(1e4 * v) for v in VOLTS[12 * pack : 12 * pack + 12]])
+        struct.pack("<BB12b12H", 0xA5, pack, *DEGC[12 * pack : 12 * pack + 12], *cells[12 * pack : 12 * pack + 12])
         for pack in range(8)
     ]
-    return b"".join(packs) + struct.pack("<BBi", 0xA5, 0xFF, round(100 * CURRENT_A))
+    return b"".join(packs) + struct.pack("<BBi", 0xA5, 0xFF, round(100 * current_a(k)))
 
 
-def whole_struct(_: int) -> bytes:
-    image = bytearray(2984)
-    struct.pack_into("<i96H", image, 1884, round(100 * CURRENT_A), *[0] * 96)
-    struct.pack_into("<96H", image, 1896, *[round(1e4 * volt) for volt in VOLTS])
-    struct.pack_into("<H96b", image, 2288, round(100 * sum(VOLTS)), *[31] * 96)
-    struct.pack_into("<H", image, 2982, 8000)
-    return bytes(image)
-
-
-def hex_line(_: int) -> bytes:
-    numbers = [round(100 * CURRENT_A), *[31] * 96, *[round(1e4 * volt) for volt in VOLTS]]
-    return (" ".join(f"{number:04X}" for number in numbers) + "\r\n").encode()
-
-
-HEAD = """
+NUMBERED_PACKS = """
 [battery]
 name = "as printed"
 segments = [12, 12, 12, 12, 12, 12, 12, 12]
@@ -49,10 +31,6 @@ segments = [12, 12, 12, 12, 12, 12, 12, 12]
 parity = "even"
 start = "x"
 stop = "y"
-"""
-BY_PACK = (
-    HEAD
-    + """
 [[serial.frame]]
 header = "A5 FF"
 length = 6
@@ -65,25 +43,12 @@ fields = [
   { signal = "cells.voltage", type = "u16", at = 14, count = 12, index = { at = 1 }, scale = 0.0001 },
 ]
 """
-)
-HEX_LINE = (
-    HEAD
-    + """
-[[serial.line]]
-separator = " "
-fields = [
-  { signal = "current", column = 0, base = 16, scale = 0.01 },
-  { signal = "cells.temperature", columns = [1, 96], base = 16 },
-  { signal = "cells.voltage", columns = [97, 192], base = 16, scale = 0.0001 },
-]
-"""
-)
 
 
 @pytest.mark.parametrize(
     ("profile", "stream"),
-    [("thesis-arrays", arrays), (BY_PACK, by_pack), ("thesis-struct", whole_struct), (HEX_LINE, hex_line)],
-    ids=["arrays", "pack by pack", "struct", "ASCII hex"],
+    [*STREAMS.items(), (NUMBERED_PACKS, numbered_packs)],
+    ids=[*STREAMS, "numbered packs"],
 )
 def test_the_thesis_master_shows_all_cells_whatever_its_stream(make_service, tmp_path, profile, stream):
     """'x' starts it, 'y' stops it; the thesis prints no layout, these are the four that it may be."""
@@ -91,15 +56,15 @@ def test_the_thesis_master_shows_all_cells_whatever_its_stream(make_service, tmp
     if "\n" in profile:
         battery = str(tmp_path / "printed.toml")
         (tmp_path / "printed.toml").write_text(profile, encoding="utf-8")
-    line = SerialLine(stream=stream, start=b"x", period_s=0.6)
+    line = SerialLine(stream=lambda _: stream(K), start=b"x", period_s=0.6)
     service = make_service("--serial", line.url, "--battery", battery)
     try:
         snapshot = service.wait_for(
             lambda s: None not in s["cells"]["voltage_v"] and s["accumulator"]["current_a"] is not None
         )
-        assert snapshot["cells"]["voltage_v"] == pytest.approx(VOLTS, abs=1e-4)
-        assert snapshot["cells"]["temperature_degc"] == [31.0] * 96
-        assert snapshot["accumulator"]["current_a"] == pytest.approx(CURRENT_A)
+        assert snapshot["cells"]["voltage_v"] == pytest.approx(volts(K), abs=1e-4)
+        assert snapshot["cells"]["temperature_degc"] == DEGC
+        assert snapshot["accumulator"]["current_a"] == pytest.approx(current_a(K))
         assert snapshot["links"]["rs232"]["state"] == "live"
         with service.client() as client:
             assert client.get("/battery").json()["can_write"] is False

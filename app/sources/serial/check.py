@@ -1,12 +1,14 @@
 """Checks of a battery's serial tables, and of captured bytes."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from app.battery.battery import Battery
 from app.battery.serial import SerialFrame, SerialMapping
+from app.sources.dbc.battery_decoder import ChannelValues
 from app.sources.dbc.check import ProfileIssue
 from app.sources.serial.checksums import checksum_of
 from app.sources.serial.decoder import SerialDecoder
@@ -15,6 +17,8 @@ from app.words import Message, Quantity
 
 MOST_CAPTURED = 64 << 20  # bytes of a file
 _SUM_ERROR = 0.03
+_BETWEEN = str.maketrans(":;.-", "    ")  # what a dump writes between bytes
+_NUMBER = 4  # hex digits of a 16-bit number, as a line of text writes it
 _CELL_V = (1.0, 5.0)
 
 
@@ -22,7 +26,7 @@ def serial_issues(battery: Battery, mapping: SerialMapping, file: str, capture: 
     """Return what is doubtful, errors first; `capture` are bytes that were read from the line, None without."""
     issues = []
     for i, part in enumerate(mapping.parts):
-        checksum = part.checksum if isinstance(part, SerialFrame) else None
+        checksum = part.checksum
         line = part.line if isinstance(part, SerialFrame) else part.row
         path = f"serial.{'frame' if isinstance(part, SerialFrame) else 'line'}[{i}]"
         if checksum is not None and checksum_of(checksum.kind) is None:
@@ -52,9 +56,7 @@ def _without_field(battery: Battery, mapping: SerialMapping) -> list[int]:
 
 
 def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: bytes) -> list[ProfileIssue]:
-    reader, decoder = StreamReader(mapping), SerialDecoder(battery, mapping)
-    frames = reader.feed(capture, 0)
-    values = decoder.decode([*frames, *reader.idle(reader.silence_ns)])
+    reader, decoder, values = _read(battery, mapping, capture)
     n_frames = reader.frames - decoder.implausible_frames
     what = Message("check-captured", n=n_frames, bad=reader.bad_frames, skipped=reader.skipped_bytes)
     issues = [] if n_frames and not reader.bad_frames else [ProfileIssue(file, None, "log", what)]
@@ -83,17 +85,44 @@ def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: by
 
 def shown_values(battery: Battery, mapping: SerialMapping, capture: bytes) -> list[str]:
     """Return a line for each kind of value in captured bytes: the newest of each channel."""
-    reader, decoder = StreamReader(mapping), SerialDecoder(battery, mapping)
-    frames = reader.feed(capture, 0)
+    reader, _, decoded = _read(battery, mapping, capture)
     lines = [f"{reader.frames} frames, {reader.bad_frames} bad, {reader.skipped_bytes} bytes skipped"]
-    for kind, values in sorted(decoder.decode([*frames, *reader.idle(reader.silence_ns)]).items()):
+    for kind, values in sorted(decoded.items()):
         newest = dict(zip(values.index.tolist(), values.value.tolist(), strict=True))
         lines.append(f"{kind}: " + " ".join(f"{newest[channel]:.4g}" for channel in sorted(newest)))
     return lines
 
 
-def captured_bytes(path: Path) -> bytes:
-    """Return the bytes of a capture: a binary file, or text in hex.
+def _read(
+    battery: Battery, mapping: SerialMapping, capture: bytes
+) -> tuple[StreamReader, SerialDecoder, dict[str, ChannelValues]]:
+    """Read a capture, which has no times: frames that silence parts follow each other by their length."""
+    length = next((frame.length for frame in mapping.frames if not frame.header), None)
+    if length is None:
+        return _read_pieces(battery, mapping, [capture])
+    pieces = [
+        [capture[:begin], *(capture[at : at + length] for at in range(begin, len(capture), length))]
+        for begin in {0, len(capture) % length}
+    ]
+    return max((_read_pieces(battery, mapping, parts) for parts in pieces), key=lambda read: _n_sound(*read[:2]))
+
+
+def _read_pieces(
+    battery: Battery, mapping: SerialMapping, pieces: Sequence[bytes]
+) -> tuple[StreamReader, SerialDecoder, dict[str, ChannelValues]]:
+    reader, decoder = StreamReader(mapping), SerialDecoder(battery, mapping)
+    frames = [frame for k, piece in enumerate(pieces) for frame in reader.feed(piece, k * reader.silence_ns)]
+    return reader, decoder, decoder.decode([*frames, *reader.idle(len(pieces) * reader.silence_ns)])
+
+
+def _n_sound(reader: StreamReader, decoder: SerialDecoder) -> int:
+    return reader.frames - decoder.implausible_frames
+
+
+def captured_bytes(path: Path, battery: Battery | None = None, mapping: SerialMapping | None = None) -> bytes:
+    """Return the bytes of a capture: a binary file or lines of text, or those that its text in hex stands for.
+
+    With a mapping, text that may be both is what gives more frames.
 
     Raises:
         OSError: it cannot be read.
@@ -102,9 +131,22 @@ def captured_bytes(path: Path) -> bytes:
     data = path.read_bytes()
     if len(data) > MOST_CAPTURED:
         raise ValueError(f"{path} has more than {MOST_CAPTURED >> 20} MB")
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError:
+    dumped = _from_hex(data)
+    if dumped is None:
         return data
-    plain = re.sub(r"\s|0[xX](?=[0-9a-fA-F]{2}\b)|,", "", text)
-    return bytes.fromhex(plain) if re.fullmatch(r"(?:[0-9a-fA-F]{2})++", plain) else data
+    if battery is None or mapping is None:
+        return data if all(len(token) == _NUMBER for token in _tokens(data.decode("ascii"))) else dumped
+    by_frames = ((_n_sound(*_read(battery, mapping, variant)[:2]), variant) for variant in (dumped, data))
+    return max(by_frames, key=lambda variant: variant[0])[1]
+
+
+def _from_hex(data: bytes) -> bytes | None:
+    """What text in hex stands for, whatever is between its bytes; None where it is none."""
+    try:
+        return bytes.fromhex("".join(_tokens(data.decode("ascii"))))
+    except ValueError:
+        return None
+
+
+def _tokens(text: str) -> list[str]:
+    return re.sub(r"0[xX](?=[0-9a-fA-F]{2}\b)", "", text).replace(",", " ").translate(_BETWEEN).split()

@@ -34,12 +34,32 @@ def is_sound(checksum: Checksum, frame: bytes) -> bool:
     Raises:
         KeyError: there is no checksum of this kind.
     """
-    algorithm = checksum_of(checksum.kind)
-    if algorithm is None:
-        raise KeyError(checksum.kind)
-    size, number = algorithm
+    size, number = _of_kind(checksum.kind)
     at = checksum.at % len(frame)
     stored = frame[at : at + size]
     return len(stored) == size and int.from_bytes(stored, checksum.byte_order) == number(
         frame[checksum.first : checksum.end]
     )
+
+
+def is_sound_line(checksum: Checksum, line: bytes) -> bool:
+    """Return whether a line of text has its checksum, in hex digits.
+
+    Raises:
+        KeyError: there is no checksum of this kind.
+    """
+    size, number = _of_kind(checksum.kind)
+    at = checksum.at % max(len(line), 1)
+    try:
+        stored = bytes.fromhex(line[at : at + 2 * size].decode("ascii"))
+    except ValueError:
+        return False
+    calculated = number(line[checksum.first : checksum.end])
+    return len(stored) == size and int.from_bytes(stored, checksum.byte_order) == calculated
+
+
+def _of_kind(kind: str) -> tuple[int, Callable[[bytes], int]]:
+    algorithm = checksum_of(kind)
+    if algorithm is None:
+        raise KeyError(kind)
+    return algorithm

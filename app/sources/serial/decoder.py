@@ -7,11 +7,12 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
 from app.battery.battery import Battery
-from app.battery.serial import PLAUSIBLE, TYPES, SerialField, SerialLine, SerialMapping
+from app.battery.serial import PLAUSIBLE, SIGN_AND_MAGNITUDE, TYPES, SerialField, SerialLine, SerialMapping
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
 from app.sources.dbc.battery_decoder import ChannelValues
 from app.sources.serial.framing import Framed
@@ -19,30 +20,56 @@ from app.sources.serial.patterns import groups_of
 
 MOST_IMPLAUSIBLE = 0.25  # share of a frame without a checksum; with more it is no frame
 STEP = {"voltage": 0.05, "temperature": 4.0}  # V, degC by which one channel moves against all others, at least
+STEP_OF_ALL = {"current": 200.0, "pack_voltage": 50.0, "soc": 0.05}  # A, V, a fraction of 1 from one value to the next
 STEP_SCATTERS = 8.0
+CONFIRMED = 2  # times that a jump comes again until it counts: two damaged values in a row may be alike
 FEWEST = 4  # channels that show how all move
+_LEAST_DIGITS, _MOST_OF = 3, 0.9  # digits, and share of the columns that have as many
 _ORDERS = {"little": "<", "big": ">"}
 
 
 @dataclass(slots=True)
 class _Steps:
-    """What the channels of a kind were last: a jump of one that does not last is left out."""
+    """What the channels of a kind were last: a jump that does not last is left out."""
 
     accepted: FloatArray
     offered: FloatArray
+    repeated: IntArray  # times that what is offered came before
     least: float
+
+    @classmethod
+    def of(cls, n: int, least: float) -> _Steps:
+        """Nothing is known of n channels."""
+        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.intp), least)
 
     def sound(self, index: IntArray, value: FloatArray) -> BoolArray:
         """Return which of new values are no jump against all others, or one that came before, too."""
+        if len(self.accepted) == 1:
+            return self._sound_alone(value)
         moved = value - self.accepted[index]
         all_moved = float(np.nanmedian(moved)) if np.isfinite(moved).any() else 0.0
         apart = np.abs(moved - all_moved)
         scatter = float(np.nanmedian(apart)) if np.isfinite(apart).any() else 0.0
         most = max(self.least, STEP_SCATTERS * scatter)
-        again = np.abs(value - self.offered[index] - all_moved) <= most
-        is_sound = np.asarray((apart <= most) | again)  # the first of all waits for a second
+        is_known = np.isfinite(self.accepted[index])
+        again = self._again(index, np.abs(value - self.offered[index] - all_moved) <= most)
+        is_sound = np.asarray((apart <= most) | (again >= np.where(is_known, CONFIRMED, 1)))
         self.offered[index] = value
         self.accepted[index] = np.where(is_sound, value, self.accepted[index])
+        return is_sound
+
+    def _again(self, index: IntArray, is_same: BoolArray) -> IntArray:
+        """How often each value came before in a row."""
+        self.repeated[index] = np.where(is_same, self.repeated[index] + 1, 0)
+        return self.repeated[index]
+
+    def _sound_alone(self, value: FloatArray) -> BoolArray:
+        """The same of a value of the whole battery, of which the first counts."""
+        again = self._again(np.zeros(1, np.intp), np.abs(value - self.offered) <= self.least)
+        is_near = np.abs(value - self.accepted) <= self.least
+        is_sound = np.asarray(is_near | (again >= CONFIRMED) | np.isnan(self.accepted))
+        self.offered[:] = value
+        self.accepted[:] = np.where(is_sound, value, self.accepted)
         return is_sound
 
 
@@ -63,10 +90,9 @@ class SerialDecoder:
         self._sizes = dict.fromkeys(("voltage", "balancing", "resistance"), battery.n_cells)
         self._sizes["temperature"] = battery.n_sensors
         self._steps = {
-            kind: _Steps(np.full(self._sizes[kind], np.nan), np.full(self._sizes[kind], np.nan), least)
-            for kind, least in STEP.items()
-            if self._sizes[kind] >= FEWEST
+            kind: _Steps.of(self._sizes[kind], least) for kind, least in STEP.items() if self._sizes[kind] >= FEWEST
         }
+        self._steps |= {kind: _Steps.of(1, least) for kind, least in STEP_OF_ALL.items()}
         self.implausible_frames = 0
         self.left_out = 0  # values
 
@@ -93,17 +119,22 @@ class SerialDecoder:
         try:
             channels = [
                 (of, *channel)
-                for of, raw, shift in (_of_line(frame) if isinstance(frame.of, SerialLine) else _of_bytes(frame))
-                if (channel := self._channels(of, raw, shift)) is not None
+                for of, raw, shift, sign in _fields_of(frame)
+                if (channel := self._channels(of, raw, shift, sign)) is not None
             ]
         except (ValueError, IndexError, UnicodeDecodeError):
             self.implausible_frames += 1
             return []
-        checksum = None if isinstance(frame.of, SerialLine) else frame.of.checksum
-        return channels if checksum is not None else self._plausible(channels)
+        if frame.of.checksum is None:
+            return self._plausible(channels)
+        for _, _, value in channels:
+            value[np.isinf(value)] = np.nan
+        return channels
 
-    def _channels(self, of: SerialField, raw: FloatArray, shift: int) -> tuple[IntArray, FloatArray] | None:
+    def _channels(self, of: SerialField, raw: FloatArray, shift: int, sign: int) -> tuple[IntArray, FloatArray] | None:
         if of.kind.startswith("state."):
+            if not np.isfinite(raw[0]):
+                raise ValueError("a state is no number")
             code = int(raw[0])
             yes = bool(code & of.mask) if of.mask else code in (of.equals or (1,))
             return np.zeros(1, np.intp), np.array([float(yes)])
@@ -111,8 +142,9 @@ class SerialDecoder:
         if of.invalid:
             value[np.isin(raw, of.invalid)] = np.nan
         if of.valid_range is not None:
-            value[(value < of.valid_range[0]) | (value > of.valid_range[1])] = np.nan
-        if of.charge_is_positive:
+            is_valid = (value >= of.valid_range[0]) & (value <= of.valid_range[1])
+            value[~is_valid & np.isfinite(value)] = np.nan
+        if sign < 0 or (of.charge_is_positive and of.charging is None):
             value = 0.0 - value
         size = self._sizes.get(of.kind)
         if size is None:
@@ -133,9 +165,9 @@ class SerialDecoder:
         for (of, index, value), is_wrong in zip(read, wrong, strict=True):
             is_left_out = is_wrong
             steps = self._steps.get(of.kind)
-            if steps is not None and len(index) >= FEWEST:
+            if steps is not None and (len(index) >= FEWEST or len(steps.accepted) == 1):
                 is_left_out = is_wrong | ~steps.sound(index, np.where(is_wrong, np.nan, value))
-            is_left_out = is_left_out & np.isfinite(value)
+            is_left_out = is_left_out & ~np.isnan(value)
             self.left_out += int(is_left_out.sum())
             if not is_left_out.all():
                 kept.append((of, index[~is_left_out], value[~is_left_out]))
@@ -147,22 +179,34 @@ def _is_plausible(kind: str, value: FloatArray) -> BoolArray:
     return np.asarray(np.isnan(value) | ((value >= low) & (value <= high)))
 
 
-def _of_bytes(frame: Framed) -> Iterable[tuple[SerialField, FloatArray, int]]:
-    for of in frame.of.fields:
-        shift = 0
+def _fields_of(frame: Framed) -> Iterable[tuple[SerialField, FloatArray, int, int]]:
+    """Yield a field, its raw numbers, by how many channels they are shifted, and -1 for a current that charges."""
+    if not isinstance(frame.of, SerialLine):
+        return _of_bytes(frame.raw, frame.of.fields)
+    text = _text_of(frame.of, frame.raw)
+    return _of_bytes(bytes.fromhex(text), frame.of.fields) if frame.of.is_hex else _of_columns(frame.of, text)
+
+
+def _of_bytes(data: bytes, fields: Iterable[SerialField]) -> Iterable[tuple[SerialField, FloatArray, int, int]]:
+    for of in fields:
+        shift, sign = 0, 1
         if of.index is not None:
-            number = int(_numbers(frame.raw, of.index.type, of.index.at, 1, 0, of.index.byte_order)[0])
+            number = int(_numbers(data, of.index.type, of.index.at, 1, 0, of.index.byte_order)[0])
             shift = (number - of.index.base) * of.count
             if shift < 0:
                 continue
+        if of.charging is not None:
+            at = of.charging
+            code = int(_numbers(data, at.type, at.at, 1, 0, at.byte_order)[0])
+            sign = -1 if (code & at.mask if at.mask else code in at.equals) else 1
         if of.bits:
             width = 8 * np.dtype(TYPES[of.type]).itemsize
-            words = _numbers(frame.raw, of.type, of.at, -(-of.count // width), of.stride, of.byte_order)
+            words = _numbers(data, of.type, of.at, -(-of.count // width), of.stride, of.byte_order)
             bits = (words[:, None].astype(np.uint64) >> np.arange(width, dtype=np.uint64)) & np.uint64(1)
-            yield of, bits.reshape(-1)[: of.count].astype(np.float64), shift
+            yield of, bits.reshape(-1)[: of.count].astype(np.float64), shift, sign
         else:
-            raw = _numbers(frame.raw, of.type, of.at, of.count, of.stride, of.byte_order)
-            yield of, raw.astype(np.float64), shift
+            raw = _numbers(data, of.type, of.at, of.count, of.stride, of.byte_order)
+            yield of, raw.astype(np.float64), shift, sign
 
 
 def _numbers(raw: bytes, kind: str, at: int, count: int, stride: int, byte_order: str) -> np.ndarray:
@@ -170,17 +214,25 @@ def _numbers(raw: bytes, kind: str, at: int, count: int, stride: int, byte_order
     at += len(raw) if at < 0 else 0
     if at < 0 or at + (count - 1) * (stride or dtype.itemsize) + dtype.itemsize > len(raw):
         raise ValueError("the frame is too short")
-    return np.ndarray((count,), dtype, raw, at, (stride or dtype.itemsize,))
+    numbers = np.ndarray((count,), dtype, raw, at, (stride or dtype.itemsize,))
+    if kind != SIGN_AND_MAGNITUDE:
+        return numbers
+    size = (numbers & 0x7FFF).astype(np.int32)
+    return np.where(numbers & 0x8000, -size, size)
 
 
-def _of_line(frame: Framed) -> Iterable[tuple[SerialField, FloatArray, int]]:
-    of = frame.of
-    assert isinstance(of, SerialLine)
-    text = frame.raw.decode("ascii").strip()
+def _text_of(of: SerialLine, raw: bytes) -> str:
+    """What stands between the begin and the end of a line."""
+    text = raw.decode("ascii", "replace").strip()
     text = text[text.rfind(of.begin) + len(of.begin) :] if of.begin else text
-    text = text.removesuffix(of.end) if of.end else text
+    return text.removesuffix(of.end) if of.end else text
+
+
+def _of_columns(of: SerialLine, text: str) -> Iterable[tuple[SerialField, FloatArray, int, int]]:
     groups = groups_of(of.pattern, text) if of.pattern else {}
     columns = [] if of.pattern else _split(text, of.separator)
+    if of.checksum is None and _is_shifted(columns):
+        raise ValueError("a separator is damaged")
     for part in of.fields:
         if part.columns is not None:
             first, last = part.columns
@@ -189,23 +241,36 @@ def _of_line(frame: Framed) -> Iterable[tuple[SerialField, FloatArray, int]]:
                 raise ValueError("the line has too few columns")
         else:
             texts = _split(groups[part.group], of.separator)
-        yield part, np.array([_number(one, part.base) for one in texts]), 0
+        if of.checksum is None and _is_shifted(texts):
+            raise ValueError("a separator is damaged")
+        yield part, np.array([_number(text, part) for text in texts]), 0, 1
+
+
+def _is_shifted(texts: Sequence[str]) -> bool:
+    """Whether two columns, nearly all of one length, became one, or one became two: those after it are of others."""
+    sizes = [len(text) for text in texts]
+    usual = max(set(sizes), key=sizes.count, default=0)
+    if usual < _LEAST_DIGITS or sizes.count(usual) < _MOST_OF * len(sizes):
+        return False
+    has_joined = any(
+        size >= 2 * usual and not text.upper().startswith("F") for size, text in zip(sizes, texts, strict=True)
+    )  # eight digits of a negative number begin with F
+    return has_joined or any(one + next_one + 1 == usual for one, next_one in pairwise(sizes))
 
 
 def _split(text: str, separator: str) -> list[str]:
     return text.split() if not separator.strip() else text.split(separator)
 
 
-def _number(text: str, base: int) -> float:
+def _number(text: str, of: SerialField) -> float:
+    """A number; infinite where the text is none: damaged, or a word for "not measured"."""
     text = text.strip()
-    if base == 16:
-        if not re.fullmatch(r"(0[xX])?[0-9a-fA-F]{1,16}", text):
-            raise ValueError(text)
-        return float(int(text, 16))
-    if not re.fullmatch(r"[-+]?[0-9]{1,12}(\.[0-9]{0,12})?", text):
-        return math.nan if text == "" else _raise(text)
-    return float(text)
-
-
-def _raise(text: str) -> float:
-    raise ValueError(text)
+    if text == "":
+        return math.nan
+    if of.base == 10:
+        return float(text) if re.fullmatch(r"[-+]?[0-9]{1,10}(\.[0-9]{0,12})?", text) else math.inf
+    digits = re.fullmatch(r"(?:0[xX])?([0-9a-fA-F]{1,8})", text)
+    if digits is None:
+        return math.inf
+    number, n_bits = int(digits[1], 16), 4 * len(digits[1])
+    return float(number - (1 << n_bits if of.is_signed and number >> (n_bits - 1) else 0))

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from app.battery.battery import Battery
-from app.battery.serial import TYPES, SerialField, SerialFrame, SerialLine, SerialMapping
+from app.battery.serial import (
+    LONGEST_FRAME,
+    SIGN_AND_MAGNITUDE,
+    TYPES,
+    SerialField,
+    SerialFrame,
+    SerialLine,
+    SerialMapping,
+)
 from app.estimation.arrays import FloatArray, IntArray
 from app.sources.serial.checksums import checksum_of
 
@@ -72,10 +80,14 @@ class SerialEncoder:
 
     def encoded(self, part: SerialFrame | SerialLine, readings: Readings) -> bytes:
         """Return a frame or line; of a frame with a number of its own as many as hold all channels."""
-        if isinstance(part, SerialLine):
-            return self._line(part, readings)
+        if isinstance(part, SerialLine) and not part.is_hex:
+            return _ended(part, self._columns(part, readings))
         frames = [-(-self._sizes.get(field.kind, 1) // field.count) for field in part.fields if field.index is not None]
-        return b"".join(self._frame(part, number, readings) for number in range(max(frames, default=1)))
+        numbers = range(max(frames, default=1))
+        if isinstance(part, SerialLine):
+            texts = [self._values(part.fields, bytearray(_span(part)), k, readings).hex().upper() for k in numbers]
+            return b"".join(_ended(part, text) for text in texts)
+        return b"".join(self._frame(part, number, readings) for number in numbers)
 
     def _frame(self, of: SerialFrame, number: int, readings: Readings) -> bytes:
         tail = len(of.end)
@@ -89,7 +101,19 @@ class SerialEncoder:
         if of.length_at is not None:
             at = of.length_at
             frame[at.offset : at.offset + at.size] = (len(frame) - at.adds).to_bytes(at.size, at.byte_order)
-        for field in of.fields:
+        self._values(of.fields, frame, number, readings)
+        if of.end:
+            frame[-len(of.end) :] = of.end
+        if of.checksum is not None and algorithm is not None:
+            size, calc = algorithm
+            at_byte = of.checksum.at % len(frame)
+            value = calc(bytes(frame[of.checksum.first : of.checksum.end]))
+            frame[at_byte : at_byte + size] = value.to_bytes(size, of.checksum.byte_order)
+        return bytes(frame)
+
+    def _values(self, fields: Sequence[SerialField], frame: bytearray, number: int, readings: Readings) -> bytearray:
+        """Put the values of fields into a frame."""
+        for field in fields:
             shift = 0
             if field.index is not None:
                 shift = number * field.count
@@ -104,26 +128,49 @@ class SerialEncoder:
             raw = _raw(field, readings, field.first + shift)
             if field.bits:
                 raw = _words(raw, 8 * np.dtype(TYPES[field.type]).itemsize)
+            if field.charging is not None:
+                at = field.charging
+                code = (at.mask or at.equals[0]) if raw[0] < 0 else 0
+                _put(frame, at.type, at.at, 0, at.byte_order, np.array([code]))
+                raw = np.abs(raw)
+            if field.type == SIGN_AND_MAGNITUDE:
+                raw = np.abs(raw) + 0x8000 * (raw < 0)
             _put(frame, field.type, field.at, field.stride, field.byte_order, raw)
-        if of.end:
-            frame[-len(of.end) :] = of.end
-        if of.checksum is not None and algorithm is not None:
-            size, calc = algorithm
-            at_byte = of.checksum.at % len(frame)
-            value = calc(bytes(frame[of.checksum.first : of.checksum.end]))
-            frame[at_byte : at_byte + size] = value.to_bytes(size, of.checksum.byte_order)
-        return bytes(frame)
+        return frame
 
     @staticmethod
-    def _line(of: SerialLine, readings: Readings) -> bytes:
+    def _columns(of: SerialLine, readings: Readings) -> str:
         n_columns = 1 + max((field.columns[1] for field in of.fields if field.columns is not None), default=0)
         texts = ["0"] * n_columns
         for field in of.fields:
             if field.columns is None:
                 continue
             for k, value in enumerate(_raw(field, readings, field.first)):
-                texts[field.columns[0] + k] = f"{int(value):X}" if field.base == 16 else f"{int(value)}"
-        return (of.begin + of.separator.join(texts) + (of.end or "\r\n")).encode("ascii")
+                texts[field.columns[0] + k] = _hex(int(value)) if field.base == 16 else f"{int(value)}"
+        return of.separator.join(texts)
+
+
+def _hex(value: int) -> str:
+    """A number in hex: four digits, or eight where it needs them; a negative one as its complement."""
+    n_digits = 4 if -0x8000 <= value <= 0xFFFF else 8
+    return f"{value & (1 << 4 * n_digits) - 1:0{n_digits}X}"
+
+
+def _span(of: SerialLine) -> int:
+    """Bytes of a line in hex."""
+    return max(_end(field) for field in of.fields)
+
+
+def _ended(of: SerialLine, text: str) -> bytes:
+    """A line with its begin, checksum and end."""
+    line = (of.begin + text).encode("ascii")
+    if of.checksum is not None:
+        size, calc = checksum_of(of.checksum.kind) or (0, sum)
+        line += b"0" * min(-of.checksum.at, LONGEST_FRAME)
+        at = of.checksum.at % len(line)
+        value = calc(line[of.checksum.first : of.checksum.end]).to_bytes(size, of.checksum.byte_order)
+        line = line[:at] + value.hex().upper().encode("ascii") + line[at + 2 * size :]
+    return line + (of.end or "\r\n").encode("ascii")
 
 
 def _end(field: SerialField) -> int:

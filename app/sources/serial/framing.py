@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from app.battery.serial import LONGEST_FRAME, SerialFrame, SerialLine, SerialMapping
-from app.sources.serial.checksums import is_sound
+from app.sources.serial.checksums import is_sound, is_sound_line
 
 IDLE_NS = 200_000_000  # silence after which an incomplete frame is dropped
 _LAST_BYTES = 64
@@ -142,7 +142,7 @@ class StreamReader:
                     self._bad(len(self._data))
                 return
             line = bytes(self._data[:at])
-            of = next((layout for layout in self._lines if layout.begin.encode() in line), None)
+            of = next((layout for layout in self._lines if _is_line(line, layout)), None)
             if not line.strip():
                 self._drop(at + size)
             elif of is None or at > LONGEST_FRAME:
@@ -180,6 +180,11 @@ def _begins(data: bytearray, at: int, of: SerialFrame) -> bool:
     """Whether a frame may begin here, as far as the bytes go."""
     part = data[at : at + len(of.header)]
     return all(wanted is None or byte == wanted for byte, wanted in zip(part, of.header, strict=False))
+
+
+def _is_line(line: bytes, of: SerialLine) -> bool:
+    begin = line.rfind(of.begin.encode())
+    return begin >= 0 and (of.checksum is None or is_sound_line(of.checksum, line[begin:]))
 
 
 def _first_end(data: bytearray, end: bytes) -> tuple[int, int]:

@@ -35,6 +35,7 @@ KINDS = (
 )
 _SIZES = {"sum8": 1, "xor8": 1, "crc-8": 1, "crc-32": 4}
 _GRAM = 2
+_LEAST_NUMBERS = 0.5  # share of the columns of a line
 MOST_TRIED = 16  # beginnings of a frame of one length
 _Rows = NDArray[np.uint8]
 
@@ -262,15 +263,16 @@ def _line(data: bytes) -> ProposedLine | None:
         if n < LEAST_CELLS or times < SURE * len(rows):
             continue
         whole = [column for column in columns if len(column) == n]
-        for base in (10, 16):
-            numbers = _numbers(whole, base)
-            if numbers is not None:
-                return _with_voltages(ProposedLine(separator, n, len(whole), base), numbers)
+        by_base = {base: _numbers(whole, base) for base in (10, 16)}
+        shares = {base: float(np.isfinite(numbers).mean()) for base, numbers in by_base.items()}
+        base = 16 if shares[16] > shares[10] else 10  # hex digits of some numbers are decimal ones
+        if shares[base] > _LEAST_NUMBERS:
+            return _with_voltages(ProposedLine(separator, n, len(whole), base), by_base[base])
     return None
 
 
-def _numbers(rows: Sequence[Sequence[str]], base: int) -> NDArray[np.float64] | None:
-    """The columns as numbers, NaN for a word; None where most are none."""
+def _numbers(rows: Sequence[Sequence[str]], base: int) -> NDArray[np.float64]:
+    """The columns as numbers, NaN for a word."""
 
     def number(text: str) -> float:
         try:
@@ -278,8 +280,7 @@ def _numbers(rows: Sequence[Sequence[str]], base: int) -> NDArray[np.float64] | 
         except ValueError:
             return np.nan
 
-    numbers = np.array([[number(text) for text in row] for row in rows])
-    return numbers if np.isfinite(numbers).mean() > 0.5 else None
+    return np.array([[number(text) for text in row] for row in rows])
 
 
 def _with_voltages(line: ProposedLine, numbers: NDArray[np.float64]) -> ProposedLine:

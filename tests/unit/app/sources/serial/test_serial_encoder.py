@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 
 from app.battery.library import bundled_profiles
-from app.sources.loaded_battery import load_battery
+from app.sources.loaded_battery import battery_from_files, load_battery
 from app.sources.serial.decoder import SerialDecoder
 from app.sources.serial.encoder import SerialEncoder
 from app.sources.serial.framing import StreamReader
+from tests.unit.app.sources.serial.test_public_protocols import CASES
 
 PARTS = ("ivt-s",)
 SERIAL = [name for name in bundled_profiles() if name not in PARTS and load_battery(name).serial is not None]
 
 
-@pytest.mark.parametrize("name", SERIAL)
+@pytest.mark.parametrize("name", [*SERIAL, "Pylontech", "Chargery", "JK"])
 def test_what_is_sent_is_read_as_what_was_measured(name):
-    loaded = load_battery(name)
+    loaded = load_battery(name) if name in SERIAL else battery_from_files({"x.toml": CASES[name][0].encode()})
     mapping, battery = loaded.serial, loaded.battery
     encoder, reader, decoder = (
         SerialEncoder(battery, mapping),
