@@ -63,6 +63,7 @@ def _add_check(actions: Actions) -> None:
         help="check against a CAN log of this battery (.log of candump, .trc, .asc, .blf, .mf4), or the bytes of its "
         "serial line (binary or hex)",
     )
+    battery_learn.add_bus_argument(checking)
     checking.set_defaults(run=_check)
 
 
@@ -219,7 +220,7 @@ def _check(args: argparse.Namespace) -> int:
     if profile is not None:
         warnings = _of_cell(profile.battery.cell, profile.file)
         if isinstance(profile.source, DbcMapping):
-            warnings += _of_dbc(profile.battery, profile.source, profile.file, args.log)
+            warnings += _of_dbc(profile.battery, profile.source, profile.file, args)
         elif isinstance(profile.source, SerialMapping):
             warnings += _of_serial(profile.battery, profile.source, profile.file, args)
         elif not args.json:
@@ -262,15 +263,21 @@ def _is_known(field: str, errors: list[ProfileError]) -> bool:
     )
 
 
-def _of_dbc(battery: Battery, source: DbcMapping, file: str, log: Path | None) -> list[ProfileIssue]:
+def _of_dbc(battery: Battery, source: DbcMapping, file: str, args: argparse.Namespace) -> list[ProfileIssue]:
     """Warnings of the files that the profile names, and of what it says of them."""
     from app.sources.dbc.check import ProfileIssue, issues_of
+    from app.sources.recordings.buses import Buses
 
     missing = [Path(name) for name in source.dbc if not Path(name).is_file()]
     if missing:
         return [ProfileIssue(file, None, "source.dbc", f"no such file: {name}", is_error=True) for name in missing]
     definitions = battery_learn.definitions_of(map(Path, source.dbc))
-    return issues_of(battery, source, definitions, file, None if log is None else battery_learn.log_frames(log))
+    frames = None
+    if args.log is not None:
+        buses = Buses(args.bus)
+        frames = battery_learn.log_frames(args.log, buses)
+        buses.check(args.log.name, definitions.by_id())
+    return issues_of(battery, source, definitions, file, frames)
 
 
 def _of_serial(battery: Battery, mapping: SerialMapping, file: str, args: argparse.Namespace) -> list[ProfileIssue]:

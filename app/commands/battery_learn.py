@@ -14,6 +14,7 @@ from app.commands.arguments import Actions, existing, write_out
 from app.commands.console import Progress
 from app.errors import ConfigError
 from app.sources.dbc.definitions import Definitions
+from app.sources.recordings.buses import Buses
 from app.words import Message, render
 from app.words.render import number
 
@@ -41,6 +42,7 @@ def add_arguments(actions: Actions) -> None:
     source.add_argument("--can", metavar="IF:CH", help="record from a bus: python-can INTERFACE:CHANNEL")
     source.add_argument("--serial", metavar="PORT", help="read a serial line: device, or socket://HOST:PORT")
     source.add_argument("--capture", type=Path, metavar="FILE", help="bytes of a serial line: binary, or hex as text")
+    add_bus_argument(learning)
     learning.add_argument("--seconds", type=float, default=30.0, metavar="S", help="recording time (default: 30)")
     learning.add_argument("--baud", type=int, default=115_200, metavar="N", help="speed of the line (default: 115200)")
     learning.add_argument("--parity", choices=("none", "even", "odd"), default="none", help="parity (default: none)")
@@ -68,15 +70,17 @@ def run(args: argparse.Namespace) -> int:
     from app.sources.dbc.infer.profile_text import profile_text
     from app.sources.dbc.listening import bus_frames
 
-    frames = frames_of([])
+    frames, buses = frames_of([]), Buses(args.bus)
     if args.log is not None:
-        frames = log_frames(args.log)
+        frames = log_frames(args.log, buses)
     elif args.can is not None:
         print(f"listening to {args.can} for {args.seconds:g} s", file=sys.stderr)
         frames = bus_frames(args.can, args.seconds)
     elif not args.dbc:
         raise ConfigError("dbc", "", "--dbc, --log, --can, --serial or --capture")
     definitions, files = (definitions_of(args.dbc), args.dbc) if args.dbc else _bundled(frames)
+    if args.log is not None:
+        buses.check(args.log.name, definitions.by_id())
     _print_oddities(definitions)
     draft = ProfileDraft(definitions, (), frames, "")
     survey = draft.survey
@@ -220,7 +224,12 @@ def definitions_of(files: Iterable[Path]) -> Definitions:
     return definitions
 
 
-def log_frames(path: Path) -> Frames:
+def add_bus_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare --bus."""
+    parser.add_argument("--bus", default="", metavar="BUS", help="bus of a log that has several, such as can0")
+
+
+def log_frames(path: Path, buses: Buses) -> Frames:
     """Return the frames of a log; the terminal shows how far it is read.
 
     Raises:
@@ -231,4 +240,4 @@ def log_frames(path: Path) -> Frames:
 
     size = existing("log", path).stat().st_size
     with Progress(path.name) as progress:
-        return load_log(path, lambda at: progress(at, size))
+        return load_log(path, lambda at: progress(at, size), buses)

@@ -19,6 +19,7 @@ from app.commands.arguments import (
     new_action,
     unix_s,
 )
+from app.commands.battery_learn import add_bus_argument
 from app.commands.console import Progress, printable
 from app.errors import ConfigError
 from app.estimation.filters.filter_names import FILTERS
@@ -48,6 +49,7 @@ def add_arguments(actions: Actions) -> None:
         action.add_argument("file", type=Path, metavar="FILE", help="recording")
         action.add_argument("--dbc", type=Path, metavar="FILE", help="DBC of the CAN frames")
     add_json_argument(columns)
+    add_bus_argument(taking)
     taking.add_argument("--battery", metavar="NAME|FILE", help="battery profile of the CAN log or table")
     taking.add_argument("--profile", metavar="NAME|FILE", help="column assignment: saved profile or TOML file")
     taking.add_argument(
@@ -83,6 +85,7 @@ def import_recording(args: argparse.Namespace) -> int:
     with Progress(path.name) as progress:
         table = read_table(path, between(progress, 0.0, READING_TABLE)) if has_table else None
         profile = ImportMapping() if is_log else _profile(args, table, store)
+        profile = replace(profile, bus=args.bus) if args.bus else profile
         done = import_file(
             path,
             profile,

@@ -95,6 +95,7 @@ class InferIn(Body):
     files: dict[Annotated[str, Field(max_length=100)], FileText] = Field(min_length=1, max_length=20)
     can: str | None = Field(None, min_length=1, max_length=300)
     log: int | None = Field(None, description="the upload of a CAN log: POST /imports")
+    bus: str = Field("", max_length=100, description="of the log, where an id is on several")
     seconds: float = Field(10.0, ge=0.5, le=60)
     name: str = Field("", max_length=100)
 
@@ -131,7 +132,7 @@ def infer_profile_of(body: InferIn, setup: SetupPart, imports: ImportsPart, work
     if body.log is not None:
         received, limits = imports.path_of(body.log), INSPECTION
     try:
-        draft = workers.run(limits, draft_from_files, body.files, received, body.name)
+        draft = workers.run(limits, draft_from_files, body.files, received, body.name, body.bus)
     except BaseException:
         if listener is not None:
             listener.close()

@@ -223,6 +223,7 @@ class ImportMappingOut(BaseModel):
     soc_unit: str
     max_rate_hz: float
     hold_s: float
+    bus: str
 
 
 class UploadOut(BaseModel):

@@ -20,6 +20,7 @@ from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.recordings import can_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.battery_log import BatteryLog, battery_log
+from app.sources.recordings.buses import Buses
 from app.sources.recordings.clock import LogClock
 from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import is_can_log
@@ -150,12 +151,15 @@ def _read(
     size, is_simulated = max(path.stat().st_size, 1), is_simulated_log(path)
     reading, clock = between(on_progress, 0.0, READING if dbc is None else DECODING), LogClock()
     if dbc is None:
-        bad = BadRows()
-        for frame in can_log.read_frames(path, bad, lambda at: reading(at, size), clock):
+        bad, buses = BadRows(), Buses(profile.bus)
+        for frame in can_log.read_frames(path, bad, lambda at: reading(at, size), clock, buses):
             spool.add(frame)
+        buses.check(path.name, () if battery is None else battery.definitions.by_id())
         notes = (*bad.notes(spool.n), *clock.notes)
     else:
-        signals = can_log.read_signals(path, dbc, on_read=lambda at: reading(at, size), on_frame=spool.add, clock=clock)
+        signals = can_log.read_signals(
+            path, dbc, on_read=lambda at: reading(at, size), on_frame=spool.add, clock=clock, bus=profile.bus
+        )
     if not spool.n:
         raise ImportFailed(path.name, Message("no-data-frame"))
     started_s = clock.started_unix_s(spool.first_s)

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from app.sources.dbc.definitions import Definitions
 from app.sources.items import CanItem
+from app.sources.recordings.buses import Buses
 from app.sources.recordings.can_log import OnRead, read_frames
 
 TimedFrame = tuple[int, int, bytes]  # time [ns], id with bit 31 for 29-bit ones, data
@@ -53,15 +55,16 @@ def frames_of_items(items: Iterable[CanItem]) -> Frames:
 AT_ONCE = 50_000  # frames that become columns: as Python's objects each takes 300 bytes, in columns 21
 
 
-def load_log(path: Path, on_read: OnRead = lambda at: None) -> Frames:
+def load_log(path: Path, on_read: OnRead = lambda at: None, buses: Buses | None = None) -> Frames:
     """Return the frames of a log in the order of their time; time in ns since 1970, or since its begin.
 
-    `on_read` gets the bytes read so far, repeatedly.
+    `on_read` gets the bytes read so far, repeatedly; `buses` as for `read_frames`.
 
     Raises:
         ImportFailed: the file cannot be read as what its name says.
     """
-    frames = ((round(t_s * 1e9), can_id, data) for t_s, can_id, data in read_frames(path, on_read=on_read))
+    read = read_frames(path, on_read=on_read, buses=buses)
+    frames = ((round(t_s * 1e9), can_id, data) for t_s, can_id, data in read)
     parts = [frames_of([])]
     while part := list(islice(frames, AT_ONCE)):
         parts.append(frames_of(part))
@@ -74,6 +77,18 @@ def load_log(path: Path, on_read: OnRead = lambda at: None) -> Frames:
         np.concatenate([part.length for part in parts])[order],
         np.concatenate([_wide(part.data, width) for part in parts])[order],
     )
+
+
+def load_log_of_bus(path: Path, definitions: Definitions, bus: str = "", on_read: OnRead = lambda at: None) -> Frames:
+    """Return the frames of one bus of a log, or of all where no id of the definitions is on two.
+
+    Raises:
+        ImportFailed: as `load_log`; there is no such bus, or an id is on two.
+    """
+    buses = Buses(bus)
+    frames = load_log(path, on_read, buses)
+    buses.check(path.name, definitions.by_id())
+    return frames
 
 
 def _wide(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

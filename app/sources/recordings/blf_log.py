@@ -10,7 +10,7 @@ from app.sources.recordings.bad_rows import SHOWN_TEXT, BadRows
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
-Frame = tuple[float, int, bytes]
+Frame = tuple[float, int, bytes, str]  # and the bus
 _OBJECT = struct.Struct("<4sHHLL")  # signature, header size and version, size, type
 _HEADER_SIZE = struct.Struct("<4sL")
 _CONTAINER = 10  # type of an object with others in it
@@ -47,7 +47,8 @@ def data_frame(message: Any) -> Iterator[Frame]:
     """Yield the frame of a message of python-can; none of a remote or error frame."""
     if not (message.is_error_frame or message.is_remote_frame):
         extended = CAN_ID_EXTENDED if message.is_extended_id else 0
-        yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
+        bus = "" if message.channel is None else str(message.channel)
+        yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data), bus
 
 
 def first_container(file: BinaryIO) -> bytes:

@@ -20,6 +20,7 @@ from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray, latest_at
 from app.sources.recordings.bad_rows import EARLY, SHOWN_TEXT, BadRows, UnreadableLine
 from app.sources.recordings.blf_log import blf_frames, data_frame
+from app.sources.recordings.buses import Buses
 from app.sources.recordings.clock import LogClock
 from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import CAN_LOGS, kind_of, wide_encoding
@@ -36,6 +37,7 @@ _BEGIN = 1 << 12  # bytes that show how a text is encoded
 _PROGRESS_EVERY = 500  # frames
 MOST_VALUES = 16_000_000  # values of signals by a DBC: each takes 38 bytes until the table is made
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
+BusFrame = tuple[float, int, bytes, str]  # and the bus, as the log names it
 OnRead = Callable[[int], None]  # bytes of the file that are read
 Signals = dict[str, tuple["array[float]", "array[float]"]]  # times and values by name
 _HEADER = (
@@ -53,7 +55,11 @@ _LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd
 
 
 def read_frames(
-    path: Path, bad: BadRows | None = None, on_read: OnRead | None = None, clock: LogClock | None = None
+    path: Path,
+    bad: BadRows | None = None,
+    on_read: OnRead | None = None,
+    clock: LogClock | None = None,
+    buses: Buses | None = None,
 ) -> Iterator[Frame]:
     """Yield the data frames of a log, in its order; what it is is taken from its content.
 
@@ -62,6 +68,7 @@ def read_frames(
         bad: gets the lines and frames that cannot be read.
         clock: gets what the log's clock did; a clock that starts again, or is set, makes no jump.
         on_read: given how many bytes are read, again and again; not of MF4.
+        buses: says which bus is read, and gets the ids of all; whoever decodes them calls its `check`.
 
     Raises:
         ImportFailed: it cannot be read, or more than half of it cannot.
@@ -77,7 +84,9 @@ def read_frames(
         with path.open("rb", _READ_AT_ONCE) as file:
             clock.may_be_differences, clock.has_lines = kind == "candump", kind in _LINE_LOGS
             frames = _frames(kind, path, file, bad, clock)
-            yield from clock.in_time(path.name, _usable(frames, file, bad, counted, on_read))
+            usable = _usable(frames, file, bad, counted, on_read)
+            kept = usable if buses is None else (frame for frame in usable if buses.keeps(frame[3], frame[1]))
+            yield from clock.in_time(path.name, (frame[:3] for frame in kept))
     except (ExtraMissing, ImportFailed, MemoryError):
         raise
     except Exception as error:  # every reader raises its own: struct.error, MdfException, ...
@@ -88,8 +97,8 @@ def read_frames(
 
 
 def _usable(
-    frames: Iterator[Frame], file: BinaryIO, bad: BadRows, counted: list[int], on_read: OnRead | None
-) -> Iterator[Frame]:
+    frames: Iterator[BusFrame], file: BinaryIO, bad: BadRows, counted: list[int], on_read: OnRead | None
+) -> Iterator[BusFrame]:
     """The frames whose time, id and length can be; `counted` gets their number."""
     for number, frame in enumerate(frames):
         if on_read is not None and number % _PROGRESS_EVERY == 0:
@@ -105,7 +114,7 @@ def _usable(
             break
 
 
-def _frames(kind: str, path: Path, file: Any, bad: BadRows, clock: LogClock) -> Iterator[Frame]:
+def _frames(kind: str, path: Path, file: Any, bad: BadRows, clock: LogClock) -> Iterator[BusFrame]:
     """The frames of a log; one that is text may be packed."""
     if kind == "mf4":
         return mf4_frames(path)
@@ -122,7 +131,9 @@ def _frames(kind: str, path: Path, file: Any, bad: BadRows, clock: LogClock) -> 
     return _text_of_python_can(text, kind, bad)
 
 
-def _lines(text: TextIO, frame_of: Callable[[str], Frame | None], bad: BadRows, clock: LogClock) -> Iterator[Frame]:
+def _lines(
+    text: TextIO, frame_of: Callable[[str], BusFrame | None], bad: BadRows, clock: LogClock
+) -> Iterator[BusFrame]:
     """The frames of a log that has one a line; a last line without its end may be cut off."""
     good = 0
     with text:
@@ -209,7 +220,7 @@ def _warnings_as_bad_lines(bad: BadRows, lines: _Lines) -> Iterator[None]:
         logger.propagate = propagates
 
 
-def _text_of_python_can(text: TextIO, kind: str, bad: BadRows) -> Iterator[Frame]:
+def _text_of_python_can(text: TextIO, kind: str, bad: BadRows) -> Iterator[BusFrame]:
     can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
     is_done, lines = False, _Lines(text)
     with text:
@@ -266,10 +277,12 @@ def read_signals(
     on_read: OnRead | None = None,
     on_frame: Callable[[Frame], None] | None = None,
     clock: LogClock | None = None,
+    bus: str = "",
 ) -> LogSignals:
     """Return the signals in a log's frames; of the first `most` frames where it is given.
 
-    `on_read` gets the bytes read so far, repeatedly; `on_frame` gets every frame; `clock` as for `read_frames`.
+    `on_read` gets the bytes read so far, repeatedly; `on_frame` gets every frame; `clock` as for `read_frames`; `bus`
+    is the one that is read.
 
     Raises:
         ExtraMissing: cantools is not installed.
@@ -277,10 +290,11 @@ def read_signals(
     """
     unread, undecoded = BadRows(), BadRows(Message("frames-of-dbc"))
     clock = LogClock() if clock is None else clock
-    frames = islice(read_frames(path, unread, on_read, clock), most)
+    buses = Buses(bus)
+    frames = islice(read_frames(path, unread, on_read, clock, buses), most)
     if on_frame is not None:
         frames = (on_frame(frame) or frame for frame in frames)  # type: ignore[assignment]
-    signals = _signals(frames, path.name, dbc, bad=undecoded)
+    signals = _signals(frames, path.name, dbc, bad=undecoded, buses=buses)
     decoded = max((len(times) for times, _ in signals.values()), default=0)
     return LogSignals(path.name, signals, (*unread.notes(decoded), *undecoded.notes(decoded), *clock.notes))
 
@@ -307,7 +321,12 @@ def one_signal(frames: Iterable[Frame], source: str, dbc: Path, name: str) -> tu
 
 
 def _signals(
-    frames: Iterable[Frame], source: str, dbc: Path, only: str | None = None, bad: BadRows | None = None
+    frames: Iterable[Frame],
+    source: str,
+    dbc: Path,
+    only: str | None = None,
+    bad: BadRows | None = None,
+    buses: Buses | None = None,
 ) -> Signals:
     """Times and values of each signal; under its own name where only one message has one of that name.
 
@@ -352,6 +371,8 @@ def _signals(
                 samples.append(value)
         if kept > MOST_VALUES:
             raise LimitExceeded(Message("limit-signals", limit=MOST_VALUES))
+    if buses is not None:
+        buses.check(source, by_id)
     bad.check(source, decoded)
     if not signals:
         if only is None:

@@ -45,6 +45,7 @@ class ImportMapping:
     soc_unit: str = "percent"
     max_rate_hz: float = 0.0  # rows that come quicker are left out, and counted; 0 keeps every one
     hold_s: float = 2.0  # CAN: how long a signal counts after its frame
+    bus: str = ""  # CAN: which bus of the log is read, as the log names it; empty: all, where no id is on two
 
     def __post_init__(self) -> None:
         """Check units and numbers.

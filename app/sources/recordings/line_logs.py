@@ -7,10 +7,10 @@ from app.sources.recordings.bad_rows import SHOWN_TEXT, UnreadableLine
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
-Frame = tuple[float, int, bytes]
+Frame = tuple[float, int, bytes, str]  # and the bus, as the log names it
 SAVVYCAN_HEADER = re.compile(r"\ufeff?\s*Time\s*Stamp\s*,\s*ID\s*,\s*Extended\s*,", re.IGNORECASE)
 CRTD_LINE = re.compile(
-    r"(?P<time>\d+(?:\.\d+)?)\s+\d*(?:(?P<way>[RT])(?P<bits>11|29)\s+(?P<id>[0-9A-Fa-f]{1,8})"
+    r"(?P<time>\d+(?:\.\d+)?)\s+(?P<bus>\d*)(?:(?P<way>[RT])(?P<bits>11|29)\s+(?P<id>[0-9A-Fa-f]{1,8})"
     r"(?P<data>(?:\s+[0-9A-Fa-f]{2}){0,64})|C[A-Z]{2}\b.*|[TR]?[EX]\w*\b.*)\s*$"
 )
 _SAVVYCAN = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,.."
@@ -40,7 +40,8 @@ def savvycan_frame(line: str) -> Frame | None:
     if can_id > _ID_BITS:
         raise UnreadableLine(Message("line-id", id=fields[1][:SHOWN_TEXT], bits=29))
     is_extended = fields[2].lower() in ("true", "1") or can_id > _SHORT_ID
-    return time_us * 1e-6, can_id | (CAN_ID_EXTENDED if is_extended else 0), data
+    bus = fields[first_byte - 2]
+    return time_us * 1e-6, can_id | (CAN_ID_EXTENDED if is_extended else 0), data, bus
 
 
 def crtd_frame(line: str) -> Frame | None:
@@ -60,30 +61,30 @@ def crtd_frame(line: str) -> Frame | None:
     can_id = int(match["id"], 16)
     if can_id > (_ID_BITS if extended else _SHORT_ID):
         raise UnreadableLine(Message("line-id", id=match["id"], bits=int(match["bits"])))
-    return float(match["time"]), can_id | extended, bytes.fromhex(match["data"])
+    return float(match["time"]), can_id | extended, bytes.fromhex(match["data"]), match["bus"]
 
 
 ERROR_FRAME, REMOTE = 0x20000000, "R"
 CANDUMP_LINE = re.compile(
-    r"\s*\((?P<time>[^)]+)\)\s+\S+\s+(?:[TR]X\s+(?:[-BE]\s+)*)?(?P<id>[0-9A-Fa-f]{1,8})"
+    r"\s*\((?P<time>[^)]+)\)\s+(?P<bus>\S+)\s+(?:[TR]X\s+(?:[-BE]\s+)*)?(?P<id>[0-9A-Fa-f]{1,8})"
     r"(?:#(?P<flags>#[0-9A-Fa-f])?(?P<data>R\d?|(?:[0-9A-Fa-f]{2}\.?){0,64})(?:_[0-9A-Fa-f])?(?:\s+[RT])?"
     r"|\s+\[\s*(?P<length>\d{1,3})\]\s*+(?P<bytes>(?:[0-9A-Fa-f]{2}\s*+){0,64}+|remote request.*)(?:'.*)?)\s*$"
 )
 CANDUMP_WITHOUT_TIME = re.compile(r"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\](?:\s+[0-9A-Fa-f]{2}){0,64}\s*$")
-_PLAIN = re.compile(r"\((\d{1,10}\.\d+)\) \S+ ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8})\n")  # nearly all of them
+_PLAIN = re.compile(r"\((\d{1,10}\.\d+)\) (\S+) ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8})\n")  # nearly all of them
 _SHORT_ID_DIGITS = 3  # digits of an 11-bit id
 MOST_S = 9e9  # in the year 2255; ns since 1970 are kept in 64 bits
 
 
-def candump_frame(line: str) -> tuple[float, int, bytes] | None:
-    """Return time [s], id with bit 31 for 29-bit ones, and data of a line; None for remote and error frames.
+def candump_frame(line: str) -> Frame | None:
+    """Return time [s], id with bit 31 for 29-bit ones, data and bus of a line; None for remote and error frames.
 
     Raises:
         UnreadableLine: the line is none of candump's.
     """
     plain = _PLAIN.fullmatch(line)
     if plain is not None and (seconds := float(plain[1])) < MOST_S:
-        return seconds, int(plain[2], 16), bytes.fromhex(plain[3])
+        return seconds, int(plain[3], 16), bytes.fromhex(plain[4]), plain[2]
     match = CANDUMP_LINE.match(line)
     if match is None:
         raise UnreadableLine(Message("line-unlike", shape="(TIME) BUS ID#BYTES", text=line.strip()[:SHOWN_TEXT]))
@@ -91,7 +92,8 @@ def candump_frame(line: str) -> tuple[float, int, bytes] | None:
     if text.startswith((REMOTE, "remote")) or (len(match["id"]) > _SHORT_ID_DIGITS and can_id & ERROR_FRAME):
         return None
     extended = CAN_ID_EXTENDED if len(match["id"]) > _SHORT_ID_DIGITS else 0
-    return _seconds(match["time"]), can_id & 0x1FFFFFFF | extended, bytes.fromhex(text.replace(".", ""))
+    data = bytes.fromhex(text.replace(".", ""))
+    return _seconds(match["time"]), can_id & 0x1FFFFFFF | extended, data, match["bus"]
 
 
 def _seconds(text: str) -> float:

@@ -19,7 +19,7 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 AT_ONCE = 20_000  # frames
 _FRAME = "CAN_DataFrame"
 _ID_BITS = 0x1FFFFFFF
-Frame = tuple[float, int, bytes]
+Frame = tuple[float, int, bytes, str]  # and the bus
 
 
 def mf4_frames(path: Path) -> Iterator[Frame]:
@@ -56,6 +56,7 @@ def _frames_of(file: Any, number: int, start_s: float) -> Iterator[Frame]:
         extended = (can_id & CAN_ID_EXTENDED != 0) | (column["IDE"] != 0 if "IDE" in column else False)
         ids = (can_id & _ID_BITS) | np.where(extended, np.uint32(CAN_ID_EXTENDED), np.uint32(0))
         times_s, lengths = columns.timestamps + start_s, column["DataLength"].astype(int)
-        rows = zip(times_s.tolist(), ids.tolist(), column["DataBytes"], lengths.tolist(), strict=True)
-        for time_s, frame_id, data, length in rows:
-            yield time_s, frame_id, bytes(data[:length])
+        buses = column["BusChannel"].astype(int).tolist() if "BusChannel" in column else [""] * len(ids)
+        rows = zip(times_s.tolist(), ids.tolist(), column["DataBytes"], lengths.tolist(), buses, strict=True)
+        for time_s, frame_id, data, length, bus in rows:
+            yield time_s, frame_id, bytes(data[:length]), str(bus)

@@ -1006,6 +1006,7 @@ export interface ImportMapping {
   soc_unit: string;
   max_rate_hz: number;
   hold_s: number;
+  bus: string;
 }
 
 /** Progress of an import: `done` of `total`; its rows once it is a session. */

@@ -16,7 +16,7 @@ from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
 from app.sources.dbc.check import ProfileIssue, issues_of, oddities_of
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
-from app.sources.dbc.frames import Frames, load_log
+from app.sources.dbc.frames import Frames, load_log_of_bus
 from app.sources.dbc.infer.bus_survey import BusSurvey, survey_bus
 from app.sources.dbc.infer.inference import InferredProfile, infer_profile, taken
 from app.sources.dbc.infer.lines import Choice, ProfileLine, find_signal
@@ -153,21 +153,22 @@ def _running(values: ChannelValues, size: int, now_ns: int, line: ProfileLine, r
     return CurrentValue(numbers, age_s)
 
 
-def draft_from_files(files: Mapping[str, str], received: Frames | Path, name: str) -> ProfileDraft:
+def draft_from_files(files: Mapping[str, str], received: Frames | Path, name: str, bus: str = "") -> ProfileDraft:
     """Return the draft that files suggest.
 
     Args:
         files: message definitions as text, by file name.
         received: frames of a bus, or a CAN log.
         name: of the profile; the first file's where empty.
+        bus: of the log.
 
     Raises:
-        ImportFailed, ExtraMissing: a file cannot be read.
+        ImportFailed, ExtraMissing: a file cannot be read, or an id is on two buses of the log.
     """
     definitions = Definitions(())
     for file, text in files.items():
         definitions = definitions.joined(parse_definitions(text.encode(), file))
-    frames = load_log(received) if isinstance(received, Path) else received
+    frames = received if isinstance(received, Frames) else load_log_of_bus(received, definitions, bus)
     draft = ProfileDraft(definitions, tuple(files), frames, name or Path(next(iter(files))).stem)
     draft.inferred(Correction())
     return draft

@@ -7,21 +7,23 @@ import pytest
 
 from app.battery.library import load_profile
 from app.battery.profile import read_document, understand
+from app.errors import ImportFailed
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.check import issues_of
 from app.sources.dbc.dbc_file import load_definitions
-from app.sources.dbc.frames import load_log
+from app.sources.dbc.frames import load_log, load_log_of_bus
 from app.sources.dbc.infer.profile_draft import Correction, ProfileDraft
 from app.sources.dbc.infer.profile_text import profile_text
 
 REPORTS = Path(__file__).with_name("reports")
 
 
-def codes_of(profile, log, dbc=None, text=None):
+def codes_of(profile, log, dbc=None, text=None, bus=""):
     """The findings of `check`, in their order."""
     loaded = load_profile(str(REPORTS / profile)).profile if text is None else text
     definitions = load_definitions(REPORTS / (dbc or Path(loaded.source.dbc[0]).name))
-    found = issues_of(loaded.battery, loaded.source, definitions, profile, load_log(REPORTS / log))
+    frames = load_log_of_bus(REPORTS / log, definitions, bus)
+    found = issues_of(loaded.battery, loaded.source, definitions, profile, frames)
     return [issue.what.code for issue in found]
 
 
@@ -45,6 +47,12 @@ def learned(dbc, log):
 )
 def test_check_names_what_the_log_shows_and_nothing_else(profile, log, dbc, expected):
     assert codes_of(profile, log, dbc) == expected
+
+
+def test_two_buses_with_one_id_are_never_decoded_as_one():
+    with pytest.raises(ImportFailed, match="can0, can1"):
+        codes_of("mini.toml", "two-buses.log.gz")
+    assert codes_of("mini.toml", "two-buses.log.gz", bus="can0") == []
 
 
 def test_cells_that_multiplexed_frames_number_are_learned():

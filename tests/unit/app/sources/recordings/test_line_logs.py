@@ -40,7 +40,23 @@ EXTENDED = 0x18FF50E5 | CAN_ID_EXTENDED
 )  # fmt: skip
 def test_a_line_is_a_frame_or_none(frame_of, line, frame) -> None:
     found = frame_of(line)
-    assert found == (frame and (pytest.approx(frame[0]), *frame[1:]))
+    assert (found and found[:3]) == (frame and (pytest.approx(frame[0]), *frame[1:]))
+
+
+@pytest.mark.parametrize(
+    ("frame_of", "line", "bus"),
+    [
+        (candump_frame, "(1750000000.250000) can0 036#0190D41111\n", "can0"),
+        (candump_frame, " (1.5)  can1  18FF50E5   [2]  01 02", "can1"),
+        (candump_frame, "(360.26) RX0 10 [2] D8 0E", "RX0"),  # an id of two digits
+        (savvycan_frame, "1500,0000021A,false,Rx,1,1,FE", "1"),
+        (savvycan_frame, "1500,0x131,false,2,1,01", "2"),
+        (crtd_frame, "1705316400.05 3R11 131 00 0F", "3"),
+        (crtd_frame, "1705316400.05 R11 131 00", ""),
+    ],
+)
+def test_the_bus_of_a_frame_is_that_of_its_line(frame_of, line, bus) -> None:
+    assert frame_of(line)[3] == bus
 
 
 @pytest.mark.parametrize(
@@ -91,5 +107,5 @@ def test_any_frame_is_read_however_it_is_written_in_the_file_and_on_the_terminal
     lines = [fd + "\n", fd.lower(), f" {fd} R\n", fd.replace("##1", "##0")]
     lines += [fd.replace("##1", "#")] * (len(data) <= 9)
     lines.append(f" ({at_s})  can0  {can_id:03X}   [{len(data)}]  {data.hex(' ')}")
-    expected = (float(at_s), can_id, data) if at_s < 9_000_000_000 else None
+    expected = (float(at_s), can_id, data, "can0") if at_s < 9_000_000_000 else None
     assert [frame_or_none(line) for line in lines] == [expected] * len(lines)
