@@ -101,6 +101,7 @@ PROFILE_NOTES = {
     "serial.frame.fields.index": "For samples of several frames: the value's place = (number - `base`) * `count`.",
     "serial.frame.fields.charging": "For a current without a sign: a number in the frame says whether it charges.",
     "serial.line": "One line of text a sample.",
+    "serial.line.fields.index": "For a line per cell, as that of a frame.",
     "serial.line.checksum": "As that of a frame, over the characters from `begin` on; the number stands in hex digits.",
 }
 

@@ -179,8 +179,15 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("column", "count", "its column, from 0", "`columns`, `group`", low=0, high=LONGEST_FRAME),
         Field("columns", "counts", "first and last column, from 0", "`column`, `group`", low=0, high=LONGEST_FRAME),
         Field("group", "text", "group of `pattern`", "none"),
+        Field("begin", "text", "text before the number in its column: `C1=3.70`", "none"),
+        Field("end", "text", "text behind the number: `3.70V`", "none"),
         Field("base", "count", "10, or 16 for hex", "10", low=10, high=16),
         Field("signed", "flag", "hex: two's complement of as many bits as there are digits", "false"),
+    ),
+    "serial.line.fields.index": (
+        Field("column", "count", "column with the line's number among those of one sample, the last digits in it", "`group`", low=0, high=LONGEST_FRAME),  # noqa: E501
+        Field("group", "text", "group of `pattern`", "none"),
+        Field("base", "count", "lowest number", "0", low=0, high=65535),
     ),
 }  # fmt: skip
 

@@ -87,10 +87,12 @@ class LengthAt:
 class IndexAt:
     """Number of the frame among those that make one sample; its first value is that of (number - base) * count."""
 
-    at: int
-    type: str
     base: int
-    byte_order: ByteOrder
+    at: int = 0
+    type: str = "u8"
+    byte_order: ByteOrder = "little"
+    column: int | None = None  # of a line
+    group: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,8 @@ class SerialField:
     charging: ChargingAt | None = None
     columns: tuple[int, int] | None = None  # columns of a line: first and last, from 0
     group: str = ""  # group of a line's pattern
+    begin: str = ""  # text before the number in its column
+    end: str = ""  # text behind it
     base: int = 10  # base of a line's numbers: 10 or 16
     is_signed: bool = False  # hex: two's complement
     first: int = 0  # cell or sensor, from 0, of the first value

@@ -157,7 +157,7 @@ class SerialTables:
 
     def _field(self, path: str, values: Any, *, has_columns: bool) -> SerialField:
         table = self._table(path, values, "" if has_columns else "serial.frame.fields")
-        table.check_names(() if has_columns else ("index", "charging"))
+        table.check_names(("index",) if has_columns else ("index", "charging"))
         of_place = self._columns(table) if has_columns else self._bytes(table)
         kind, first = SIGNALS[table.text("signal")], table.count("first", 1) - 1
         field = SerialField(
@@ -203,7 +203,26 @@ class SerialTables:
             raise table.error("columns", list(columns), Message("kind-pair"))
         count = 1 if columns is None else columns[1] - columns[0] + 1
         base = table.count("base", 10)
-        return {"columns": columns, "count": count, "group": group, "base": base, "is_signed": table.flag("signed")}
+        return {
+            "columns": columns,
+            "count": count,
+            "group": group,
+            "base": base,
+            "is_signed": table.flag("signed"),
+            "begin": table.text("begin"),
+            "end": table.text("end"),
+            "index": self._line_index(table),
+        }
+
+    def _line_index(self, table: TableReader) -> IndexAt | None:
+        if "index" not in table.values:
+            return None
+        inner = self._inner(table, "index", "serial.line.fields.index")
+        inner.check_names()
+        column, group = inner.count("column", 0) if "column" in inner.values else None, inner.text("group")
+        if (column is None) is (not group):
+            raise inner.error("column", "", Message("serial-column-or-group"))
+        return IndexAt(inner.count("base", 0), column=column, group=group)
 
     def _index(self, table: TableReader) -> IndexAt | None:
         if "index" not in table.values:
@@ -211,7 +230,7 @@ class SerialTables:
         inner = self._inner(table, "index")
         inner.check_names()
         kind = inner.text("type", "u8")
-        return IndexAt(inner.count("at", 0), kind, inner.count("base", 0), self._byte_order(inner))
+        return IndexAt(inner.count("base", 0), inner.count("at", 0), kind, self._byte_order(inner))
 
     def _charging(self, table: TableReader) -> ChargingAt | None:
         if "charging" not in table.values:
@@ -221,10 +240,10 @@ class SerialTables:
         kind, equals = inner.text("type", "u8"), inner.counts("equals") or (1,)
         return ChargingAt(inner.count("at", 0), kind, equals, inner.count("mask", 0), self._byte_order(inner))
 
-    def _inner(self, table: TableReader, name: str) -> TableReader:
+    def _inner(self, table: TableReader, name: str, of: str = "") -> TableReader:
         """The reader of a table within a field."""
         path = f"{table.path.rpartition('[')[0]}.{name}"
-        return self._table(path, table.values[name], f"serial.frame.fields.{name}")
+        return self._table(path, table.values[name], of or f"serial.frame.fields.{name}")
 
     def _byte_order(self, table: TableReader) -> ByteOrder:
         order: ByteOrder = table.text("byte_order", self._order)  # type: ignore[assignment]

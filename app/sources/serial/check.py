@@ -8,8 +8,9 @@ import numpy as np
 
 from app.battery.battery import Battery
 from app.battery.serial import SerialFrame, SerialMapping
-from app.sources.dbc.battery_decoder import ChannelValues
+from app.sources.dbc.battery_decoder import ABSENT_DEGC, ChannelValues
 from app.sources.dbc.check import ProfileIssue
+from app.sources.dbc.log_check import listed
 from app.sources.serial.checksums import checksum_of
 from app.sources.serial.decoder import SerialDecoder
 from app.sources.serial.framing import StreamReader
@@ -64,6 +65,8 @@ def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: by
         return issues
     for kind in sorted(mapping.kinds - values.keys()):
         issues.append(ProfileIssue(file, None, "log", Message("check-nothing-of-it", kind=kind)))
+    if decoder.absent:
+        issues.append(ProfileIssue(file, None, "log", _absent(battery, decoder, values.get("temperature"))))
     voltage = values.get("voltage")
     if voltage is not None:
         newest = np.full(battery.n_cells, np.nan)
@@ -81,6 +84,13 @@ def _of_capture(battery: Battery, mapping: SerialMapping, file: str, capture: by
             in_all, of_pack = Quantity(total_v, "V", 2), Quantity(float(pack.value[-1]), "V", 2)
             issues.append(ProfileIssue(file, None, "log", Message("check-sum-off", sum=in_all, pack=of_pack)))
     return issues
+
+
+def _absent(battery: Battery, decoder: SerialDecoder, read: ChannelValues | None) -> Message:
+    """The sensors of which nothing but values of absent ones came."""
+    measured = set() if read is None else set(read.index[np.isfinite(read.value)].tolist())
+    silent = [sensor for sensor in range(battery.n_sensors) if sensor not in measured]
+    return Message("check-absent", n=len(silent), numbers=listed(silent), values=decoder.absent, degc=ABSENT_DEGC)
 
 
 def shown_values(battery: Battery, mapping: SerialMapping, capture: bytes) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from app.battery.battery import Battery
 from app.battery.serial import PLAUSIBLE, SIGN_AND_MAGNITUDE, TYPES, SerialField, SerialLine, SerialMapping
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
-from app.sources.dbc.battery_decoder import ChannelValues
+from app.sources.dbc.battery_decoder import ABSENT_DEGC, ChannelValues
 from app.sources.serial.framing import Framed
 from app.sources.serial.patterns import groups_of
 
@@ -25,6 +25,8 @@ STEP_SCATTERS = 8.0
 CONFIRMED = 2  # times that a jump comes again until it counts: two damaged values in a row may be alike
 FEWEST = 4  # channels that show how all move
 _LEAST_DIGITS, _MOST_OF = 3, 0.9  # digits, and share of the columns that have as many
+_DECIMAL = re.compile(r"[-+]?(?:[0-9]{1,10}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})(?:[eE][-+]?[0-9]{1,2})?")
+_HEX = re.compile(r"(?:0[xX])?([0-9a-fA-F]{1,8})")
 _ORDERS = {"little": "<", "big": ">"}
 
 
@@ -95,6 +97,7 @@ class SerialDecoder:
         self._steps |= {kind: _Steps.of(1, least) for kind, least in STEP_OF_ALL.items()}
         self.implausible_frames = 0
         self.left_out = 0  # values
+        self.absent = 0  # temperatures of sensors that are not connected
 
     def decode(self, frames: Iterable[Framed]) -> dict[str, ChannelValues]:
         """Return what the frames hold, by kind, as `BatteryDecoder.decode` does."""
@@ -127,9 +130,15 @@ class SerialDecoder:
             return []
         if frame.of.checksum is None:
             return self._plausible(channels)
-        for _, _, value in channels:
-            value[np.isinf(value)] = np.nan
+        for of, _, value in channels:
+            value[np.isinf(value) | self._is_absent(of, value)] = np.nan
         return channels
+
+    def _is_absent(self, of: SerialField, value: FloatArray) -> BoolArray:
+        """Which temperatures are of a sensor that is not connected; counts them."""
+        is_absent = np.asarray((value <= ABSENT_DEGC) & (of.kind == "temperature"))
+        self.absent += int(np.count_nonzero(is_absent))
+        return is_absent
 
     def _channels(self, of: SerialField, raw: FloatArray, shift: int, sign: int) -> tuple[IntArray, FloatArray] | None:
         if of.kind.startswith("state."):
@@ -169,6 +178,7 @@ class SerialDecoder:
                 is_left_out = is_wrong | ~steps.sound(index, np.where(is_wrong, np.nan, value))
             is_left_out = is_left_out & ~np.isnan(value)
             self.left_out += int(is_left_out.sum())
+            is_left_out = is_left_out | self._is_absent(of, np.where(is_wrong, np.nan, value))
             if not is_left_out.all():
                 kept.append((of, index[~is_left_out], value[~is_left_out]))
         return kept
@@ -224,8 +234,10 @@ def _numbers(raw: bytes, kind: str, at: int, count: int, stride: int, byte_order
 def _text_of(of: SerialLine, raw: bytes) -> str:
     """What stands between the begin and the end of a line."""
     text = raw.decode("ascii", "replace").strip()
-    text = text[text.rfind(of.begin) + len(of.begin) :] if of.begin else text
-    return text.removesuffix(of.end) if of.end else text
+    text = text[text.rindex(of.begin) if of.begin else 0 :].removesuffix(of.end)
+    if of.checksum is not None and of.checksum.at % max(len(text), 1) >= of.checksum.end % max(len(text), 1):
+        text = text[: of.checksum.end]  # the checksum is behind
+    return text.removeprefix(of.begin)
 
 
 def _of_columns(of: SerialLine, text: str) -> Iterable[tuple[SerialField, FloatArray, int, int]]:
@@ -243,7 +255,20 @@ def _of_columns(of: SerialLine, text: str) -> Iterable[tuple[SerialField, FloatA
             texts = _split(groups[part.group], of.separator)
         if of.checksum is None and _is_shifted(texts):
             raise ValueError("a separator is damaged")
-        yield part, np.array([_number(text, part) for text in texts]), 0, 1
+        shift = 0
+        if part.index is not None:
+            at = part.index
+            numbers = re.findall("[0-9]{1,5}", groups[at.group] if at.column is None else columns[at.column])
+            shift = (int(numbers[-1]) - at.base) * max(part.count, len(texts))
+        yield part, np.array([_number(text, part) for text in texts]), shift, 1
+
+
+def _plain(text: str, of: SerialField) -> str:
+    """What is between the begin and the end of a column."""
+    text = text.strip()
+    if of.begin:
+        text = text.rpartition(of.begin)[2]
+    return text.removesuffix(of.end).strip() if of.end else text
 
 
 def _is_shifted(texts: Sequence[str]) -> bool:
@@ -264,12 +289,12 @@ def _split(text: str, separator: str) -> list[str]:
 
 def _number(text: str, of: SerialField) -> float:
     """A number; infinite where the text is none: damaged, or a word for "not measured"."""
-    text = text.strip()
+    text = _plain(text, of)
     if text == "":
         return math.nan
     if of.base == 10:
-        return float(text) if re.fullmatch(r"[-+]?[0-9]{1,10}(\.[0-9]{0,12})?", text) else math.inf
-    digits = re.fullmatch(r"(?:0[xX])?([0-9a-fA-F]{1,8})", text)
+        return float(text) if _DECIMAL.fullmatch(text) else math.inf
+    digits = _HEX.fullmatch(text)
     if digits is None:
         return math.inf
     number, n_bits = int(digits[1], 16), 4 * len(digits[1])

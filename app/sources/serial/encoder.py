@@ -80,13 +80,13 @@ class SerialEncoder:
 
     def encoded(self, part: SerialFrame | SerialLine, readings: Readings) -> bytes:
         """Return a frame or line; of a frame with a number of its own as many as hold all channels."""
-        if isinstance(part, SerialLine) and not part.is_hex:
-            return _ended(part, self._columns(part, readings))
         frames = [-(-self._sizes.get(field.kind, 1) // field.count) for field in part.fields if field.index is not None]
         numbers = range(max(frames, default=1))
-        if isinstance(part, SerialLine):
+        if isinstance(part, SerialLine) and part.is_hex:
             texts = [self._values(part.fields, bytearray(_span(part)), k, readings).hex().upper() for k in numbers]
             return b"".join(_ended(part, text) for text in texts)
+        if isinstance(part, SerialLine):
+            return b"".join(_ended(part, self._columns(part, number, readings)) for number in numbers)
         return b"".join(self._frame(part, number, readings) for number in numbers)
 
     def _frame(self, of: SerialFrame, number: int, readings: Readings) -> bytes:
@@ -139,15 +139,19 @@ class SerialEncoder:
         return frame
 
     @staticmethod
-    def _columns(of: SerialLine, readings: Readings) -> str:
-        n_columns = 1 + max((field.columns[1] for field in of.fields if field.columns is not None), default=0)
-        texts = ["0"] * n_columns
+    def _columns(of: SerialLine, number: int, readings: Readings) -> str:
+        texts: dict[int, str] = {}
         for field in of.fields:
             if field.columns is None:
                 continue
-            for k, value in enumerate(_raw(field, readings, field.first)):
-                texts[field.columns[0] + k] = _hex(int(value)) if field.base == 16 else f"{int(value)}"
-        return of.separator.join(texts)
+            shift = 0
+            if field.index is not None and field.index.column is not None:
+                shift = number * field.count
+                texts[field.index.column] = f"{number + field.index.base}"
+            for k, value in enumerate(_raw(field, readings, field.first + shift)):
+                digits = _hex(int(value)) if field.base == 16 else f"{int(value)}"
+                texts[field.columns[0] + k] = f"{field.begin}{digits}{field.end}"
+        return of.separator.join(texts.get(k, "0") for k in range(max(texts, default=0) + 1))
 
 
 def _hex(value: int) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from app.battery.serial import LONGEST_FRAME, SerialFrame, SerialLine, SerialMapping
 from app.sources.serial.checksums import is_sound, is_sound_line
+from app.sources.serial.patterns import is_match
 
 IDLE_NS = 200_000_000  # silence after which an incomplete frame is dropped
 _LAST_BYTES = 64
@@ -142,9 +143,12 @@ class StreamReader:
                     self._bad(len(self._data))
                 return
             line = bytes(self._data[:at])
-            of = next((layout for layout in self._lines if _is_line(line, layout)), None)
+            layouts = [layout for layout in self._lines if _may_be(line, layout)]
+            of = next((layout for layout in layouts if _is_sound(line, layout)), None)
             if not line.strip():
                 self._drop(at + size)
+            elif not layouts:
+                self._skip(at + size)  # what else the battery prints
             elif of is None or at > LONGEST_FRAME:
                 self._bad(at + size)
             else:
@@ -182,9 +186,13 @@ def _begins(data: bytearray, at: int, of: SerialFrame) -> bool:
     return all(wanted is None or byte == wanted for byte, wanted in zip(part, of.header, strict=False))
 
 
-def _is_line(line: bytes, of: SerialLine) -> bool:
-    begin = line.rfind(of.begin.encode())
-    return begin >= 0 and (of.checksum is None or is_sound_line(of.checksum, line[begin:]))
+def _may_be(line: bytes, of: SerialLine) -> bool:
+    return of.begin.encode() in line and (not of.pattern or is_match(of.pattern, line.decode("ascii", "replace")))
+
+
+def _is_sound(line: bytes, of: SerialLine) -> bool:
+    begin = line.rfind(of.begin.encode()) if of.begin else 0
+    return of.checksum is None or is_sound_line(of.checksum, line[begin:])
 
 
 def _first_end(data: bytearray, end: bytes) -> tuple[int, int]:

@@ -41,3 +41,13 @@ def groups_of(pattern: str, text: str) -> dict[str, str]:
     if match is None:
         raise ValueError("the line does not match")
     return {name: value or "" for name, value in match.groupdict().items()}
+
+
+def is_match(pattern: str, text: str) -> bool:
+    """Return whether an expression matches somewhere in a line.
+
+    Raises:
+        ValueError: the expression is none.
+        ExtraMissing: RE2 is not installed.
+    """
+    return _compiled(pattern).search(text) is not None

@@ -51,3 +51,16 @@ def test_frames_that_silence_parts_follow_each_other_in_a_capture(begin):
     assert shown[0].startswith(f"{3 if begin else 4} frames")
     newest = next(line for line in shown if line.startswith("voltage")).split()[1:]
     assert [float(volt) for volt in newest] == pytest.approx(volts(3).tolist(), abs=1e-3)
+
+
+def test_a_sensor_that_is_not_connected_measures_nothing_and_is_counted():
+    loaded = load_battery("jbd")
+    data = bytearray(JBD_BASIC)
+    data[29:31] = (2731 - 400).to_bytes(2, "big")  # -40 degC
+    data[-3:-1] = (-sum(data[2:-3]) & 0xFFFF).to_bytes(2, "big")
+    issues = serial_issues(loaded.battery, loaded.serial, "x", JBD_CELLS + bytes(data))
+    assert [(issue.what.code, issue.what.args["numbers"], issue.what.args["values"]) for issue in issues] == [
+        ("check-absent", "2", 1)
+    ]
+    shown = shown_values(loaded.battery, loaded.serial, JBD_CELLS + bytes(data))
+    assert "temperature: 20.3 nan" in shown
