@@ -91,7 +91,7 @@ class IndexAt:
     at: int = 0
     type: str = "u8"
     byte_order: ByteOrder = "little"
-    column: int | None = None  # of a line
+    column: int | None = None  # column of a line
     group: str = ""
 
 

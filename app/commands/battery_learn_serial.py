@@ -21,7 +21,8 @@ def run(args: argparse.Namespace) -> int:
     """Print what the bytes consist of and write the profile; 1 where none fits."""
     from app.battery.library import load_profile
     from app.sources.serial.check import captured_bytes
-    from app.sources.serial.propose import ProposedLine, fitting, profile_text, propose
+    from app.sources.serial.propose import fitting, profile_text, propose
+    from app.sources.serial.propose_lines import ProposedHex, ProposedLine
 
     try:
         data = captured_bytes(args.capture) if args.capture is not None else _read(args)
@@ -41,6 +42,9 @@ def run(args: argparse.Namespace) -> int:
         return 1
     if isinstance(proposed, ProposedLine):
         print(f"{proposed.seen} lines of {proposed.columns} columns", file=sys.stderr)
+    elif isinstance(proposed, ProposedHex):
+        checksum = "no checksum (to confirm)" if proposed.checksum is None else proposed.checksum.kind
+        print(f"{proposed.seen} lines of {proposed.length} bytes in hex, {checksum}", file=sys.stderr)
     else:
         checksum = "no checksum (to confirm)" if proposed.checksum is None else proposed.checksum.kind
         print(f"{proposed.seen} frames of {proposed.length} bytes, {checksum}", file=sys.stderr)

@@ -9,19 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.serial import ByteOrder, Checksum, SerialMapping
+from app.battery.serial import Checksum, SerialMapping
+from app.sources.serial.cell_arrays import FEWEST, SURE, ProposedArray, voltages_in
 from app.sources.serial.checksums import is_sound
 from app.sources.serial.framing import StreamReader
+from app.sources.serial.propose_lines import ProposedHex, ProposedLine, propose_line
 
 LOOKED_AT = 65_536  # bytes
-FEWEST = 4  # frames
 MOST_FRAMES = 24  # that a checksum is tried on
 MOST_LENGTH = 4096
-SURE = 0.9  # share of the frames
-CELL_V = (2.0, 4.6)
-NEIGHBOUR_V = 0.5
-LEAST_CELLS = 3
-SCALES = (1e-3, 1e-4)  # V
 KINDS = (
     "sum8",
     "xor8",
@@ -35,19 +31,8 @@ KINDS = (
 )
 _SIZES = {"sum8": 1, "xor8": 1, "crc-8": 1, "crc-32": 4}
 _GRAM = 2
-_LEAST_NUMBERS = 0.5  # share of the columns of a line
 MOST_TRIED = 16  # beginnings of a frame of one length
 _Rows = NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
-class ProposedArray:
-    """A run of values that look like cell voltages."""
-
-    at: int
-    count: int
-    byte_order: ByteOrder
-    scale: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +45,6 @@ class ProposedFrame:
     end: bytes = b""
     checksum: Checksum | None = None
     voltages: ProposedArray | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ProposedLine:
-    """Lines of text with as many columns each."""
-
-    separator: str
-    columns: int
-    seen: int
-    base: int
-    voltages: tuple[int, int, float] | None = None  # first and last column, scale
 
 
 def fitting(data: bytes, mappings: Mapping[str, SerialMapping]) -> str | None:
@@ -87,10 +61,10 @@ def fitting(data: bytes, mappings: Mapping[str, SerialMapping]) -> str | None:
     return best[1]
 
 
-def propose(data: bytes) -> ProposedFrame | ProposedLine | None:
+def propose(data: bytes) -> ProposedFrame | ProposedLine | ProposedHex | None:
     """Return what the bytes consist of; of several kinds of frames the one with the most cells."""
     data = data[:LOOKED_AT]
-    line = _line(data)
+    line = propose_line(data)
     if line is not None:
         return line
     best: ProposedFrame | None = None
@@ -104,11 +78,11 @@ def _worth(frame: ProposedFrame) -> tuple[int, bool, int]:
     return (0 if frame.voltages is None else frame.voltages.count, frame.checksum is not None, len(frame.header))
 
 
-def profile_text(proposed: ProposedFrame | ProposedLine, name: str, baud: int) -> str:
+def profile_text(proposed: ProposedFrame | ProposedLine | ProposedHex, name: str, baud: int) -> str:
     """Return a profile, with what is to be confirmed in comments."""
     voltages = proposed.voltages
     n_cells = 0
-    if isinstance(proposed, ProposedFrame) and isinstance(voltages, ProposedArray):
+    if isinstance(voltages, ProposedArray):
         n_cells = voltages.count
     elif isinstance(voltages, tuple):
         n_cells = voltages[1] - voltages[0] + 1
@@ -133,11 +107,15 @@ def profile_text(proposed: ProposedFrame | ProposedLine, name: str, baud: int) -
             value = f'signal = "cells.voltage", columns = [{first}, {last}]{base}, scale = {scale:g}'
             lines.append(f"fields = [{{ {value} }}]")
         return "\n".join([*lines, ""])
-    lines += ["[[serial.frame]]", f'header = "{proposed.header.hex(" ").upper()}"', f"length = {proposed.length}"]
-    if proposed.end:
-        lines.append(f'end = "{proposed.end.hex(" ").upper()}"')
+    if isinstance(proposed, ProposedHex):
+        lines.append("[[serial.line]]")
+        lines += [f'begin = "{proposed.begin}"'] if proposed.begin else []
+        lines.append("hex = true")
+    else:
+        lines += ["[[serial.frame]]", f'header = "{proposed.header.hex(" ").upper()}"', f"length = {proposed.length}"]
+        lines += [f'end = "{proposed.end.hex(" ").upper()}"'] if proposed.end else []
     if proposed.checksum is None:
-        lines.append("# no checksum was found: the beginning of the frame is to be confirmed")
+        lines.append("# no checksum was found: the beginning is to be confirmed")
     else:
         sum_ = proposed.checksum
         lines.append(
@@ -181,7 +159,7 @@ def _described(rows: _Rows) -> ProposedFrame:
     frame = ProposedFrame(header, rows.shape[1], len(rows))
     with_sum = _with_checksum(frame, rows, constant)
     frame = with_sum or frame
-    return replace(frame, voltages=_voltages(rows[:, : frame.length]))
+    return replace(frame, voltages=voltages_in(rows[:, : frame.length]))
 
 
 def _with_checksum(proposed: ProposedFrame, rows: _Rows, constant: NDArray[np.bool_]) -> ProposedFrame | None:
@@ -215,81 +193,3 @@ def _checksums(length: int, n_end: int) -> Iterator[Checksum]:
             yield Checksum(kind, first, at, at, "big")
             if size > 1:
                 yield Checksum(kind, first, at, at, "little")
-
-
-def _voltages(rows: _Rows) -> ProposedArray | None:
-    """The longest run of 16-bit numbers that cells may have, in all frames; of two the one whose neighbours agree."""
-    best: tuple[int, float, ProposedArray] | None = None
-    for order, parity, scale in ((o, p, s) for o in ("little", "big") for p in (0, 1) for s in SCALES):
-        byte_order: ByteOrder = "little" if order == "little" else "big"
-        width = (rows.shape[1] - parity) // 2 * 2
-        words = np.ascontiguousarray(rows[:, parity : parity + width]).view("<u2" if order == "little" else ">u2")
-        volts = words.astype(np.float64) * scale
-        fits = ((volts >= CELL_V[0]) & (volts <= CELL_V[1])).mean(axis=0) >= SURE
-        near = (np.abs(np.diff(volts, axis=1)) <= NEIGHBOUR_V).mean(axis=0) >= SURE
-        for first, last in _runs(fits, near):
-            if last - first + 1 < LEAST_CELLS:
-                continue
-            rough = float(np.abs(np.diff(volts[:, first : last + 1], axis=1)).mean())
-            array = ProposedArray(parity + 2 * first, last - first + 1, byte_order, scale)
-            if best is None or (array.count, -rough) > (best[0], -best[1]):
-                best = array.count, rough, array
-    return None if best is None else best[2]
-
-
-def _runs(fits: NDArray[np.bool_], near: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    first: int | None = None
-    for k, is_cell in enumerate(fits.tolist()):
-        if first is not None and (not is_cell or not near[k - 1]):
-            yield first, k - 1
-            first = None
-        if is_cell and first is None:
-            first = k
-    if first is not None:
-        yield first, len(fits) - 1
-
-
-def _line(data: bytes) -> ProposedLine | None:
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError:
-        return None
-    rows = [line for line in text.replace("\r", "\n").split("\n")[1:-1] if line.strip()]
-    if len(rows) < FEWEST:
-        return None
-    for separator in (",", ";", "\t", " "):
-        columns = [row.split() if separator == " " else row.split(separator) for row in rows]
-        n, times = Counter(map(len, columns)).most_common(1)[0]
-        if n < LEAST_CELLS or times < SURE * len(rows):
-            continue
-        whole = [column for column in columns if len(column) == n]
-        by_base = {base: _numbers(whole, base) for base in (10, 16)}
-        shares = {base: float(np.isfinite(numbers).mean()) for base, numbers in by_base.items()}
-        base = 16 if shares[16] > shares[10] else 10  # hex digits of some numbers are decimal ones
-        if shares[base] > _LEAST_NUMBERS:
-            return _with_voltages(ProposedLine(separator, n, len(whole), base), by_base[base])
-    return None
-
-
-def _numbers(rows: Sequence[Sequence[str]], base: int) -> NDArray[np.float64]:
-    """The columns as numbers, NaN for a word."""
-
-    def number(text: str) -> float:
-        try:
-            return float(text) if base == 10 else float(int(text, 16))
-        except ValueError:
-            return np.nan
-
-    return np.array([[number(text) for text in row] for row in rows])
-
-
-def _with_voltages(line: ProposedLine, numbers: NDArray[np.float64]) -> ProposedLine:
-    best: tuple[int, int, float] | None = None
-    for scale in (1.0, *SCALES):
-        volts = numbers * scale
-        fits = ((volts >= CELL_V[0]) & (volts <= CELL_V[1])).mean(axis=0) >= SURE
-        near = (np.abs(np.diff(volts, axis=1)) <= NEIGHBOUR_V).mean(axis=0) >= SURE
-        for first, last in _runs(fits, near):
-            if last - first + 1 >= LEAST_CELLS and (best is None or last - first > best[1] - best[0]):
-                best = first, last, scale
-    return replace(line, voltages=best)

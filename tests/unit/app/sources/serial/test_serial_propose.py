@@ -61,6 +61,26 @@ def test_lines_are_proposed_with_their_columns():
     assert (found.separator, found.columns, found.voltages) == (",", 13, (1, 12, 1e-4))
 
 
+@pytest.mark.parametrize("kind", ["sum16-complement", "crc-16/modbus", None])
+def test_lines_of_bytes_in_hex_are_proposed_with_their_checksum(kind):
+    lines = []
+    for k in range(6):
+        text = f"20024600{k:02X}" + (1e3 * volts_of(k, 15)).round().astype(">u2").tobytes().hex().upper()
+        if kind is not None:
+            size, calc = checksum_of(kind)
+            text += calc(text.encode()).to_bytes(size, "big").hex().upper()
+        lines.append(f"~{text}\r")
+    capture = "".join(lines).encode()
+    proposed = propose(capture)
+    assert (proposed.checksum and proposed.checksum.kind) == kind
+    loaded = battery_from_files({"x.toml": profile_text(proposed, "x", 9600).encode()})
+    assert loaded.battery.n_cells == 15
+    reader, decoder = StreamReader(loaded.serial), SerialDecoder(loaded.battery, loaded.serial)
+    values = decoder.decode(reader.feed(capture, 0))["voltage"]
+    assert (reader.frames, reader.bad_frames) == (6, 0)
+    assert values.value[-15:] == pytest.approx(volts_of(5, 15))
+
+
 def test_a_known_protocol_is_named():
     bundled = {name: load_battery(name).serial for name in ("jbd", "daly", "vesc-bms", "thesis-arrays")}
     assert fitting((JBD_CELLS + JBD_BASIC) * 3, bundled) == "jbd"
