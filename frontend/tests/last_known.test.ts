@@ -193,7 +193,7 @@ describe('what is not measured now', () => {
     state.snapshot = half();
     const some = await body('parts/HeatMap.svelte', { metric: metricById('voltage') });
     expect(some.match(/data-last/g)).toHaveLength(12);
-    expect(some).toContain('12 of 96: 3 min ago');
+    expect(some).toContain('12 of 96 cells, 3 min ago');
     state.snapshot = live96();
     expect(await body('parts/HeatMap.svelte', { metric: metricById('voltage') })).not.toContain('data-last');
   });

@@ -96,7 +96,7 @@ def _absent(battery: Battery, decoder: SerialDecoder, read: ChannelValues | None
 def shown_values(battery: Battery, mapping: SerialMapping, capture: bytes) -> list[str]:
     """Return a line for each kind of value in captured bytes: the newest of each channel."""
     reader, _, decoded = _read(battery, mapping, capture)
-    lines = [f"{reader.frames} frames, {reader.bad_frames} bad, {reader.skipped_bytes} bytes skipped"]
+    lines = [f"{reader.frames} frames received, {reader.bad_frames} damaged, {reader.skipped_bytes} bytes skipped"]
     for kind, values in sorted(decoded.items()):
         newest = dict(zip(values.index.tolist(), values.value.tolist(), strict=True))
         lines.append(f"{kind}: " + " ".join(f"{newest[channel]:.4g}" for channel in sorted(newest)))

@@ -4,7 +4,7 @@ export interface Texts {
   'common.changes': 'name';
   'common.written_but_read_back_does': null;
   'common.driver': null;
-  'common.withdraw': null;
+  'can.clear_message': null;
   'common.why': null;
   'common.black_boxes': null;
   'common.compare': null;
@@ -752,7 +752,7 @@ export interface Texts {
   'parameters.changed_meanwhile': null;
   'parameters.changes_against_active_configuration': null;
   'parameters.active_configuration_unknown': null;
-  'parameters.draft': null;
+  'parameters.your_changes_lower': null;
   'parameters.converted_older_memory_map': null;
   'parameters.profile_memory_map_ts_now': 'hash';
   'parameters.range_default': null;

@@ -69,15 +69,15 @@ def test_the_same_number_in_another_format_and_a_message_without_bytes_take_no_i
     [
         (
             tx(length=0, enabled=True, period_ms=100, data_offsets=(BYTE_UNUSED,) * 8),
-            [("error", "empty", "can_tx_msg_len", 3, 0, "1..8 byte", "it is enabled at start-up but has no bytes")],
+            [("error", "empty", "can_tx_msg_len", 3, 0, "1..8 byte", "the message is on at start-up without bytes")],
         ),
         (
             rx(length=0, enabled=True, data_offsets=(BYTE_UNUSED,) * 8),
-            [("error", "empty", "can_rx_msg_len", 1, 0, "1..8 byte", "it is enabled at start-up but has no bytes")],
+            [("error", "empty", "can_rx_msg_len", 1, 0, "1..8 byte", "the message is on at start-up without bytes")],
         ),
         (
             rx(index=0, response=5),
-            [("error", "empty", "can_tx_msg_len", 5, 0, "1..8 byte", "it is used as a response but has no bytes")],
+            [("error", "empty", "can_tx_msg_len", 5, 0, "1..8 byte", "the message is a response without bytes")],
         ),
         (
             tx(length=1),
@@ -127,7 +127,7 @@ def test_without_a_charger_any_bit_rate_is_fine():
 
 def test_a_message_that_is_on_needs_a_period():
     expected = ("warning", "no-period", "can_tx_msg_timing", 3, 0, "1..60000 ms",
-                "it is enabled at start-up but only sent on demand")  # fmt: skip
+                "the message is enabled at start-up but only sent on demand")  # fmt: skip
     assert found(tx(enabled=True, period_ms=0)) == [expected]
     assert found(tx(enabled=True, period_ms=10)) == []
     assert found(tx(enabled=False, period_ms=0)) == []

@@ -52,7 +52,7 @@ def test_profiles_are_kept_by_name(tmp_path):
             for cells in ("5-3", "1,,2", "0", "1-", "-3", "1-2-3", "a", "1;2", "12345", "٣", "1.5")
         ),
         ("hold_s = -1", r"hold_s = -1: 0\.\.600"),
-        ("[", "not TOML"),
+        ("[", "invalid TOML"),
     ],
 )
 def test_a_profile_that_is_wrong_names_the_field(text, reason):

@@ -71,8 +71,8 @@ def test_logs_of_python_can_are_known_under_another_name(tmp_path: Path, ending:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (bytes(range(256)), "a binary file, no text"),
-        (b"%PDF-1.4\n1 0 obj\n2 0 obj\n", r"^drive\.csv: a binary file, no text"),
+        (bytes(range(256)), "not a text file"),
+        (b"%PDF-1.4\n1 0 obj\n2 0 obj\n", r"^drive\.csv: not a text file"),
         (
             b"BIO-LOGIC MODULAR FILE\x1a".ljust(48) + bytes(4) + b"MODULEVMP Set   ",
             r"a BioLogic \.mpr: export it as text \(\.mpt\) from EC-Lab",

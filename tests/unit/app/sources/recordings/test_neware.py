@@ -143,4 +143,6 @@ def test_what_the_reader_remarks_is_a_note(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(signal_files, "_reader", lambda kind: remarking)
     path = tmp_path / "cell.nda"
     path.write_bytes(nda())
-    assert [render(note) for note in load_table(path).notes] == ["note of the reader: nda version 29 is unverified"]
+    assert [render(note) for note in load_table(path).notes] == [
+        "note of the file reader: nda version 29 is unverified"
+    ]

@@ -98,8 +98,8 @@ def test_a_chain_of_channels_that_bites_its_tail_ends(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (ld_of(), "no signal with numbers"),
-        (ld_of(("I", "A", 0, FLOAT32, [1.0], 0)), "no signal with numbers"),  # a channel without a rate
+        (ld_of(), "no numeric signal"),
+        (ld_of(("I", "A", 0, FLOAT32, [1.0], 0)), "no numeric signal"),  # a channel without a rate
         (ld_of(("I", "A", 1, (9, 9, "<f4"), [1.0], 0)), "cannot be read"),  # an unknown type
         (ld_of(("I", "A", 1, FLOAT32, [1.0, 2.0], 0))[:-3], "cannot be read"),  # cut off
     ],
