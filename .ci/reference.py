@@ -67,42 +67,43 @@ PROFILE_KINDS = {
 }  # fmt: skip
 PROFILE_HEAD = """# The profile of a battery
 
-One TOML file describes a battery and the CAN messages that carry its values. `voltwall battery learn` writes a first one, `voltwall battery check` lists errors and doubts ([your BMS](../howto/your-bms.md)). Bundled profiles are named without `.toml`: `voltwall battery list`. Errors name file, line, field and the allowed values.
+One TOML file describes a battery and the CAN messages that carry its values. `voltwall battery learn` creates one, `voltwall battery check` lists errors and warnings ([your BMS](../howto/your-bms.md)). Bundled profiles are named without `.toml`: `voltwall battery list`. Errors name file, line, field and the allowed values.
 
-Cell indices count through the segments in order; pages show them from 1. Missing values are missing, never 0.
+A segment is the cells of one slave board, called a pack on the pages. Cells are numbered through the segments in order; pages count from 1. Missing values are missing, never 0.
 
-How to map cells, for each way of numbering them:
+How to map the cells depends on how the battery numbers them:
 
 | The battery sends | In `[[source.voltage]]` |
 | --- | --- |
-| one signal a cell, `Cell_01` … | `signal = "Cell_{cell}"`, `base = 1` |
-| segments by name, `SegA_Cell1` … | `signal = "Seg{segment:a}_Cell{cell}"`, `base = { cell = 1 }` |
-| multiplexed signals, one name each | the same: multiplexers are followed |
-| multiplexed signals without a number of their own | `numbers = { group = "Mux" }`, `group_cells = 4` |
+| one signal per cell, such as `Cell_01` | `signal = "Cell_{cell}"`, `base = 1` |
+| segment in the name, such as `SegA_Cell1` | `signal = "Seg{segment:a}_Cell{cell}"`, `base = { cell = 1 }` |
+| multiplexed signals with one name per cell | the same; multiplexers are decoded |
+| multiplexed signals without a number in the name | `numbers = { group = "Mux" }`, `group_cells = 4` |
 | a cell number in the frame | `signal = "Voltage"`, `numbers = { cell = "CellId" }` |
 | module and cell number | `numbers = { segment = "module_num", cell = "cell_num" }` |
-| a base number and k values | `signal = "V_{cell}"`, `numbers = { group = "group_id" }`, `group_cells = 3`; 1 where the number is that of the first cell |
-| several cells, each with its own number | one `[[source.voltage]]` for each, `numbers = { cell = "cell_a_num" }` |
-| 32 to 64 cells in a CAN FD frame | as one signal a cell |
+| a base number and several values | `signal = "V_{cell}"`, `numbers = { group = "group_id" }`, `group_cells = 3`; 1 if the number is that of the first cell |
+| several cells per frame, each with its own number | one `[[source.voltage]]` for each, `numbers = { cell = "cell_a_num" }` |
+| 32 to 64 cells in a CAN FD frame | as for one signal per cell |
 | messages whose signals have the same names | one `[[source.voltage]]` for each message, `first = 5` |
 """  # noqa: E501
 PROFILE_NOTES = {
-    "battery.limits": 'At which the battery\'s own protection acts. A number, or `{ signal = "NAME" }`.',
-    "battery.rules": "What the competition allows, shown next to the limits. The fields of `[battery.limits]`.",
+    "battery.limits": 'Limits at which the BMS trips, each a number or `{ signal = "NAME" }`.',
+    "battery.rules": "Limits of the competition rules, shown next to the others. Fields: those of `[battery.limits]`.",
     "source.voltage": "Index = `first` + start of the segment + (group - base) * `group_cells` + (cell - base)."
     " A missing number counts as its base. There may be several.",
-    "source.temperature": "As voltages; numbers count temperature sensors.",
-    "source.balancing": "As voltages: 1 where a cell is being balanced.",
-    "source.resistance": "As voltages: the resistance that the BMS reports.",
-    "serial": "A battery on a serial line, instead of `[source]`. A table of frames, or of lines of text.",
+    "source.temperature": "Like voltages; the numbers count temperature sensors.",
+    "source.balancing": "Like voltages; 1 if a cell is balancing.",
+    "source.resistance": "Like voltages; the cell resistance reported by the BMS.",
+    "serial": "Replaces `[source]` for a battery on a serial line. It lists binary frames, or lines of text.",
     "serial.frame": "Binary frames. Without a checksum a frame is valid if another header or silence follows;"
-    " implausible values, and a jump of one cell that does not last, are left out.",
+    " implausible values and brief jumps of one cell are dropped.",
     "serial.frame.fields": "A list of inline tables, `fields = [{ signal = ..., type = ..., at = ... }]`.",
-    "serial.frame.fields.index": "For samples of several frames: the value's place = (number - `base`) * `count`.",
-    "serial.frame.fields.charging": "For a current without a sign: a number in the frame says whether it charges.",
-    "serial.line": "One line of text a sample.",
-    "serial.line.fields.index": "For a line per cell, as that of a frame.",
-    "serial.line.checksum": "As that of a frame, over the characters from `begin` on; the number stands in hex digits.",
+    "serial.frame.fields.index": "For samples that span several frames."
+    " The first value of a frame has the index (frame number - `base`) * `count`.",
+    "serial.frame.fields.charging": "For a current without a sign: a number in the frame gives charge or discharge.",
+    "serial.line": "One line of text per sample.",
+    "serial.line.fields.index": "For one line per cell; like that of a frame.",
+    "serial.line.checksum": "Like that of a frame, over the characters from `begin` on; the checksum is in hex digits.",
 }
 
 SEASON_HEAD = """# The season lake
@@ -123,7 +124,7 @@ LAKE/car=CAR/season=2026/session=ID/samples.parquet
 - CAR is `car` of the session's metadata, otherwise the battery's name; sessions of the simulated car are in `CAR-simulated`. SEASON is `season` of the metadata, otherwise the year (UTC). Every row has the same three values.
 - `sessions.parquet` is written last; an interrupted build repeats the session.
 - The metadata of each file contain `voltwall_lake` (version {version}), `voltwall` and `session`; those of each column `unit` and `meaning`. Files of an older version are rebuilt.
-- Null = missing; never 0. Times are UTC, to the microsecond.
+- Missing values are null, never 0. Times are UTC, to the microsecond.
 
 ## `samples`: every signal over time
 
@@ -134,21 +135,21 @@ SELECT session, min("v[36]") FROM samples GROUP BY session
 ```
 """  # noqa: E501
 SEASON_NOTES = {
-    "sessions": "One row a session.",
-    "laps": "One row a lap, with the figures of the page *Laps*.",
-    "cells": "The facts: one row for each session, lap and cell; lap 0 is the whole session.",
-    "events": "One row an event.",
+    "sessions": "One row per session.",
+    "laps": "One row per lap, with the values of the page *Laps*.",
+    "cells": "One row per session, lap and cell; lap 0 is the whole session.",
+    "events": "One row per event.",
 }
 
 
 JSON_NOTES = """\
-With `--json` what lists prints an array of objects, one an entry, keys in lower case with their unit (`duration_s`);
-what gives several lists or one answer prints one object of them. What is unknown is `null`. Only JSON is on standard
-output, in ASCII; what else there is to say is on standard error. `replay --json` and `accounts log --json`, which may
-be long, print an object a line.
+With `--json` a command that lists prints an array with one object per entry; any other command prints one object.
+Keys are in lower case with their unit (`duration_s`), unknown values are `null`. Standard output contains only JSON,
+in ASCII; notes go to standard error. `replay --json` and `accounts log --json` print one object per line.
 
-Exit codes: 0 done; 1 done, and something is wrong or differs, where the command says so; 2 not done: one line on
-standard error says why; 130 ended by Ctrl-C. `serve`, `simulate` and `sessions fetch --follow` run until Ctrl-C: 0."""
+Exit codes: 0 success; 1 completed, but with the errors or differences that the command describes; 2 failed, with the
+reason on standard error; 130 interrupted by Ctrl+C. On Ctrl+C `serve`, `simulate` and `sessions fetch --follow` end
+with 0."""
 
 
 def cli_reference() -> str:
@@ -208,7 +209,8 @@ def battery_profile_reference() -> str:
             continue  # the note names their fields
         rows: list[tuple[str, ...]] = []
         for field in fields:
-            default = "required" if field.default == "" else " ".join(filter(None, (field.default, field.unit)))
+            unit = f" {field.unit}" if field.default[-1:].isdigit() else f" ({field.unit})"
+            default = (field.default + (unit if field.unit else "")) or "required"
             meaning = field.meaning + (
                 f"; one of {', '.join(f'`{name}`' for name in field.one_of)}" if field.one_of else ""
             )
@@ -302,7 +304,7 @@ def _spelling(action: argparse.Action) -> str:
 
 
 def _meaning(action: argparse.Action) -> str:
-    text = (action.help or "").replace("%(default)s", str(action.default))
+    text = re.sub(r"%\(default\)(\w)", lambda found: f"%{found[1]}" % (action.default,), action.help or "")
     required = "required; " if action.required and action.option_strings else ""
     folder = platformdirs.user_data_dir("voltwall", appauthor=False)
     lines = [_sentence(line) for line in text.replace(folder, "the user's data folder").splitlines()]

@@ -29,7 +29,7 @@ Run a simulated accumulator on ports like the real one: by default the built-in 
 
 The ports behave like the car: RS232 at 115200 8E1 and CAN. With --battery any battery profile is simulated, on CAN or
 a serial line.
-One line per open port is printed (what to give to `voltwall serve --serial` and `--can`), then `ready`.
+One line per open port is printed (the value for `voltwall serve --serial` or `--can`), then `ready`.
 """
 EPILOG = """\
 examples:
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--with-parent", action="store_true", help="exit when standard input closes")
     parser.add_argument("--list", action="store_true", help="list the scenarios")
     parser.add_argument(
-        "--json", action="store_true", help="with --list: print JSON, including the maximum duration of a round"
+        "--json", action="store_true", help="with --list: print JSON, including the maximum duration of a run"
     )
     parser.add_argument("--describe", metavar="NAME", help="describe a scenario")
 

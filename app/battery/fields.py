@@ -41,8 +41,10 @@ class Field:
 
 
 MOST_CELLS = 1000
-_AGE = Field("max_age_s", "number", "an older value is missing", "three measured periods", "s", 0.001, 3600)
-_ZERO = Field("zero", "number", "subtracted, in A, V or as a fraction", "0")
+_AGE = Field(
+    "max_age_s", "number", "older values count as missing", "three times the measured interval", "s", 0.001, 3600
+)
+_ZERO = Field("zero", "number", "zero offset to subtract, in A, V or as a fraction", "0")
 _LIMIT_FIELDS = (
     Field("cell_voltage_min_v", "limit", "lowest cell voltage", unit="V", low=0, high=10),
     Field("cell_voltage_max_v", "limit", "highest cell voltage", unit="V", low=0, high=10),
@@ -62,7 +64,7 @@ def _cell_fields(units: tuple[str, ...], unit: str) -> tuple[Field, ...]:
         Field("numbers", "parts", "signals of the same frame with `segment`, `group` or `cell`; may contain `{cell}`", "none"),  # noqa: E501
         Field("base", "bases", "the lowest number, for all or by `segment`, `group`, `cell`", "0", low=0, high=65535),
         Field("group_cells", "count", "cells per group number; 1 if the group number is that of its first cell", "1", "cells", 1, MOST_CELLS),  # noqa: E501
-        Field("first", "count", "the cell, from 1, of the lowest number", "1", low=1, high=MOST_CELLS),
+        Field("first", "count", "cell of the lowest number, from 1", "1", low=1, high=MOST_CELLS),
         Field("order", "counts", "cell of the k-th number, from 1", "in order", low=1, high=MOST_CELLS),
         Field("unit", "text", "unit after the DBC's scale", "the DBC's", one_of=units),
         Field("scale", "number", "additional factor", "1"),
@@ -91,27 +93,27 @@ _POSITIVE = Field("positive", "text", "meaning of a positive value", "`discharge
 
 _ORDER = Field("byte_order", "text", "order of the bytes of a number", "that of `[serial]`", one_of=("little", "big"))
 _AT = Field(
-    "at", "count", "byte of the first value; negative: from the end", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME
+    "at", "count", "byte of the first value; negative counts from the end", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME
 )
 _POLLS = Field("poll_s", "number", "interval of `poll`", "1", "s", 0.05, 3600)
 _OF_VALUES = (
-    Field("name", "text", "name of the field", "that of the signal"),
-    Field("signal", "text", "what the values are", "", one_of=tuple(SIGNALS)),
+    Field("name", "text", "name of the field", "name of the signal"),
+    Field("signal", "text", "quantity", "", one_of=tuple(SIGNALS)),
     Field("first", "count", "cell or sensor of the first value, from 1", "1", low=1, high=MOST_CELLS),
     Field("scale", "number", "value = raw * scale + offset, in V, A, degC, ohm; SOC as a fraction of 1", "1"),
     Field("offset", "number", "added after `scale`", "0"),
     _POSITIVE,
     Field("invalid", "counts", "raw values of a missing measurement", "none", low=-(2**63), high=2**64),
     Field("valid_range", "pair", "lowest and highest valid value", "any"),
-    Field("equals", "counts", "raw values that mean yes, of a state", "[1]", low=-(2**63), high=2**64),
+    Field("equals", "counts", "raw values of a state that mean yes", "[1]", low=-(2**63), high=2**64),
     Field("mask", "count", "instead of `equals`: any of these bits means yes", "0", low=0, high=2**64),
     _AGE,
 )  # fmt: skip
 _CHECKSUM = (
     Field("kind", "text", "`none`, `sum8`, `xor8`, `sum16`, `sum16-complement`, or a name of crccheck: `crc-16/modbus`", ""),  # noqa: E501
-    Field("from", "count", "first byte that it is of", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
-    Field("to", "count", "byte after the last, negative: from the end", "`at`", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
-    Field("at", "count", "its first byte; negative: from the end", "-1", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+    Field("from", "count", "first byte that it covers", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
+    Field("to", "count", "byte after the last one that it covers; negative counts from the end", "`at`", "bytes", -LONGEST_FRAME, LONGEST_FRAME),  # noqa: E501
+    Field("at", "count", "first byte of the checksum; negative counts from the end", "-1", "bytes", -LONGEST_FRAME, LONGEST_FRAME),  # noqa: E501
     _ORDER,
 )  # fmt: skip
 _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
@@ -126,7 +128,7 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("period_s", "number", "interval between measurements", "0.1", "s", 0.001, 60),
     ),
     "serial.frame": (
-        Field("name", "text", "name of the frame", "its place"),
+        Field("name", "text", "name of the frame", "its position"),
         Field("header", "text", "fixed first bytes, hex; `??` is any byte", "none: `gap_s` and `length`"),
         Field("length", "count", "length of the whole frame", "`length_at`", "bytes", 1, LONGEST_FRAME),
         Field("gap_s", "number", "silence before and after a frame without a header", "none", "s", 0.001, 60),
@@ -136,7 +138,7 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
     ),
     "serial.frame.length_at": (
         Field("offset", "count", "byte of the number", "", "bytes", 0, LONGEST_FRAME),
-        Field("size", "count", "its bytes", "1", "bytes", 1, 4),
+        Field("size", "count", "number of bytes", "1", "bytes", 1, 4),
         Field("adds", "count", "length of the frame = number + `adds`", "0", "bytes", -LONGEST_FRAME, LONGEST_FRAME),
         _ORDER,
     ),
@@ -147,12 +149,12 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("type", "text", "type of each value; `sm16`: sign and magnitude, the highest bit is the sign", "", one_of=tuple(TYPES)),  # noqa: E501
         _AT,
         Field("count", "count", "number of values", "1", low=1, high=MOST_CELLS),
-        Field("stride", "count", "bytes from one value to the next", "they follow each other", "bytes", 0, LONGEST_FRAME),  # noqa: E501
-        Field("bits", "flag", "each value is a mask, lowest bit first, of `count` bits in all", "false"),
+        Field("stride", "count", "bytes from one value to the next", "no gap", "bytes", 0, LONGEST_FRAME),
+        Field("bits", "flag", "each value is a mask, lowest bit first, with `count` bits in total", "false"),
         _ORDER,
     ),
     "serial.frame.fields.index": (
-        Field("at", "count", "byte of the frame's number among those of one sample", "", "bytes", -LONGEST_FRAME, LONGEST_FRAME),  # noqa: E501
+        Field("at", "count", "byte with the number of the frame within a sample", "", "bytes", -LONGEST_FRAME, LONGEST_FRAME),  # noqa: E501
         Field("type", "text", "type of the number", "`u8`", one_of=tuple(TYPES)),
         Field("base", "count", "lowest number", "0", low=0, high=65535),
         _ORDER,
@@ -165,8 +167,8 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         _ORDER,
     ),
     "serial.line": (
-        Field("name", "text", "name of the line", "its place"),
-        Field("separator", "text", "between two columns; a blank: any number of blanks", "`,`"),
+        Field("name", "text", "name of the line", "its position"),
+        Field("separator", "text", "separator of the columns; a space matches any number of spaces", "`,`"),
         Field("pattern", "text", "expression with named groups (RE2), instead of columns", "none"),
         Field("begin", "text", "text before the first column", "none"),
         Field("end", "text", "text behind the last column", "the line's end"),
@@ -176,7 +178,7 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
     ),
     "serial.line.fields": (
         *_OF_VALUES,
-        Field("column", "count", "its column, from 0", "`columns`, `group`", low=0, high=LONGEST_FRAME),
+        Field("column", "count", "column, from 0", "`columns`, `group`", low=0, high=LONGEST_FRAME),
         Field("columns", "counts", "first and last column, from 0", "`column`, `group`", low=0, high=LONGEST_FRAME),
         Field("group", "text", "group of `pattern`", "none"),
         Field("begin", "text", "text before the number in its column: `C1=3.70`", "none"),
@@ -198,7 +200,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         Field("segments", "counts", "cells of each segment, in counting order", "", "cells", 1, MOST_CELLS),
         Field("parallel", "count", "cells in parallel per measured cell", "1", "cells", 1, 1000),
         Field("cell", "text", "cell file or bundled cell, of one measured cell", f"`{DEFAULT_CELL}`"),
-        Field("bleed_ohm", "number", "bleed resistor of a measured cell; without it the season has no balanced charge", "not known", "ohm", 0.01, 10_000),  # noqa: E501
+        Field("bleed_ohm", "number", "balancing resistor of a measured cell; without it the season data has no balancing charge", "unknown", "ohm", 0.01, 10_000),  # noqa: E501
     ),
     "battery.drawing": (
         Field("rows", "count", "rows of segments on the map", "1", low=1, high=100),
@@ -212,11 +214,11 @@ TABLES: dict[str, tuple[Field, ...]] = {
     "battery.limits": _LIMIT_FIELDS,
     "battery.rules": tuple(Field(f.name, "number", f.meaning + ", by the rules", unit=f.unit, low=f.low, high=f.high) for f in _LIMIT_FIELDS),  # noqa: E501
     "source": (
-        Field("kind", "text", "`dbc`: CAN; `master`: the team's own master; `table`: an imported table", "`dbc`", one_of=("dbc", "master", "table")),  # noqa: E501
+        Field("kind", "text", "`dbc` for CAN, `master` for the built-in master, `table` for an imported table", "`dbc`", one_of=("dbc", "master", "table")),  # noqa: E501
         Field("dbc", "texts", "message definitions (DBC, SYM, KCD, ARXML), relative to the profile", ""),
         Field("period_s", "number", "interval between measurements", "0.1", "s", 0.001, 60),
-        Field("means_s", "number", "`table`: time over which each current is a mean; 0: instants", "0", "s", 0, 3600),
-        Field("bit_rate", "count", "bit rate of the bus, for its load", "from `?bitrate=`", "bit/s", 5_000, 8_000_000),
+        Field("means_s", "number", "`table`: time over which each current is a mean; 0 for instants", "0", "s", 0, 3600),
+        Field("bit_rate", "count", "bit rate of the bus, to calculate the bus load", "from `?bitrate=`", "bit/s", 5_000, 8_000_000),  # noqa: E501
     ),
     "source.voltage": _cell_fields(tuple(VOLTAGE_UNITS), "V"),
     "source.temperature": _cell_fields(tuple(TEMPERATURE_UNITS), "degC"),

@@ -41,18 +41,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     where.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service (default: that of serve)")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", parents=[where], help="list users and tokens")
-    listing.add_argument("--json", action="store_true", help="as JSON")
-    add = actions.add_parser("add", parents=[where], help="add a user, or change the role and password of one")
-    remove = actions.add_parser("remove", parents=[where], help="remove a user and log them out")
-    token = actions.add_parser("token", parents=[where], help="create an API token for a program")
-    revoke = actions.add_parser("revoke", parents=[where], help="revoke a token")
+    listing = actions.add_parser("list", parents=[where], help="List users and tokens.")
+    listing.add_argument("--json", action="store_true", help="print JSON")
+    add = actions.add_parser("add", parents=[where], help="Add a user, or change role and password.")
+    remove = actions.add_parser("remove", parents=[where], help="Remove a user and log them out.")
+    token = actions.add_parser("token", parents=[where], help="Create an API token for a program.")
+    revoke = actions.add_parser("revoke", parents=[where], help="Revoke a token.")
     log = actions.add_parser(
         "log",
         parents=[where],
-        help="show the signed log and check every signature; exit code 1 if one is invalid",
+        help="Show the signed log and check every signature; exit code 1 if one is invalid.",
     )
-    log.add_argument("--json", action="store_true", help="one line of JSON per record")
+    log.add_argument("--json", action="store_true", help="print JSON, one line per record")
     for action in (add, remove, token):
         action.add_argument("name", metavar="NAME", help="name of the user or program")
     add.add_argument("--role", choices=ROLES, required=True, help="role of the user")

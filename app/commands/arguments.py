@@ -82,7 +82,7 @@ def add_means_argument(parser: argparse._ActionsContainer, default: str | None) 
         "--current-means",
         choices=CHOICES,
         default=default,
-        help="currents are means over each row while voltages are instants, as loggers of one row a second write them "
+        help="currents are means over each row while voltages are instants, typical of loggers with one row per second "
         f"(default: {default or 'that of the profile, else auto'}; auto: from the data)",
     )
 

@@ -37,10 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_show(actions: Actions) -> None:
     """Declare the actions."""
-    listing = actions.add_parser("list", help="list the bundled profiles")
+    listing = actions.add_parser("list", help="List the bundled profiles.")
     listing.add_argument("--json", action="store_true", help="print JSON")
     listing.set_defaults(run=_list)
-    showing = actions.add_parser("show", help="show a profile, with a drawing of the pack")
+    showing = actions.add_parser("show", help="Show a profile, with a drawing of the layout.")
     showing.add_argument("profile", metavar="NAME|FILE", help="bundled profile or TOML file")
     showing.add_argument("--toml", action="store_true", help="print the profile as TOML")
     showing.set_defaults(run=_show)
@@ -50,8 +50,8 @@ def _add_check(actions: Actions) -> None:
     """Declare the action."""
     checking = actions.add_parser(
         "check",
-        help="check a profile and its DBC by line and field; exit code 1 with warnings,\n"
-        "2 if the profile cannot be used",
+        help="Check a profile and its DBC by line and field; exit code 1 with warnings,\n"
+        "2 if the profile cannot be used.",
         formatter_class=argparse.RawTextHelpFormatter,
     )
     checking.add_argument("--json", action="store_true", help="print JSON")
@@ -71,7 +71,7 @@ def _add_size(actions: Actions) -> None:
     """Declare the action."""
     sizing = actions.add_parser(
         "size",
-        help="calculate voltage, capacity, energy, mass, currents, power and resistance of a pack",
+        help="Calculate voltage, capacity, energy, mass, currents, power and resistance of a battery.",
     )
     sizing.add_argument(
         "--cell", default=DEFAULT_CELL, metavar="CELL.toml",

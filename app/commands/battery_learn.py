@@ -31,7 +31,7 @@ def add_arguments(actions: Actions) -> None:
     """Declare the action."""
     learning = actions.add_parser(
         "learn",
-        help="create a profile from a DBC and a bus or log, or from serial bytes; exit code 1 if none fits",
+        help="Create a profile from a DBC and a bus or log, or from serial bytes; exit code 1 if none fits.",
     )
     learning.add_argument(
         "--dbc", type=Path, action="append", default=[], metavar="FILE",

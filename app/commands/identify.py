@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="first-order lags of the current, 0..4 (default 2)",
     )
     parser.add_argument("--out", required=True, type=Path, metavar="CELL.toml", help="the cell file to write")
-    parser.add_argument("--name", help="name of the cell; left out: that of the cell file")
+    parser.add_argument("--name", help="name of the cell (default: name of the cell file)")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw OCV, resistances and the residual of each file")
     add_reading_arguments(parser)

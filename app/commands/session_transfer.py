@@ -56,7 +56,7 @@ def add_arguments(actions: Actions) -> None:
         help="keep following until Ctrl+C, including running recordings: for lossy radio links",
     )
     fetching.add_argument(
-        "--order", choices=("oldest", "newest"), default="oldest", help="with --follow: order of the data"
+        "--order", choices=("oldest", "newest"), default="oldest", help="with --follow: which data is copied first"
     )
     text = "list missing data of followed sessions"
     add_json_argument(new_action(actions, "missing", text, list_missing))

@@ -58,7 +58,7 @@ class Settings(BaseModel):
     cell: str | None = Field(default=None, description="cell file (TOML) or bundled cell; else that of the battery")
     record: bool = Field(default=True, description="record automatically while the master is connected")
     event: str | None = Field(
-        default=None, description="session name prefix, such as 'FSG endurance'; else that set on the page"
+        default=None, description="session name prefix, such as 'FSG endurance'; else the one set on the page"
     )
     split_mb: int | None = Field(default=None, ge=1, description="start a new file after this many MB")
     keep_days: float | None = Field(
@@ -92,7 +92,9 @@ class Settings(BaseModel):
         default=None,
         description="recorders whose sessions are copied continuously: [LABEL=]URL,...",
     )
-    recorder_order: Literal["oldest", "newest"] = Field(default="oldest", description="order of the missing data")
+    recorder_order: Literal["oldest", "newest"] = Field(
+        default="oldest", description="which missing data is copied first"
+    )
     trust: str | None = Field(
         default=None,
         description="certificates of other services to trust: PEM file, or SHA-256 fingerprints separated by commas",

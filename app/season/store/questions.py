@@ -65,7 +65,7 @@ def find_question(name: str) -> Question | None:
 
 def parameters_of(question: Question) -> str:
     """Return what a command line can set, behind the question's meaning."""
-    return "".join(f"; --set {parameter.name}={parameter.default}" for parameter in question.parameters)
+    return "".join(f" --set {parameter.name}={parameter.default}" for parameter in question.parameters)
 
 
 def ask(store: SeasonStore, question: str, limits: QueryLimits = QueryLimits(), /, **given: str) -> Answer:  # noqa: B008
