@@ -90,18 +90,18 @@ _TX_DATA = _TX_CHARGER + _TX_ECU + _TX_EXTREMES + _UNUSED_ROW * 5
 _RX_DATA = (433, 432, 435, 434, 437, _U16, _U16, _U16) + _UNUSED_ROW * 7
 
 CONFIG_FIELDS = (
-    Field("ts", 0, "H", (), "sample", 1, 1, CURRENT_BUFFER, 100, "sampling", "1 kHz samples of one current mean: the pace of the current, its protection and the charge count"),
-    Field("v_cell_min", 2, "H", (), "V", 1e-4, 15000, 40000, 25000, "cell limits", "lowest cell voltage; below it the master opens the relays"),
-    Field("v_cell_max", 4, "H", (), "V", 1e-4, 30000, 45000, 42000, "cell limits", "highest cell voltage; above it the master opens the relays"),
+    Field("ts", 0, "H", (), "sample", 1, 1, CURRENT_BUFFER, 100, "sampling", "1 kHz samples per mean of the current; sets the rate of current, overcurrent protection and charge count"),
+    Field("v_cell_min", 2, "H", (), "V", 1e-4, 15000, 40000, 25000, "cell limits", "lowest cell voltage; below it the master opens the contactors"),
+    Field("v_cell_max", 4, "H", (), "V", 1e-4, 30000, 45000, 42000, "cell limits", "highest cell voltage; above it the master opens the contactors"),
     Field("v_cell_chrg", 6, "H", (), "V", 1e-4, 30000, 45000, 41500, "charging", "charge until the first cell reaches this voltage"),
     Field("t_cell_min", 8, "b", (), "degC", 1, -40, 40, -15, "cell limits", "lowest cell temperature"),
     Field("t_cell_max", 9, "b", (), "degC", 1, 0, 100, 45, "cell limits", "highest cell temperature; the rules allow 60 degC or the data sheet's limit"),
     Field("i_offset", 10, "H", (), "count", 0.1, 0, 40950, 20490, "current sensor", "ADC reading at no current, in tenths of a count"),
     Field("i_gain", 12, "H", (), "A/count", 2e-5, 1, _U16, 12120, "current sensor", "amperes per ADC count: i[10 mA] = (10 count - i_offset) i_gain / 5000"),
-    Field("i_disc_min", 14, "h", (), "A", 0.01, -_I16, 0, -10000, "current limits", "strongest regeneration while driving (negative)"),
-    Field("i_disc_max", 16, "h", (), "A", 0.01, 0, _I16, 20000, "current limits", "strongest discharge while driving"),
-    Field("i_chrg_min", 18, "h", (), "A", 0.01, -_I16, _I16, 0, "current limits", "weakest current while charging"),
-    Field("i_chrg_max", 20, "h", (), "A", 0.01, 0, _I16, 1200, "charging", "strongest current while charging, asked of the charger"),
+    Field("i_disc_min", 14, "h", (), "A", 0.01, -_I16, 0, -10000, "current limits", "highest regen current while driving (negative)"),
+    Field("i_disc_max", 16, "h", (), "A", 0.01, 0, _I16, 20000, "current limits", "highest discharge current while driving"),
+    Field("i_chrg_min", 18, "h", (), "A", 0.01, -_I16, _I16, 0, "current limits", "lowest current while charging"),
+    Field("i_chrg_max", 20, "h", (), "A", 0.01, 0, _I16, 1200, "charging", "highest current while charging, requested from the charger"),
     Field("c_avg", 22, "h", (), "Ah", 0.01, 10, _I16, 2500, "cell", "capacity of a new cell"),
     Field("r_fs_avg", 24, "h", (), "ohm", 1e-5, 0, _I16, 210, "cell", "fast resistance of a new cell"),
     Field("r_fc_avg", 26, "h", (), "ohm", 1e-5, 0, _I16, 0, "cell", "slow resistance of a new cell"),
@@ -121,9 +121,9 @@ CONFIG_FIELDS = (
     Field("can_rx_msg_en_startup", 224, "B", (), "mask", 1, 0, 255, 1, "can", "messages received from start-up on, one bit each"),
     Field("telemetry_period", 226, "H", (), "ms", 1, 20, 10000, 100, "sampling", "time between two telemetry frames (ours)", is_live=True),
     Field("can_rx_msg_id", 228, "I", (8,), "", 1, 0, 0xFFFFFFFF, _RX_IDS, "can", "CAN id; bit 31 marks a 29-bit id"),
-    Field("can_rx_msg_timeout", 260, "H", (8,), "ms", 1, 0, 60000, (5000, 0, 0, 0, 0, 0, 0, 0), "can", "silence after which the message counts as lost; 0 never"),
+    Field("can_rx_msg_timeout", 260, "H", (8,), "ms", 1, 0, 60000, (5000, 0, 0, 0, 0, 0, 0, 0), "can", "time without the message after which it counts as lost; 0 never"),
     Field("can_rx_msg_len", 276, "B", (8,), "byte", 1, 0, 8, (8, 0, 0, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
-    Field("can_rx_msg_response", 284, "B", (8,), "", 1, 0, 255, (0,) + (NO_RESPONSE,) * 7, "can", "tx message activated by this one, plus 64 where charging begins and ends with it; 255 none"),
+    Field("can_rx_msg_response", 284, "B", (8,), "", 1, 0, 255, (0,) + (NO_RESPONSE,) * 7, "can", "tx message activated by this one, plus 64 if it starts and stops charging; 255 none"),
     Field("can_rx_msg_data", 292, "H", (8, 8), "", 1, 0, _U16, _RX_DATA, "can", "offset in this struct of each byte received; 65535 ignores it"),
 )
 CONFIG_SIZE = 420
@@ -132,7 +132,7 @@ STATUS_FLAGS = ("fit", "usb", "i2c1", "usart1", "can1", "charger", "charging", "
 STATUS_FIELDS = (
     Field("flags", 0, "I", meaning="bits from 0: " + ", ".join(STATUS_FLAGS)),
     Field("can_tx_msg_en", 4, "B", unit="mask", meaning="tx messages being sent"),
-    Field("can_rx_msg_en", 5, "B", unit="mask", meaning="rx messages listened for"),
+    Field("can_rx_msg_en", 5, "B", unit="mask", meaning="rx messages enabled"),
     Field("can_rx_msg_active", 6, "B", unit="mask", meaning="rx messages received within their timeout"),
     Field("charger_status", 7, "B", meaning="the charger's last flags; 255 without a charger (ours)"),
 )
@@ -140,14 +140,14 @@ STATUS_SIZE = 8
 
 CHARGER_STATES = ("off", "waiting", "constant_current", "balancing", "constant_voltage", "done", "fault")
 CHARGER_FIELDS = (  # content ours: the thesis prints only its size
-    Field("v_set", 0, "H", unit="V", scale=0.1, meaning="voltage asked of the charger"),
-    Field("i_set", 2, "H", unit="A", scale=0.1, meaning="current asked of the charger"),
-    Field("v_out", 4, "H", unit="V", scale=0.1, meaning="voltage the charger says it gives"),
-    Field("i_out", 6, "H", unit="A", scale=0.1, meaning="current the charger says it gives"),
+    Field("v_set", 0, "H", unit="V", scale=0.1, meaning="voltage requested from the charger"),
+    Field("i_set", 2, "H", unit="A", scale=0.1, meaning="current requested from the charger"),
+    Field("v_out", 4, "H", unit="V", scale=0.1, meaning="output voltage reported by the charger"),
+    Field("i_out", 6, "H", unit="A", scale=0.1, meaning="output current reported by the charger"),
     Field("control", 8, "B", meaning="0 charge, 1 stop"),
     Field("flags", 9, "B", meaning="bits from 0: hardware, over-temperature, input voltage, battery, time-out"),
     Field("state", 10, "B", meaning="the master's charging state: " + ", ".join(f"{i} {s}" for i, s in enumerate(CHARGER_STATES))),
-    Field("fan_duty", 11, "B", unit="duty", scale=1 / 255, meaning="fan duty in force"),
+    Field("fan_duty", 11, "B", unit="duty", scale=1 / 255, meaning="active fan duty"),
 )
 CHARGER_SIZE = 12
 
@@ -155,7 +155,7 @@ SLAVE_FIELDS = (
     Field("status", 0, "B", meaning="0 absent, 1 active, 255 fault"),
     Field("time", 4, "I", (18,), "us", meaning="time of each step of the last reading"),
     Field("cfgr", 76, "B", (6,), meaning="configuration register group, as read back"),
-    Field("cvr", 82, "H", (12,), "V", 1e-4, meaning="cell voltages as the chip gave them; 65535 no measurement"),
+    Field("cvr", 82, "H", (12,), "V", 1e-4, meaning="cell voltages as read from the chip; 65535 no measurement"),
     Field("avr", 106, "H", (3,), "V", 1e-4, meaning="auxiliary voltages, GPIO 1 to 3"),
     Field("str", 112, "H", (6,), meaning="status register groups A and B"),
     Field("com", 124, "H", (3,), meaning="packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours)"),
@@ -164,7 +164,7 @@ SLAVE_FIELDS = (
 SLAVE_SIZE = 180
 
 TOP_FIELDS = (
-    Field("n_slaves", 440, "B", meaning="slaves that answered"),
+    Field("n_slaves", 440, "B", meaning="slaves that responded"),
     Field("i_fs", 1884, "i", unit="A", scale=0.01, meaning="current, positive on discharge, mean of the last ts samples"),
     Field("i_fc", 1888, "i", unit="A", scale=0.01, meaning="current, mean of the newest fc_avg samples, in whole means of ts"),
     Field("i_fc_hp", 1892, "i", unit="A", scale=0.01, meaning="averaged current in the master's high-precision path"),

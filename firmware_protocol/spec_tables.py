@@ -42,7 +42,7 @@ _TYPES = {"b": "i8", "B": "u8", "h": "i16", "H": "u16", "i": "i32", "I": "u32"}
 def tables() -> dict[str, str]:
     """Return {marker: Markdown table}."""
     parts = (
-        mm.Field("conf", mm.CONFIG_OFFSET, "B", (mm.CONFIG_SIZE,), meaning="the configuration in force, below"),
+        mm.Field("conf", mm.CONFIG_OFFSET, "B", (mm.CONFIG_SIZE,), meaning="the active configuration, below"),
         mm.Field("status", mm.STATUS_OFFSET, "B", (mm.STATUS_SIZE,), meaning="below"),
         mm.Field("charger", mm.CHARGER_OFFSET, "B", (mm.CHARGER_SIZE,), meaning="below"),
         mm.Field("slave", mm.SLAVE_OFFSET, "B", (mm.N_PACKS, mm.SLAVE_SIZE), meaning="one for each pack, below"),

@@ -120,132 +120,136 @@ _CELL, _PACK, _NONE = Target.CELL, Target.PACK, Target.NONE
 _Kind = FaultKind
 _AREAS = {
     "cells and sensors": (
-        _Kind("sense-wire-open", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
+        _Kind("sense-wire-open", "sense wire at the cell's upper end disconnected", _CELL, *_ON, _open_wire),
         _Kind(
-            *("cell-voltage-stuck", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN),
+            *("cell-voltage-stuck", "voltage channel stuck at this value", _CELL, "V", 0, 6, 0, _NAN),
             _stuck_voltage,
         ),
-        _Kind("cell-voltage-noisy", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
+        _Kind("cell-voltage-noisy", "noise on the voltage channel", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
         _Kind(
-            *("temperature-sensor-fault", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN),
+            *("temperature-sensor-fault", "temperature sensor stuck at this value", _CELL, "degC", -60, 200, 60, _NAN),
             _each("board.cell_inputs.temperature_stuck_degc"),
         ),
         _Kind(
-            *("temperature-sensor-open", "the temperature sensor is off", _CELL, *_ON),
+            *("temperature-sensor-open", "temperature sensor disconnected", _CELL, *_ON),
             _each("board.cell_inputs.temperature_unplugged", bool),
         ),
-        _Kind("joint-resistance-high", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
-        _Kind("capacity-low", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _each("accumulator.capacity_factor")),
+        _Kind("joint-resistance-high", "added resistance of the busbar joint", _CELL, "mohm", 0, 50, 2, 0, _joint),
         _Kind(
-            *("cell-resistance-high", "inner resistance", _CELL, "times new", 1, 20, 2, 1),
+            "capacity-low", "remaining capacity", _CELL, "of new", 0.05, 1, 0.7, 1, _each("accumulator.capacity_factor")
+        ),
+        _Kind(
+            *("cell-resistance-high", "internal resistance", _CELL, "times new", 1, 20, 2, 1),
             _each("accumulator.resistance_factor"),
         ),
         _Kind(
-            *("self-discharge-high", "a short inside that draws this at 3.6 V", _CELL, "A", 0, 50, 5, 0),
+            *("self-discharge-high", "internal short that draws this at 3.6 V", _CELL, "A", 0, 50, 5, 0),
             _internal_short,
         ),
-        _Kind("external-heating", "heat from outside", _CELL, "W", 0, 500, 50, 0, _each("accumulator.heat_w")),
+        _Kind("external-heating", "external heating", _CELL, "W", 0, 500, 50, 0, _each("accumulator.heat_w")),
     ),
     "air": (
         _Kind(
-            *("cooling-failed", "share of the air that is missing", _NONE, "", 0, 1, 1, 0),
+            *("cooling-failed", "share of the airflow that is blocked", _NONE, "", 0, 1, 1, 0),
             _set("accumulator.fan_blocked"),
         ),
-        _Kind("ambient-temperature", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
+        _Kind("ambient-temperature", "ambient temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
     ),
     "slaves": (
-        _Kind("slave-lost", "the pack's slave does not answer", _PACK, *_ON, _slave),
+        _Kind("slave-lost", "slave board does not respond", _PACK, *_ON, _slave),
         _Kind(
-            *("slave-adc-fault", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
+            *("slave-adc-fault", "ADC bit of the slave that is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
             is_whole=True,
         ),
-        _Kind("slave-reference-drift", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
+        _Kind("slave-reference-drift", "error of the slave's voltage reference", _PACK, "%", -20, 20, 2, 0, _reference),
         _Kind(
-            *("slave-multiplexer-fault", "the slave's multiplexer fails its self-test", _PACK, *_ON),
+            *("slave-multiplexer-fault", "slave multiplexer fails its self-test", _PACK, *_ON),
             _each("board.chain.converters.multiplexer_failed", bool),
         ),
         _Kind(
-            *("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0),
+            *("isospi-noise", "bit errors on the isoSPI line", _NONE, "per bit", 0, 0.1, 1e-3, 0),
             _set("board.chain.bit_error_rate"),
         ),
     ),
-    "current and relays": (
+    "current and contactors": (
         _Kind(
-            *("current-sensor-open", "the current sensor is off", _NONE, *_ON),
+            *("current-sensor-open", "current sensor disconnected", _NONE, *_ON),
             _set("board.current_sensor.is_unplugged", bool),
         ),
         _Kind(
-            *("current-sensor-offset", "the current sensor is off by this", _NONE, "A", -400, 400, 2, 0),
+            *("current-sensor-offset", "offset of the current sensor", _NONE, "A", -400, 400, 2, 0),
             _set("board.current_sensor.extra_offset_a"),
         ),
         _Kind(
-            *("external-shutdown", "a button or the insulation monitor opens the relays", _NONE, *_ON),
+            *("external-shutdown", "a shutdown button or the IMD opens the contactors", _NONE, *_ON),
             _set("is_shutdown_open", bool),
         ),
         _Kind(
-            *("precharge-failed", "the pre-charge resistor is burnt", _NONE, *_ON),
+            *("precharge-failed", "pre-charge resistor burnt out", _NONE, *_ON),
             _set("link.is_precharge_open", bool),
         ),
         _Kind(
-            *("dc-link-load", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE),
+            *("dc-link-load", "load on the DC link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE),
             _set("link.leak_ohm"),
         ),
         _Kind(
-            *("dc-link-discharge-failed", "the link keeps its voltage when the relays open", _NONE, *_ON),
+            *("dc-link-discharge-failed", "DC link stays charged when the contactors open", _NONE, *_ON),
             _set("link.is_discharge_open", bool),
         ),
     ),
     "master": (
-        _Kind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
+        _Kind("eeprom-worn", "EEPROM does not keep the configuration", _NONE, *_ON, _eeprom),
         _Kind(
-            *("master-watchdog-reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0),
+            *("master-watchdog-reset", "watchdog resets the master", _NONE, "s off", 0, 60, 0.3, 0),
             _watchdog,
             is_instant=True,
         ),
-        _Kind("master-supply-lost", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
+        _Kind(
+            "master-supply-lost", "master loses its supply", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True
+        ),
     ),
     "RS232": (
         _Kind(
-            *("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0),
+            *("serial-noise", "bit errors on RS232", _NONE, "per byte", 0, 1, 1e-3, 0),
             _set("line.noise_per_byte"),
         ),
-        _Kind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _set("line.is_dropping", bool)),
-        _Kind("serial-silent", "nothing passes the RS232 line", _NONE, *_ON, _set("line.is_stuck", bool)),
+        _Kind("serial-drop-outs", "truncated frames on RS232", _NONE, *_ON, _set("line.is_dropping", bool)),
+        _Kind("serial-silent", "RS232 interrupted", _NONE, *_ON, _set("line.is_stuck", bool)),
     ),
     "CAN": (
         _Kind(
-            *("can-master-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON),
+            *("can-master-bus-off", "CAN controller of the master bus-off", _NONE, *_ON),
             _set("master_on_bus.is_held_off", bool),
         ),
-        _Kind("can-short", "a short circuit on the CAN bus", _NONE, *_ON, _set("bus.is_broken", bool)),
+        _Kind("can-short", "short circuit on the CAN bus", _NONE, *_ON, _set("bus.is_broken", bool)),
         _Kind(
-            *("can-noise", "disturbed bits on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0),
+            *("can-noise", "bit errors on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0),
             _set("bus.noise_per_bit"),
         ),
         _Kind(
-            *("can-babbling-node", "share of the bus that a node of most weight takes", _NONE, "", 0, 1, 0.9, 0),
+            *("can-babbling-node", "bus load of a node with the highest priority", _NONE, "", 0, 1, 0.9, 0),
             _set("babbler.share"),
         ),
     ),
     "charger": (
         _Kind(
-            *("charger-over-temperature", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0),
+            *("charger-over-temperature", "added heat in the charger", _NONE, "W", 0, 5000, 2500, 0),
             _set("charger.unit.extra_heat_w"),
         ),
         _Kind(
-            *("charger-input-voltage", "the charger's mains are off", _NONE, *_ON),
+            *("charger-input-voltage", "no mains at the charger", _NONE, *_ON),
             _set("charger.unit.has_mains", not_),
         ),
         _Kind(
-            *("charger-no-battery", "the charger's plug is reversed", _NONE, *_ON),
+            *("charger-no-battery", "charger polarity reversed", _NONE, *_ON),
             _set("charger.unit.is_reversed", bool),
         ),
         _Kind(
-            *("charger-silent", "the charger neither sends nor receives", _NONE, *_ON),
+            *("charger-silent", "charger does not communicate", _NONE, *_ON),
             _set("charger.unit.is_silent", bool),
         ),
         _Kind(
-            *("charger-hardware-fault", "the charger's hardware fails", _NONE, *_ON),
+            *("charger-hardware-fault", "charger reports a hardware fault", _NONE, *_ON),
             _set("charger.unit.has_hardware_fault", bool),
         ),
     ),

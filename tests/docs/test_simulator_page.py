@@ -20,7 +20,7 @@ def row(kind: FaultKind) -> str:
 
 def test_table_of_faults_is_current():
     table = PAGE.partition("<!-- faults -->\n")[2].partition("<!-- end -->")[0]
-    head = "| fault | hits a | value (default) | meaning |\n| --- | --- | --- | --- |\n"
+    head = "| fault | target | value (default) | meaning |\n| --- | --- | --- | --- |\n"
     assert table == head + "".join(f"{row(kind)}\n" for kind in FAULTS.values())
 
 

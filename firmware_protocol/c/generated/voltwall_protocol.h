@@ -148,18 +148,18 @@ enum vw_slave_status {
 };
 
 typedef struct {  /* 420 bytes */
-    uint16_t ts;  /* 1 kHz samples of one current mean: the pace of the current, its protection and the charge count [sample] */
-    uint16_t v_cell_min;  /* lowest cell voltage; below it the master opens the relays [0.0001 V] */
-    uint16_t v_cell_max;  /* highest cell voltage; above it the master opens the relays [0.0001 V] */
+    uint16_t ts;  /* 1 kHz samples per mean of the current; sets the rate of current, overcurrent protection and charge count [sample] */
+    uint16_t v_cell_min;  /* lowest cell voltage; below it the master opens the contactors [0.0001 V] */
+    uint16_t v_cell_max;  /* highest cell voltage; above it the master opens the contactors [0.0001 V] */
     uint16_t v_cell_chrg;  /* charge until the first cell reaches this voltage [0.0001 V] */
     int8_t t_cell_min;  /* lowest cell temperature [degC] */
     int8_t t_cell_max;  /* highest cell temperature; the rules allow 60 degC or the data sheet's limit [degC] */
     uint16_t i_offset;  /* ADC reading at no current, in tenths of a count [0.1 count] */
     uint16_t i_gain;  /* amperes per ADC count: i[10 mA] = (10 count - i_offset) i_gain / 5000 [2e-05 A/count] */
-    int16_t i_disc_min;  /* strongest regeneration while driving (negative) [0.01 A] */
-    int16_t i_disc_max;  /* strongest discharge while driving [0.01 A] */
-    int16_t i_chrg_min;  /* weakest current while charging [0.01 A] */
-    int16_t i_chrg_max;  /* strongest current while charging, asked of the charger [0.01 A] */
+    int16_t i_disc_min;  /* highest regen current while driving (negative) [0.01 A] */
+    int16_t i_disc_max;  /* highest discharge current while driving [0.01 A] */
+    int16_t i_chrg_min;  /* lowest current while charging [0.01 A] */
+    int16_t i_chrg_max;  /* highest current while charging, requested from the charger [0.01 A] */
     int16_t c_avg;  /* capacity of a new cell [0.01 Ah] */
     int16_t r_fs_avg;  /* fast resistance of a new cell [1e-05 ohm] */
     int16_t r_fc_avg;  /* slow resistance of a new cell [1e-05 ohm] */
@@ -179,36 +179,36 @@ typedef struct {  /* 420 bytes */
     uint8_t can_rx_msg_en_startup;  /* messages received from start-up on, one bit each [mask] */
     uint16_t telemetry_period;  /* time between two telemetry frames (ours) [ms] */
     uint32_t can_rx_msg_id[8];  /* CAN id; bit 31 marks a 29-bit id */
-    uint16_t can_rx_msg_timeout[8];  /* silence after which the message counts as lost; 0 never [ms] */
+    uint16_t can_rx_msg_timeout[8];  /* time without the message after which it counts as lost; 0 never [ms] */
     uint8_t can_rx_msg_len[8];  /* data bytes in the message [byte] */
-    uint8_t can_rx_msg_response[8];  /* tx message activated by this one, plus 64 where charging begins and ends with it; 255 none */
+    uint8_t can_rx_msg_response[8];  /* tx message activated by this one, plus 64 if it starts and stops charging; 255 none */
     uint16_t can_rx_msg_data[8][8];  /* offset in this struct of each byte received; 65535 ignores it */
 } vw_config_t;
 
 typedef struct {  /* 8 bytes */
     uint32_t flags;  /* bits from 0: fit, usb, i2c1, usart1, can1, charger, charging, balancing, load */
     uint8_t can_tx_msg_en;  /* tx messages being sent [mask] */
-    uint8_t can_rx_msg_en;  /* rx messages listened for [mask] */
+    uint8_t can_rx_msg_en;  /* rx messages enabled [mask] */
     uint8_t can_rx_msg_active;  /* rx messages received within their timeout [mask] */
     uint8_t charger_status;  /* the charger's last flags; 255 without a charger (ours) */
 } vw_status_t;
 
 typedef struct {  /* 12 bytes */
-    uint16_t v_set;  /* voltage asked of the charger [0.1 V] */
-    uint16_t i_set;  /* current asked of the charger [0.1 A] */
-    uint16_t v_out;  /* voltage the charger says it gives [0.1 V] */
-    uint16_t i_out;  /* current the charger says it gives [0.1 A] */
+    uint16_t v_set;  /* voltage requested from the charger [0.1 V] */
+    uint16_t i_set;  /* current requested from the charger [0.1 A] */
+    uint16_t v_out;  /* output voltage reported by the charger [0.1 V] */
+    uint16_t i_out;  /* output current reported by the charger [0.1 A] */
     uint8_t control;  /* 0 charge, 1 stop */
     uint8_t flags;  /* bits from 0: hardware, over-temperature, input voltage, battery, time-out */
     uint8_t state;  /* the master's charging state: 0 off, 1 waiting, 2 constant_current, 3 balancing, 4 constant_voltage, 5 done, 6 fault */
-    uint8_t fan_duty;  /* fan duty in force [0.00392156863 duty] */
+    uint8_t fan_duty;  /* active fan duty [0.00392156863 duty] */
 } vw_charger_t;
 
 typedef struct {  /* 180 bytes */
     uint8_t status;  /* 0 absent, 1 active, 255 fault */
     uint32_t time[18];  /* time of each step of the last reading [us] */
     uint8_t cfgr[6];  /* configuration register group, as read back */
-    uint16_t cvr[12];  /* cell voltages as the chip gave them; 65535 no measurement [0.0001 V] */
+    uint16_t cvr[12];  /* cell voltages as read from the chip; 65535 no measurement [0.0001 V] */
     uint16_t avr[3];  /* auxiliary voltages, GPIO 1 to 3 [0.0001 V] */
     uint16_t str[6];  /* status register groups A and B */
     uint16_t com[3];  /* packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours) */
@@ -219,7 +219,7 @@ typedef struct {  /* 2984 bytes */
     vw_config_t conf;
     vw_status_t status;
     vw_charger_t charger;
-    uint8_t n_slaves;  /* slaves that answered */
+    uint8_t n_slaves;  /* slaves that responded */
     vw_slave_t slave[8];
     int32_t i_fs;  /* current, positive on discharge, mean of the last ts samples [0.01 A] */
     int32_t i_fc;  /* current, mean of the newest fc_avg samples, in whole means of ts [0.01 A] */

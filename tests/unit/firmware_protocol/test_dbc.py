@@ -116,15 +116,15 @@ BO_ 769 MASTER_RX_6: 1 Vector__XXX
  SG_ charger_state : 0|8@1+ (1,0) [0|255] "" MASTER
 
 CM_ "as written by hand";
-CM_ SG_ 2550588916 charger_v_set "voltage asked of the charger";
-CM_ SG_ 2550588916 charger_i_set "current asked of the charger";
+CM_ SG_ 2550588916 charger_v_set "voltage requested from the charger";
+CM_ SG_ 2550588916 charger_i_set "current requested from the charger";
 CM_ SG_ 2550588916 charger_control "0 charge, 1 stop";
 CM_ SG_ 256 soc "state of charge, the master's own count";
 CM_ SG_ 256 i_fs "current, positive on discharge, mean of the last ts samples";
 CM_ SG_ 256 t_95 "cell temperatures; -128 no measurement (ours)";
 CM_ SG_ 256 dod_byte0 "byte 0 of dod";
 CM_ SG_ 256 status_load "load flag in status.flags";
-CM_ SG_ 2566869221 n_slaves "slaves that answered";
+CM_ SG_ 2566869221 n_slaves "slaves that responded";
 CM_ SG_ 769 charger_state "the master's charging state: 0 off, 1 waiting, 2 constant_current, 3 balancing, \
 4 constant_voltage, 5 done, 6 fault";
 BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
