@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from app.api.access.roles import MOST_DAYS, ROLES
 from app.clock import Clock
-from app.commands.arguments import data_folder
+from app.commands.arguments import data_folder, described
 from app.commands.console import print_table
 from app.errors import ConfigError
 from app.words import Message, render
@@ -41,16 +41,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     where.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service (default: that of serve)")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", parents=[where], help="List users and tokens.")
+    listing = actions.add_parser("list", parents=[where], **described("list users and tokens"))
     listing.add_argument("--json", action="store_true", help="print JSON")
-    add = actions.add_parser("add", parents=[where], help="Add a user, or change role and password.")
-    remove = actions.add_parser("remove", parents=[where], help="Remove a user and log them out.")
-    token = actions.add_parser("token", parents=[where], help="Create an API token for a program.")
-    revoke = actions.add_parser("revoke", parents=[where], help="Revoke a token.")
+    add = actions.add_parser("add", parents=[where], **described("add a user, or change role and password"))
+    remove = actions.add_parser("remove", parents=[where], **described("remove a user and log them out"))
+    token = actions.add_parser("token", parents=[where], **described("create an API token for a program"))
+    revoke = actions.add_parser("revoke", parents=[where], **described("revoke a token"))
     log = actions.add_parser(
         "log",
         parents=[where],
-        help="Show the signed log and check every signature; exit code 1 if one is invalid.",
+        **described("show the signed log and check every signature; exit code 1 if one is invalid"),
     )
     log.add_argument("--json", action="store_true", help="print JSON, one line per record")
     for action in (add, remove, token):

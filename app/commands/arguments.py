@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypedDict
 
 from app.errors import ConfigError
 from app.estimation.recording.means_choices import CHOICES
@@ -24,6 +24,18 @@ Actions: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 Run = Callable[[argparse.Namespace], int]
 
 
+class Described(TypedDict):
+    """What an action does: in the list of its command, and in its own help."""
+
+    help: str
+    description: str
+
+
+def described(text: str) -> Described:
+    """Return both texts of an action from its text in the list, which has no capital and no stop."""
+    return {"help": text, "description": text[0].upper() + text[1:] + "."}
+
+
 def add_data_argument(parser: argparse.ArgumentParser, default: object = None) -> None:
     """Declare --data; below another parser that has it, with argparse.SUPPRESS as its default."""
     parser.add_argument("--data", type=Path, metavar="DIR", default=default, help="data folder of the service")
@@ -31,9 +43,7 @@ def add_data_argument(parser: argparse.ArgumentParser, default: object = None) -
 
 def new_action(actions: Actions, name: str, text: str, run: Run) -> argparse.ArgumentParser:
     """Return the parser of one more action, with --data, that does this work."""
-    parser = actions.add_parser(
-        name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = actions.add_parser(name, **described(text), formatter_class=argparse.RawTextHelpFormatter)
     add_data_argument(parser, argparse.SUPPRESS)
     parser.set_defaults(run=run)
     return parser

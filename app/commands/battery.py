@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.commands import battery_learn
-from app.commands.arguments import Actions, chosen_cell
+from app.commands.arguments import Actions, chosen_cell, described
 from app.commands.console import between, print_table, segments
 from app.errors import ConfigError
 from app.estimation.cell_model.default_cell import DEFAULT_CELL
@@ -37,10 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_show(actions: Actions) -> None:
     """Declare the actions."""
-    listing = actions.add_parser("list", help="List the bundled profiles.")
+    listing = actions.add_parser("list", **described("list the bundled profiles"))
     listing.add_argument("--json", action="store_true", help="print JSON")
     listing.set_defaults(run=_list)
-    showing = actions.add_parser("show", help="Show a profile, with a drawing of the layout.")
+    showing = actions.add_parser("show", **described("show a profile, with a drawing of the layout"))
     showing.add_argument("profile", metavar="NAME|FILE", help="bundled profile or TOML file")
     showing.add_argument("--toml", action="store_true", help="print the profile as TOML")
     showing.set_defaults(run=_show)
@@ -50,9 +50,9 @@ def _add_check(actions: Actions) -> None:
     """Declare the action."""
     checking = actions.add_parser(
         "check",
-        help="Check a profile and its DBC by line and field; exit code 1 with warnings,\n"
-        "2 if the profile cannot be used.",
-        formatter_class=argparse.RawTextHelpFormatter,
+        **described(
+            "check a profile and its DBC by line and field; exit code 1 with warnings, 2 if the profile cannot be used"
+        ),
     )
     checking.add_argument("--json", action="store_true", help="print JSON")
     checking.add_argument("profile", metavar="NAME|FILE", help="bundled profile or TOML file")
@@ -71,7 +71,7 @@ def _add_size(actions: Actions) -> None:
     """Declare the action."""
     sizing = actions.add_parser(
         "size",
-        help="Calculate voltage, capacity, energy, mass, currents, power and resistance of a battery.",
+        **described("calculate voltage, capacity, energy, mass, currents, power and resistance of a battery"),
     )
     sizing.add_argument(
         "--cell", default=DEFAULT_CELL, metavar="CELL.toml",
@@ -123,7 +123,7 @@ def _list(args: argparse.Namespace) -> int:
         return 0
     rows = []
     for row in listed:
-        text = "a part, to include in a profile"
+        text = "only for include in another profile"
         if row["name"] is not None:
             text = f"{row['name']}: {row['segments']} segments, {row['sensors']} temperature sensors"
         rows.append((str(row["profile"]), text))
@@ -144,7 +144,7 @@ def _show(args: argparse.Namespace) -> int:
     battery, source = loaded.profile.battery, loaded.profile.source
     _show_battery(battery)
     if isinstance(source, MemoryMap):
-        print("source: the team's own master, over RS232 and CAN")
+        print("source: the built-in master, over RS232 and CAN")
     elif isinstance(source, DbcMapping):
         _show_source(source)
     elif isinstance(source, SerialMapping):
@@ -155,7 +155,7 @@ def _show(args: argparse.Namespace) -> int:
 def _show_battery(battery: Battery) -> None:
     from app.battery.drawing import drawn, sensors_in_words
 
-    print(f"{battery.name}: {battery.n_cells} cells in {battery.n_segments} segments, {battery.parallel} in parallel")
+    print(f"{battery.name}: {battery.n_cells} cells in {battery.n_segments} segments, {battery.parallel} parallel")
     print(f"cell: {battery.cell}")
     print("segments on the map, with their cells:")
     print("\n".join(drawn(battery)))
@@ -185,7 +185,7 @@ def _show_serial(source: SerialMapping) -> None:
     print(f"source: serial, {port.baud} bit/s, {port.data_bits} data bits, parity {port.parity}")
     for part in source.parts:
         checksum = getattr(part, "checksum", None)
-        request = f", asked for every {part.poll_s:g} s" if part.poll else ""
+        request = f", requested every {part.poll_s:g} s" if part.poll else ""
         print(f"  {part.name}: {'no checksum' if checksum is None else checksum.kind}{request}")
         for field in part.fields:
             print(f"    {field.name}: {field.count} {field.kind}, raw * {field.scale:g} + {field.offset:g}")
@@ -198,11 +198,11 @@ def _in_words(entry: CellSignals) -> str:
     if bases:
         parts.append("counted from " + ", ".join(f"{low} ({part})" for part, low in bases.items()))
     if entry.group_cells > 1:
-        parts.append(f"{entry.group_cells} a group")
+        parts.append(f"{entry.group_cells} cells per group")
     if entry.checksum:
         parts.append(f"checksum {entry.checksum}")
     age = "three periods" if entry.max_age_s is None else f"{entry.max_age_s:g} s"
-    parts.append(f"older than {age} is missing")
+    parts.append(f"values older than {age} count as missing")
     return "; ".join(parts)
 
 
@@ -224,7 +224,7 @@ def _check(args: argparse.Namespace) -> int:
         elif isinstance(profile.source, SerialMapping):
             warnings += _of_serial(profile.battery, profile.source, profile.file, args)
         elif not args.json:
-            print(f"{profile.file}: the team's own master; nothing of a DBC to check")
+            print(f"{profile.file}: the built-in master, without a DBC to check")
         if errors:  # warnings would be of what was set aside
             warnings = [warning for warning in warnings if warning.is_error and not _is_known(warning.field, errors)]
         for warning in warnings:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.commands import battery_learn_serial
-from app.commands.arguments import Actions, existing, write_out
+from app.commands.arguments import Actions, described, existing, write_out
 from app.commands.console import Progress
 from app.errors import ConfigError
 from app.sources.dbc.definitions import Definitions
@@ -31,7 +31,7 @@ def add_arguments(actions: Actions) -> None:
     """Declare the action."""
     learning = actions.add_parser(
         "learn",
-        help="Create a profile from a DBC and a bus or log, or from serial bytes; exit code 1 if none fits.",
+        **described("create a profile from a DBC and a bus or log, or from serial bytes; exit code 1 if none fits"),
     )
     learning.add_argument(
         "--dbc", type=Path, action="append", default=[], metavar="FILE",
@@ -137,13 +137,13 @@ def _print_oddities(definitions: Definitions) -> None:
         place = oddity.file if oddity.line is None else f"{oddity.file}:{oddity.line}"
         print(f"{place}: {render(oddity.what)}")
     if len(definitions.oddities) > _MOST_ODDITIES:
-        print(f"... and {len(definitions.oddities) - _MOST_ODDITIES} more: voltwall battery check tells all")
+        print(f"... and {len(definitions.oddities) - _MOST_ODDITIES} more: voltwall battery check lists all")
 
 
 def _print_messages(survey: BusSurvey, with_signals: bool) -> None:
     messages = survey.definitions.by_id()
     if not survey.n_frames:
-        print(f"{len(messages)} messages in the DBC; without --log or --can nothing is known of their values")
+        print(f"{len(messages)} messages in the DBC; without --log or --can their values are unknown")
         return
     summary = f"{len(survey.received)} of {len(messages)} messages received"
     print(f"{survey.n_frames} frames in {survey.duration_s:.1f} s; {summary}")

@@ -33,7 +33,10 @@ def run(args: argparse.Namespace) -> int:
     print(f"{len(data)} bytes", file=sys.stderr)
     mapping_name = fitting(data, _bundled())
     if mapping_name is not None:
-        print(f"the bundled profile {mapping_name} fits: its checksums hold. Set your cells in it.", file=sys.stderr)
+        print(
+            f"the bundled profile {mapping_name} fits: its checksums are correct. Set the number of your cells in it.",
+            file=sys.stderr,
+        )
         write_out(load_profile(mapping_name).text, args.out)
         return 0
     proposed = propose(data)
@@ -49,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         checksum = "no checksum (to confirm)" if proposed.checksum is None else proposed.checksum.kind
         print(f"{proposed.seen} frames of {proposed.length} bytes, {checksum}", file=sys.stderr)
     if proposed.voltages is None:
-        print("no numbers in it look like cell voltages (to confirm)", file=sys.stderr)
+        print("no values in the range of cell voltages found (to confirm)", file=sys.stderr)
     write_out(profile_text(proposed, args.name or "serial", args.baud), args.out)
     return 0 if proposed.voltages is not None else 1
 

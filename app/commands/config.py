@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from app.commands.arguments import add_json_argument, add_trust_argument, write_out
+from app.commands.arguments import add_json_argument, add_trust_argument, described, write_out
 from app.commands.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
 from app.commands.console import print_table
 from app.configuration.saved_configuration import is_profile
@@ -37,13 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_trust_argument(parser)
     parser.epilog = _EPILOG
     add = partial(parser.add_subparsers(dest="action", metavar="ACTION", required=True).add_parser, parents=[where])
-    read = add("read", help="Print a configuration as JSON in units, or save it to a file.")
+    read = add("read", **described("print a configuration as JSON in units, or save it to a file"))
     read.add_argument(
         "source", nargs="?", default="in-force", metavar="SOURCE", help="configuration to read (default: %(default)s)"
     )
     read.add_argument("--out", type=Path, metavar="FILE", help="save as JSON (.json) or as image")
-    diff = add("diff", help="Show what a write would change and check it; exit code 1 with differences.")
-    write = add("write", help="Check, write and verify a configuration.")
+    diff = add("diff", **described("show what a write would change and check it; exit code 1 with differences"))
+    write = add("write", **described("check, write and verify a configuration"))
     for action in (diff, write):
         action.add_argument(
             "edits",
@@ -53,19 +53,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
         action.add_argument("--reason", default="", help="reason for a change with warnings")
     write.add_argument("--store", action="store_true", help="then store to EEPROM and verify")
-    compare = add("compare", help="Compare two SOURCEs; exit code 1 with differences.")
+    compare = add("compare", **described("compare two SOURCEs; exit code 1 with differences"))
     compare.add_argument("a", metavar="FROM", help="SOURCE, such as stored")
     compare.add_argument("b", metavar="TO", help="SOURCE, such as in-force")
     for action in (diff, compare):
         add_json_argument(action, default=False)
-    add("store", help="Store the active configuration to EEPROM and verify.")
-    add("load", help="Load the configuration from EEPROM.")
-    rollback = add("rollback", help="Restore the configuration that was active before a write.")
+    add("store", **described("store the active configuration to EEPROM and verify"))
+    add("load", **described("load the configuration from EEPROM"))
+    rollback = add("rollback", **described("restore the configuration that was active before a write"))
     rollback.add_argument("record", nargs="?", type=int, help="record number in the history (default: the last write)")
     rollback.add_argument("--reason", default="", help="reason")
-    history = add("history", help="List every write with time, user, changes, reason and result.")
+    history = add("history", **described("list every write with time, user, changes, reason and result"))
     history.add_argument("--json", action="store_true", help="print JSON")
-    profiles = add("profiles", help="List, save, get, put or delete named configurations.")
+    profiles = add("profiles", **described("list, save, get, put or delete named configurations"))
     profiles.add_argument(
         "what", nargs="?", choices=("list", "save", "get", "put", "delete"), default="list", help="default: list"
     )
@@ -267,7 +267,7 @@ def _path(name: str) -> str:
 
 def _print_written(answer: Any) -> None:
     _print_answer(answer)
-    print(f"in force: {answer['hash']}" + (", read back and equal" if answer["verified"] else ", unchanged"))
+    print(f"active: {answer['hash']}" + (", read back and equal" if answer["verified"] else ", unchanged"))
 
 
 def _print_answer(answer: Any) -> None:

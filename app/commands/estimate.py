@@ -172,7 +172,9 @@ def _print_report(report: dict[str, Any]) -> None:
 
 def _print_power(report: dict[str, Any]) -> None:
     """Print the summary."""
-    print(f"  state of power at the last row, bands hold the truth in {100 * report['power_coverage']:.0f} % of cases:")
+    print(
+        f"  state of power at the last row, bands contain the truth in {100 * report['power_coverage']:.0f} % of cases:"
+    )
     for row in report["power"]:
         print(
             f"    {row['direction']:9} {row['horizon_s']:2g} s {row['last_w']:8.1f} W "
@@ -181,9 +183,9 @@ def _print_power(report: dict[str, Any]) -> None:
         )
     limits, measured_a = report["power_limits"], report["power_measured_current_max_a"]
     if limits["discharge_max_a"] is None or limits["charge_max_a"] is None:
-        print("    the cell file names no largest current: only voltage, charge and temperature limit")
+        print("    the cell file has no current limits: only voltage, SOC and temperature limit")
     if measured_a is None:
-        print("    the cell file does not say up to which current it was measured")
+        print("    the measured current range of the cell file is unknown")
     elif any(row["beyond_measured_frac"] for row in report["power"]):
         measured = f"currents (up to {measured_a:.3g} A, less for longer) or temperatures"
         print(f"    extrapolated where marked: beyond the {measured} that the cell file was measured with")

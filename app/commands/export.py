@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
             if with_laps is not None:
-                text = "the laps" if has_laps else "not written: no lap was settled, marked or seen in this range"
+                text = "the laps" if has_laps else "not written: no saved, marked or detected lap in this range"
                 print(f"{with_laps}: {text}")
     return 0
 

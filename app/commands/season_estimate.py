@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.commands.arguments import Actions, chosen_cell
+from app.commands.arguments import Actions, chosen_cell, described
 from app.commands.console import print_table
 from app.commands.session_analysis import scaled
 from app.errors import ConfigError
@@ -27,12 +27,7 @@ if TYPE_CHECKING:
 def add_arguments(actions: Actions) -> None:
     """Declare the action."""
     text = "re-estimate all sessions in parallel and compare with the previous results"
-    parser = actions.add_parser(
-        "estimate",
-        help=text,
-        description=text[0].upper() + text[1:] + ".",
-        formatter_class=argparse.RawTextHelpFormatter,
-    )
+    parser = actions.add_parser("estimate", **described(text), formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="DIR", help="data folder or session folder")
     parser.add_argument(
         "--cell",

@@ -196,6 +196,6 @@ def test_power_beyond_the_measured_currents_is_marked(drive, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "extrapolated 100 % of the time" in said
     assert "beyond the currents (up to 20 A, less for longer)" in said
-    assert "names no largest current" in said
+    assert "has no current limits" in said
     assert run(drive, "--cell", CELL) == 0
     assert "state of power" not in capsys.readouterr().out
