@@ -46,7 +46,7 @@ def run_patterns(plots: Path | None) -> None:
     print(f"  {redone.seconds:.2f} s, {redone.seconds / THESIS_PASSES * 1e6:.1f} us a pass; thesis {THESIS_S:.0f} s")
     says, left = 100.0 * redone.estimate[-1].mean(), 100.0 * redone.truth[-1]
     print(f"  at the end its SOC says {says:.0f} %, the charge really drawn leaves {left:.1f} %")
-    print("the same patterns set right, start SOC wrong by 50 points, 40 dB of noise")
+    print("the same patterns corrected, start SOC wrong by 50 points, 40 dB of noise")
     print("  pattern   cells  duration   RMSE   worst cell  max after 60 s  driver too high  us a pass")
     for name in PATTERNS_C:
         for n_cells in (1, 96):

@@ -28,10 +28,10 @@ def key_data() -> list[str]:
     charge, highest = figures["capacity_ah"], figures["voltage_max_v"]
     energy, mass = figures["energy_nominal_mj"], figures["mass_kg"]
     lines = [
-        "| of | highest / nominal / lowest | capacity | energy, thesis | which is | energy | cells weigh |",
+        "| | highest / nominal / lowest | capacity | energy, thesis | actual meaning | energy | mass of cells |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for which, title, part in (("cell", "cell", CELLS_A_MODULE), ("segment", "segment", 1), ("battery", "pack", 1)):
+    for which, title, part in (("cell", "cell", CELLS_A_MODULE), ("segment", "pack", 1), ("battery", "accumulator", 1)):
         volts = [getattr(figures[f"voltage_{name}_v"], which) for name in ("max", "nominal", "min")]
         ah = getattr(charge, which) / part
         wh = getattr(highest, which) * ah

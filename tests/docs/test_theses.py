@@ -36,8 +36,8 @@ def test_the_balancing_of_all_cells_is_what_its_command_prints() -> None:
     ("of", "numbers"),
     [  # as SPKF-2020 prints them in its Tables 1 to 3, wrong energies included
         ("cell", ("4.2 / 3.6 / 2.5 V", "2.5 Ah", "10.5 kJ", "45 g")),
-        ("segment", ("50.4 / 43.2 / 30 V", "25 Ah", "1.26 MJ", "of 7.4 kg")),
-        ("pack", ("403.2 / 345.6 / 240 V", "25 Ah", "10.08 MJ", "of 59.2 kg")),
+        ("pack", ("50.4 / 43.2 / 30 V", "25 Ah", "1.26 MJ", "of 7.4 kg")),
+        ("accumulator", ("403.2 / 345.6 / 240 V", "25 Ah", "10.08 MJ", "of 59.2 kg")),
     ],
 )
 def test_the_thesis_s_key_data_come_out_of_cell_and_layout(printed: str, of: str, numbers: tuple[str, ...]) -> None:
