@@ -119,7 +119,7 @@ CONFIG_FIELDS = (
     Field("can_tx_msg_len", 88, "B", (8,), "byte", 1, 0, 8, (8, 8, 8, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
     Field("can_tx_msg_data", 96, "H", (8, 8), "", 1, 0, _U16, _TX_DATA, "can", "offset in this struct of each byte sent; 65535 sends 0"),
     Field("can_rx_msg_en_startup", 224, "B", (), "mask", 1, 0, 255, 1, "can", "messages received from start-up on, one bit each"),
-    Field("telemetry_period", 226, "H", (), "ms", 1, 20, 10000, 100, "sampling", "time between two telemetry frames (ours)", is_live=True),
+    Field("telemetry_period", 226, "H", (), "ms", 1, 20, 10000, 100, "sampling", "time between two telemetry frames", is_live=True),
     Field("can_rx_msg_id", 228, "I", (8,), "", 1, 0, 0xFFFFFFFF, _RX_IDS, "can", "CAN id; bit 31 marks a 29-bit id"),
     Field("can_rx_msg_timeout", 260, "H", (8,), "ms", 1, 0, 60000, (5000, 0, 0, 0, 0, 0, 0, 0), "can", "time without the message after which it counts as lost; 0 never"),
     Field("can_rx_msg_len", 276, "B", (8,), "byte", 1, 0, 8, (8, 0, 0, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
@@ -134,7 +134,7 @@ STATUS_FIELDS = (
     Field("can_tx_msg_en", 4, "B", unit="mask", meaning="tx messages being sent"),
     Field("can_rx_msg_en", 5, "B", unit="mask", meaning="rx messages enabled"),
     Field("can_rx_msg_active", 6, "B", unit="mask", meaning="rx messages received within their timeout"),
-    Field("charger_status", 7, "B", meaning="the charger's last flags; 255 without a charger (ours)"),
+    Field("charger_status", 7, "B", meaning="the charger's last flags; 255 without a charger"),
 )
 STATUS_SIZE = 8
 
@@ -158,8 +158,8 @@ SLAVE_FIELDS = (
     Field("cvr", 82, "H", (12,), "V", 1e-4, meaning="cell voltages as read from the chip; 65535 no measurement"),
     Field("avr", 106, "H", (3,), "V", 1e-4, meaning="auxiliary voltages, GPIO 1 to 3"),
     Field("str", 112, "H", (6,), meaning="status register groups A and B"),
-    Field("com", 124, "H", (3,), meaning="packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours)"),
-    Field("temp", 130, "H", (24,), "V", 1e-4, meaning="voltages with the sensors switched in, two phases of 12 (ours)"),
+    Field("com", 124, "H", (3,), meaning="packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference"),
+    Field("temp", 130, "H", (24,), "V", 1e-4, meaning="voltages with the sensors switched in, two phases of 12"),
 )
 SLAVE_SIZE = 180
 
@@ -176,7 +176,7 @@ TOP_FIELDS = (
     Field("v_min_id", 2286, "B", meaning="cell index of v_min"),
     Field("v_max_id", 2287, "B", meaning="cell index of v_max"),
     Field("v_tot", 2288, "H", unit="V", scale=0.01, meaning="sum of the cells"),
-    Field("t", 2290, "b", (96,), "degC", meaning="cell temperatures; -128 no measurement (ours)"),
+    Field("t", 2290, "b", (96,), "degC", meaning="cell temperatures; -128 no measurement"),
     Field("t_min", 2386, "b", unit="degC", meaning="coldest cell"),
     Field("t_max", 2387, "b", unit="degC", meaning="hottest cell"),
     Field("t_avg", 2388, "b", unit="degC", meaning="mean cell temperature"),

@@ -177,7 +177,7 @@ typedef struct {  /* 420 bytes */
     uint8_t can_tx_msg_len[8];  /* data bytes in the message [byte] */
     uint16_t can_tx_msg_data[8][8];  /* offset in this struct of each byte sent; 65535 sends 0 */
     uint8_t can_rx_msg_en_startup;  /* messages received from start-up on, one bit each [mask] */
-    uint16_t telemetry_period;  /* time between two telemetry frames (ours) [ms] */
+    uint16_t telemetry_period;  /* time between two telemetry frames [ms] */
     uint32_t can_rx_msg_id[8];  /* CAN id; bit 31 marks a 29-bit id */
     uint16_t can_rx_msg_timeout[8];  /* time without the message after which it counts as lost; 0 never [ms] */
     uint8_t can_rx_msg_len[8];  /* data bytes in the message [byte] */
@@ -190,7 +190,7 @@ typedef struct {  /* 8 bytes */
     uint8_t can_tx_msg_en;  /* tx messages being sent [mask] */
     uint8_t can_rx_msg_en;  /* rx messages enabled [mask] */
     uint8_t can_rx_msg_active;  /* rx messages received within their timeout [mask] */
-    uint8_t charger_status;  /* the charger's last flags; 255 without a charger (ours) */
+    uint8_t charger_status;  /* the charger's last flags; 255 without a charger */
 } vw_status_t;
 
 typedef struct {  /* 12 bytes */
@@ -211,8 +211,8 @@ typedef struct {  /* 180 bytes */
     uint16_t cvr[12];  /* cell voltages as read from the chip; 65535 no measurement [0.0001 V] */
     uint16_t avr[3];  /* auxiliary voltages, GPIO 1 to 3 [0.0001 V] */
     uint16_t str[6];  /* status register groups A and B */
-    uint16_t com[3];  /* packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours) */
-    uint16_t temp[24];  /* voltages with the sensors switched in, two phases of 12 (ours) [0.0001 V] */
+    uint16_t com[3];  /* packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference */
+    uint16_t temp[24];  /* voltages with the sensors switched in, two phases of 12 [0.0001 V] */
 } vw_slave_t;
 
 typedef struct {  /* 2984 bytes */
@@ -232,7 +232,7 @@ typedef struct {  /* 2984 bytes */
     uint8_t v_min_id;  /* cell index of v_min */
     uint8_t v_max_id;  /* cell index of v_max */
     uint16_t v_tot;  /* sum of the cells [0.01 V] */
-    int8_t t[96];  /* cell temperatures; -128 no measurement (ours) [degC] */
+    int8_t t[96];  /* cell temperatures; -128 no measurement [degC] */
     int8_t t_min;  /* coldest cell [degC] */
     int8_t t_max;  /* hottest cell [degC] */
     int8_t t_avg;  /* mean cell temperature [degC] */

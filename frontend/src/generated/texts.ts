@@ -752,7 +752,6 @@ export interface Texts {
   'parameters.changed_meanwhile': null;
   'parameters.changes_against_active_configuration': null;
   'parameters.active_configuration_unknown': null;
-  'parameters.your_changes_lower': null;
   'parameters.converted_older_memory_map': null;
   'parameters.profile_memory_map_ts_now': 'hash';
   'parameters.range_default': null;

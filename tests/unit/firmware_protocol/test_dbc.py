@@ -121,7 +121,7 @@ CM_ SG_ 2550588916 charger_i_set "current requested from the charger";
 CM_ SG_ 2550588916 charger_control "0 charge, 1 stop";
 CM_ SG_ 256 soc "state of charge, the master's own count";
 CM_ SG_ 256 i_fs "current, positive on discharge, mean of the last ts samples";
-CM_ SG_ 256 t_95 "cell temperatures; -128 no measurement (ours)";
+CM_ SG_ 256 t_95 "cell temperatures; -128 no measurement";
 CM_ SG_ 256 dod_byte0 "byte 0 of dod";
 CM_ SG_ 256 status_load "load flag in status.flags";
 CM_ SG_ 2566869221 n_slaves "slaves that responded";

@@ -180,7 +180,7 @@ def test_another_bit_rate_is_a_warning_of_the_change():
     after = changed(QUIET, can_brp=15)
     [warning] = review_change(QUIET, after, CONTEXT)
     assert (warning.level, warning.code, warning.error.field) == ("warning", "bit-rate", "can_brp")
-    assert (warning.error.value, warning.error.limit) == (15, "the active value, 7")
+    assert (warning.error.value, warning.error.limit) == (15, "the active value 7 without a reason")
     assert warning.error.why == "change every other node on the bus too, or communication stops"
     assert review_change(after, after, CONTEXT) == []
 
