@@ -217,7 +217,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         Field("kind", "text", "`dbc` for CAN, `master` for the built-in master, `table` for an imported table", "`dbc`", one_of=("dbc", "master", "table")),  # noqa: E501
         Field("dbc", "texts", "message definitions (DBC, SYM, KCD, ARXML), relative to the profile", ""),
         Field("period_s", "number", "interval between measurements", "0.1", "s", 0.001, 60),
-        Field("means_s", "number", "`table`: time over which each current is a mean; 0 for instants", "0", "s", 0, 3600),
+        Field("means_s", "number", "`table`: time over which each current is a mean; 0: instants", "0", "s", 0, 3600),
         Field("bit_rate", "count", "bit rate of the bus, to calculate the bus load", "from `?bitrate=`", "bit/s", 5_000, 8_000_000),  # noqa: E501
     ),
     "source.voltage": _cell_fields(tuple(VOLTAGE_UNITS), "V"),

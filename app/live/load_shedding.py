@@ -82,7 +82,7 @@ class LoadShedding:
             self._eased_s = now_s
         if self._shed != before:
             self._changed_s = now_s
-            log.warning("a frame takes %.2f s to the disk: left out is %s", delay_s, self._shed.name.lower())
+            log.warning("write latency %.2f s, load shedding: %s", delay_s, self._shed.name.lower())
         return self._shed
 
     def shed(self, took_s: float) -> None:

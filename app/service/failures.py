@@ -25,7 +25,7 @@ class Failures:
         now_ns = self._clock.monotonic_ns()
         self._count += 1
         if self._last is None or now_ns - self._last[0] > 1e9:
-            log.error("the pipeline failed on an item and goes on (failure %d)", self._count, exc_info=error)
+            log.error("the pipeline failed on an item and continues (failure %d)", self._count, exc_info=error)
         self._last = now_ns, f"{type(error).__name__}: {error}"
 
     def caught(self, work: Callable[[T], None]) -> Callable[[T], None]:

@@ -121,7 +121,7 @@ class MasterIdentification:
             self._master.identify()
             self._configuration.read_stored()
         except AppError as error:
-            log.info("the master did not introduce itself: %s", error)
+            log.info("the master did not identify itself: %s", error)
             self._not_before_ns = self._clock.monotonic_ns() + int(AGAIN_S * 1e9)
             self._is_done = False
 

@@ -104,7 +104,7 @@ class PipelineThread:
         try:
             self._pipeline.warm_up()
         except EstimatorError as error:
-            log.warning("the estimator could not be made ready: %s", error)
+            log.warning("the estimator could not be started: %s", error)
 
     @property
     def n_cells(self) -> int:

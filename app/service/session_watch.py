@@ -77,7 +77,7 @@ class SessionWatch:
             causes = self._workers.run(REPORT, causes_without_trip, self._catalogue.path(session_id))
             self._name(causes, is_over=is_over)
         except AppError as error:
-            log.info("the running recording was not looked at: %s", error)
+            log.info("the running recording was not evaluated: %s", error)
         except Exception:  # whatever is wrong with a look, the next one is made
             log.exception("a look at the running recording failed")
         finally:

@@ -173,5 +173,5 @@ class SimulatorProcess:
                 self._first_exit = code
                 self._ready.set()
                 return
-            log.warning("the simulator ended with code %s and is started again", code)
+            log.warning("the simulator exited with code %s and is restarted", code)
             self._stopping.wait(self._backoff.next_s())

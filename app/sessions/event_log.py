@@ -125,7 +125,7 @@ class EventLog:
                 del self._unwritten[0]
                 self._dropped += 1
         if not self._queue_write():  # whoever still has something to say at the end must not fail by it
-            log.warning("came after the event log was closed: %s", text)
+            log.warning("event after the event log was closed: %s", text)
         return event_id
 
     def query(
@@ -229,14 +229,14 @@ class EventLog:
             self._database.run(lambda connection: _insert(connection, rows))
         except sqlite3.Error as error:
             if self._error is None:
-                log.warning("event log does not reach the disk: %s", error)
+                log.warning("event log cannot be written: %s", error)
             self._error = Message("event-log-waits", error=str(error), waiting=len(writing), dropped=self._dropped)
             again = threading.Timer(RETRY_S, self._queue_write)
             again.daemon = True
             again.start()
             return
         if self._error is not None:
-            log.info("event log reaches the disk again")
+            log.info("event log is written again")
         self._error = None
         written = {event.id for event in writing}
         with self._lock:

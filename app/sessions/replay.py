@@ -320,7 +320,7 @@ class ReplayPlayer:
             with SessionFile(file.path, parse=file.parse) as session:
                 future.set_result(self._find_cause(session, at_s))
         except AppError as error:
-            log.warning("the cause of a trip was not looked for: %s", error)
+            log.warning("the cause of a trip was not evaluated: %s", error)
             future.set_result(None)
 
 

@@ -235,7 +235,7 @@ class BlackBoxRecorder:
             except AppError as error:
                 if left and not self._is_closing and error.message.code == BUSY_DISK:
                     continue
-                log.warning("the cause of a trip was not looked for: %s", error)
+                log.warning("the cause of a trip was not evaluated: %s", error)
             except Exception:  # whatever is wrong with the search, the box is kept
                 log.exception("the search for the cause of a trip failed")
             break

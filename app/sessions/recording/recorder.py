@@ -322,7 +322,7 @@ class Recorder:
         if error and error != self._queue.error:
             logger.warning("recording stalled: %s", render(error))
         elif self._queue.error and not error:
-            logger.info("recording goes on, %d items were lost", unreported)
+            logger.info("recording continues, %d items were lost", unreported)
         self._queue.end(error)
 
     def _watch_file(self) -> None:
@@ -398,4 +398,4 @@ class Recorder:
         limit, writer = self._limits.session_bytes, self._writer
         if limit is not None and writer is not None and not self._waiting.batch and writer.size_bytes > limit:
             with suppress(NotNow):  # it was stopped meanwhile
-                logger.info("%s is %d MB long and goes on as %s", writer.path.stem, limit >> 20, self.split().id)
+                logger.info("%s has %d MB and continues as %s", writer.path.stem, limit >> 20, self.split().id)

@@ -1573,8 +1573,6 @@ export interface Texts {
   'system.in_parallel': null;
   'system.temperature_sensors': null;
   'system.data_interface': null;
-  'system.min_temperature': null;
-  'system.max_temperature': null;
   'system.parameters_tables_commands_not': 'why';
   'theme.dark': null;
   'theme.light': null;

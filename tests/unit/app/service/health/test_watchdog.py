@@ -73,5 +73,5 @@ def test_signs_of_life_stop_while_something_stands_still_and_come_back(systemd, 
         asyncio.run(keep_alive(stalls, environment))
     told = [systemd.recv(200) for _ in range(5)]
     assert told[:2] + told[4:] == [b"WATCHDOG=1"] * 3
-    assert told[2].startswith(b"STATUS=the disk has taken no data")
+    assert told[2].startswith(b"STATUS=the disk has not accepted data")
     assert caplog.text.count("no sign of life") == 1
