@@ -93,8 +93,8 @@ def show_report(args: argparse.Namespace) -> int:
         print(findings.headline.text)
         parts = (
             ("Why", findings.why),
-            ("What limited", findings.limited),
-            ("What to look at", findings.recommended_checks),
+            ("Limits reached", findings.limited),
+            ("Recommended checks", findings.recommended_checks),
         )
         for title, sentences in parts:
             if not sentences:

@@ -52,7 +52,7 @@ def with_cell(name, cell, value):
 def test_a_calm_run_limits_nothing_and_nothing_stands_out():
     calm = survey()
     near = margins(calm, LIMITS)
-    assert texts(what_limited(near, []))[0].startswith("All values stayed within their limits. The smallest margin was")
+    assert texts(what_limited(near, []))[0].startswith("All values stayed within their limits. The closest was")
     assert texts(recommended_checks(calm, odd_cells(calm), [], 0)) == ["No anomalies found."]
     assert sentence(headline(calm, 12)).text == (
         "20 min, 15 min under load, 12 laps: 5.00 kWh discharged, "
