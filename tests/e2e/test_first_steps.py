@@ -35,7 +35,7 @@ def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_pag
     expect(page.get_by_test_id("how-can")).to_have_count(0)  # a battery on a serial line
     expect(page.get_by_test_id("how-serial")).to_be_checked()
     expect(page.get_by_test_id("how-simulate")).to_be_visible()
-    page.get_by_label("example, one signal a cell, 90 cells").check()
+    page.get_by_label("example, one signal per cell, 90 cells").check()
     page.get_by_test_id("how-simulate").check()
     page.get_by_test_id("setup-start").click()
     expect(page).to_have_url(fresh_service.base_url + "/#/overview")
@@ -75,7 +75,7 @@ def test_a_crew_with_two_adapters_sees_its_cells_after_four_clicks(tmp_path, ope
 def test_a_battery_is_learned_from_its_dbc_and_chosen(fresh_service, open_page):
     bundled = Path(__file__).resolve().parents[2] / "app" / "battery" / "bundled" / "one-signal-a-cell.dbc"
     page = open_page(f"{fresh_service.base_url}/#/setup")
-    expect(page.get_by_label("team's own, 96 cells")).to_be_checked()  # what is chosen has come
+    expect(page.get_by_label("built-in master, 96 cells")).to_be_checked()  # what is chosen has come
     page.get_by_test_id("to-learn").click()
     page.get_by_test_id("learn-files").set_input_files(bundled)
     page.get_by_test_id("learn-listen").click()
@@ -93,7 +93,7 @@ def test_a_suggestion_is_corrected_line_by_line_beside_what_a_log_says(fresh_ser
     frames = [f"({t / 1e9:.6f}) can0 {i:03X}#{data.hex().upper()}" for t, i, data in peer.frames(3)]
     (tmp_path / "drive.log").write_text("\n".join(frames) + "\n")
     page = open_page(f"{fresh_service.base_url}/#/setup")
-    expect(page.get_by_label("team's own, 96 cells")).to_be_checked()  # what is chosen has come
+    expect(page.get_by_label("built-in master, 96 cells")).to_be_checked()  # what is chosen has come
     page.get_by_test_id("to-learn").click()
     page.get_by_test_id("learn-files").set_input_files(tmp_path / "ams.dbc")
     page.get_by_test_id("learn-log").set_input_files(tmp_path / "drive.log")

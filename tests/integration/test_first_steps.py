@@ -11,7 +11,7 @@ def test_a_choice_takes_effect_and_stays(tmp_path):
         with service.client() as client:  # its cell is in pack 6, which the next battery does not have
             first = client.get("/setup").json()
             assert first["needed"]
-            assert client.get("/battery").json()["name"] == "team's own, 96 cells"
+            assert client.get("/battery").json()["name"] == "built-in master, 96 cells"
             answer = client.put("/setup", json={"battery": "5x18"})
             assert answer.status_code == 202, answer.text
 

@@ -1,4 +1,4 @@
-"""The tables of the season lake: every column's type, unit and meaning. Version 3.
+"""The tables of the season lake: every column's type, unit and meaning..
 
 The documentation (`docs/reference/season-lake.md`) and the metadata of the Parquet files are made from these tables.
 Types are those of `TYPES`; a column that is not measured or not known is null, never 0.
@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 from app.errors import ExtraMissing
 from app.words import Message
 
-LAKE_VERSION: Final = 5  # a lake of an older number is made again from its sessions
+LAKE_VERSION: Final = 6  # a lake of an older number is made again from its sessions
 WHOLE: Final = 0  # number of the row that stands for a whole session, in the column `lap`
 SAMPLES: Final = "samples"
 MARK: Final = "sessions"  # the table that is written last: with it a session is in the lake

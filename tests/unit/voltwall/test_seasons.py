@@ -8,7 +8,7 @@ import voltwall
 def test_a_season_answers_sql_with_parameters(lake):
     with voltwall.season(lake) as season:
         table = season.sql("SELECT DISTINCT car FROM cells WHERE cell < $below ORDER BY car", below=3)
-    assert table.rows() == [{"car": "e-26-simulated"}, {"car": "team-s-own-96-cells"}]
+    assert table.rows() == [{"car": "built-in-master-96-cells"}, {"car": "e-26-simulated"}]
     assert len(table) == 2
 
 
@@ -28,7 +28,7 @@ def test_questions_are_asked_by_name(lake):
 
 def test_cars_are_named_and_told_apart(lake):
     season = voltwall.season(lake)
-    assert season.cars == ["e-26-simulated", "team-s-own-96-cells"]
+    assert season.cars == ["built-in-master-96-cells", "e-26-simulated"]
     every = season.ask("ranking").rows()
     assert [row["car"] for row in every] != [season.cars[0]] * len(every)
     one = season.ask("ranking", car=season.cars[0]).rows()

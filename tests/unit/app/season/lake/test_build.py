@@ -30,8 +30,8 @@ def folders(lake: Path) -> list[str]:
 def test_a_session_has_a_folder_by_car_season_and_id(lake, season):
     first, second = (path.stem for path in sorted(season.glob("*.sqlite")))
     assert folders(lake) == [
+        f"car=built-in-master-96-cells/season=2026/session={first}",
         f"car=e-26-simulated/season=autumn/session={second}",
-        f"car=team-s-own-96-cells/season=2026/session={first}",
     ]
 
 
@@ -48,7 +48,7 @@ def test_columns_carry_type_unit_and_meaning(lake, table):
 
 
 def test_samples_hold_every_signal_in_its_unit_and_in_order(lake, season):
-    path = next(lake.rglob("car=team*/**/samples.parquet"))
+    path = next(lake.rglob("car=built-in*/**/samples.parquet"))
     table = pq.read_table(path, partitioning=None)
     times = table["time"].to_pylist()
     assert len(times) == len(TIME_S)

@@ -125,7 +125,7 @@ def test_facts_are_the_same_however_the_session_was_cut_by_its_commits(make_sess
 def test_a_session_of_the_simulator_is_of_another_car(season):
     first, second = sorted(season.glob("*.sqlite"))
     with SessionFile(first) as session:
-        assert where_of(session).car == "team-s-own-96-cells"
+        assert where_of(session).car == "built-in-master-96-cells"
         assert where_of(session).season == "2026"
     with SessionFile(second) as session:
         where = where_of(session)

@@ -53,7 +53,7 @@ def test_a_common_table_expression_joins_what_is_asked(store):
     SELECT sessions.car, 1000 * worst.r FROM sessions JOIN worst ON worst.session = sessions.session ORDER BY 1;
     """
     found = rows(store, sql)
-    assert [row[0] for row in found] == ["e-26-simulated", "team-s-own-96-cells"]
+    assert [row[0] for row in found] == ["built-in-master-96-cells", "e-26-simulated"]
     assert [row[1] for row in found] == pytest.approx([3.0, 3.0], rel=0.02)
 
 
@@ -205,7 +205,7 @@ def test_sessions_of_different_batteries_stand_in_one_table(lake, season, tmp_pa
 
     folder = tmp_path / "lake"
     build_lake(LakeFolder(folder), session_files([season]))
-    path = next(folder.rglob("car=team*/**/samples.parquet"))
+    path = next(folder.rglob("car=built-in*/**/samples.parquet"))
     table = pq.read_table(path, partitioning=None)
     pq.write_table(table.rename_columns([name.replace("v[95]", "other") for name in table.column_names]), path)
     mark = path.with_name("sessions.parquet")
