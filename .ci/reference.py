@@ -199,6 +199,7 @@ def battery_profile_reference() -> str:
     from app.battery.fields import MANY, TABLES
 
     parts = [NOTICE, PROFILE_HEAD]
+    of_frames: list[tuple[str, ...]] = []  # rows of `[serial.frame.fields]`, most of which lines have too
     first: dict[tuple[str, ...], tuple[str, list[tuple[str, ...]]]] = {}  # by names of fields: the first table's rows
     for path, fields in TABLES.items():
         title = "Top of the file" if not path else f"`[[{path}]]`" if path in MANY else f"`[{path}]`"
@@ -209,17 +210,23 @@ def battery_profile_reference() -> str:
             continue  # the note names their fields
         rows: list[tuple[str, ...]] = []
         for field in fields:
-            unit = f" {field.unit}" if field.default[-1:].isdigit() else f" ({field.unit})"
-            default = (field.default + (unit if field.unit else "")) or "required"
+            unit = field.unit and (f" {field.unit}" if field.default[-1:].isdigit() else f" ({field.unit})")
+            default = field.default + unit if field.default else "required"
             meaning = field.meaning + (
                 f"; one of {', '.join(f'`{name}`' for name in field.one_of)}" if field.one_of else ""
             )
             rows.append((f"`{field.name}`", PROFILE_KINDS[field.kind], default, meaning))
         like, rows_before = first.setdefault(tuple(field.name for field in fields), (title, rows))
         new = [row for row in rows if row not in rows_before]
-        if len(new) < len(rows) and like != title:
+        if path == "serial.line.fields":
+            shared = [row[0] for row in rows if row in of_frames]
+            parts += [f"{', '.join(shared)} as in `[serial.frame.fields]`, and:", ""]
+            rows = [row for row in rows if row not in of_frames]
+        elif len(new) < len(rows) and like != title:
             parts += [f"The fields of {like}{', but for:' if new else '.'}", ""]
             rows = new
+        if path == "serial.frame.fields":
+            of_frames = rows
         if rows:
             parts += [*_table(("Field", "Kind", "Default", "Meaning"), rows), ""]
     return "\n".join(parts).rstrip() + "\n"

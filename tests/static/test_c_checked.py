@@ -1,6 +1,5 @@
-"""The master in C as cppcheck sees it: no warning, and of MISRA C:2012 only what the firmware page names as kept."""
+"""The master in C as cppcheck sees it: no warning, and of MISRA C:2012 only the intended deviations."""
 
-import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,8 +9,27 @@ import pytest
 from firmware_protocol import c_header
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
-PAGE = (C_FOLDER.parents[1] / "docs/howto/firmware.md").read_text(encoding="utf-8")
-KEPT = set(re.findall(r"\b\d+\.\d+\b", PAGE.partition("## MISRA")[2].partition("\n## ")[0].partition("Kept")[2]))
+INTENDED = {
+    "2.3, 2.4, 2.5, 8.7": "used by the firmware, not by the library",
+    "5.9": "static functions of one name in two files",
+    "8.9": "tables at the head of a file",
+    "9.3": "only the first element of an array given",
+    "10.1, 10.4": "enumerators compared with the byte that carries them",
+    "10.6, 10.7": "composite expressions of small unsigned numbers",
+    "10.8": "a sum that is cast",
+    "11.5": "the `void *` of the callbacks",
+    "11.8, 21.15": "the struct is sent as bytes",
+    "12.1": "precedence where it is obvious",
+    "12.2": "shifts whose distance the addon cannot bound",
+    "12.3": "two variables in a declaration",
+    "13.4": "an assignment used as a value",
+    "14.2, 15.7": "a loop in the COBS decoder, an `if` chain without `else`",
+    "15.5": "several returns in a function",
+    "17.8": "parameters as variables",
+    "18.4": "pointer arithmetic on byte buffers",
+    "20.7, 20.10": "the generated X-macros",
+}
+KEPT = {rule for rules in INTENDED for rule in rules.split(", ")}
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +48,7 @@ def test_cppcheck_warns_of_nothing(found):
     assert [line for line in found if not line[0].startswith("misra")] == []
 
 
-def test_of_misra_only_what_the_page_names_is_kept(found):
+def test_of_misra_only_the_intended_deviations_are_left(found):
     broken = {line[0].removeprefix("misra-c2012-"): line[1] for line in found if line[0].startswith("misra")}
     assert broken, "the addon has not run"
     assert {rule: place for rule, place in broken.items() if rule not in KEPT} == {}
