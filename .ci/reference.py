@@ -311,7 +311,7 @@ def _spelling(action: argparse.Action) -> str:
 
 
 def _meaning(action: argparse.Action) -> str:
-    text = re.sub(r"%\(default\)(\w)", lambda found: f"%{found[1]}" % (action.default,), action.help or "")
+    text = re.sub(r"%\(default\)(\w)", lambda match: f"%{match[1]}" % (action.default,), action.help or "")
     required = "required; " if action.required and action.option_strings else ""
     folder = platformdirs.user_data_dir("voltwall", appauthor=False)
     lines = [_sentence(line) for line in text.replace(folder, "the user's data folder").splitlines()]

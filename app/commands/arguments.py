@@ -25,7 +25,7 @@ Run = Callable[[argparse.Namespace], int]
 
 
 class Described(TypedDict):
-    """What an action does: in the list of its command, and in its own help."""
+    """Say what an action does, in the list of its command and in its own help."""
 
     help: str
     description: str

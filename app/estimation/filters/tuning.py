@@ -1,8 +1,8 @@
 """The one tuning of the filters: what they assume about models, sensors and starts. Same for every cell.
 
 Chosen on training runs only. Behind each number stands what it rests on: a fact of sensors, a test, or the row of
-docs/reference/accuracy.md that errs most without it, and by how many points of SOC more (median; "half" where the number
-is halved). With a wrong OCV: that of a 1C discharge, whose tests are refused by now.
+docs/reference/accuracy.md that errs most without it, and by how many points of SOC more (median; "half" where the
+number is halved). With a wrong OCV: that of a 1C discharge, whose tests are refused by now.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a log shows against a profile: values that cannot be, signs, sums, channels that are not received."""
+"""Faults of a profile that a log shows: values that cannot be, signs, sums, channels that are not received."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Which bus of a log is read: an id that is on two of them has two meanings."""
+"""The bus of a log that is read: an id that is on two of them has two meanings."""
 
 from collections import defaultdict
 from collections.abc import Container

@@ -1,4 +1,4 @@
-"""Whether a recording is of the simulated car: training data must never be taken for the car.
+"""Marks by which a recording of the simulated car is known: training data must never be taken for the car.
 
 Each export of a simulated session says so where its format lets it: a column of a table, the channel of a candump log,
 an event of ASC and BLF.
