@@ -25,7 +25,7 @@ Run = Callable[[argparse.Namespace], int]
 
 
 class Described(TypedDict):
-    """Say what an action does, in the list of its command and in its own help."""
+    """The texts of an action, for the list of its command and for its own help."""
 
     help: str
     description: str
