@@ -60,7 +60,7 @@ class StudyIn(BaseModel):
         given = [f"--circuit={name}" for name in self.circuit]
         given += [f"--{name}" for name in ("thesis", "rest") if getattr(self, name)]
         if self.packs is not None and self.cells is not None:
-            given.append(f"--segments={self.packs}x{self.cells}")
+            given.append(f"--packs={self.packs}x{self.cells}")
         given += [f"--{name}={getattr(self, name)}" for name in _NUMBERS if getattr(self, name) is not None]
         return " ".join(["voltwall balance", *given])
 

@@ -1,4 +1,4 @@
-"""A battery as a value: segments and their cells, temperature sensors, drawing, limits. Frozen; read from a profile."""
+"""A battery as a value: packs and their cells, temperature sensors, drawing, limits. Frozen; read from a profile."""
 
 from dataclasses import dataclass, field
 
@@ -24,8 +24,8 @@ class Drawing:
     """Positions of the packs on the map."""
 
     rows: int = 1
-    order: tuple[int, ...] = ()  # segments from left to right, row by row, from 0; empty: as they count
-    turned: tuple[int, ...] = ()  # segments whose cells count from right to left
+    order: tuple[int, ...] = ()  # packs from left to right, row by row, from 0; empty: as they count
+    turned: tuple[int, ...] = ()  # packs whose cells count from right to left
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ Limit = float | SignalName
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """Cells count through the segments in order, from 0. A segment is what the master's pages call a pack."""
+    """Cells count through the packs in order, from 0; `segments` are their numbers of cells."""
 
     name: str
     segments: tuple[int, ...]  # cells of each, >= 1
@@ -63,7 +63,7 @@ class Battery:
 
     @property
     def n_segments(self) -> int:
-        """Number of segments."""
+        """Number of packs."""
         return len(self.segments)
 
     @property
@@ -73,7 +73,7 @@ class Battery:
 
     @property
     def starts(self) -> tuple[int, ...]:
-        """Index of the first cell of each segment."""
+        """Index of the first cell of each pack."""
         starts, at = [], 0
         for cells in self.segments:
             starts.append(at)
@@ -92,7 +92,7 @@ class Battery:
         return segment, cell - self.starts[segment]
 
     def cell_at(self, segment: int, place: int) -> int | None:
-        """Return the index of a cell by its segment and its place in it, both from 0; None where there is none."""
+        """Return the index of a cell by its pack and its place in it, both from 0; None where there is none."""
         if not (0 <= segment < self.n_segments and 0 <= place < self.segments[segment]):
             return None
         return self.starts[segment] + place

@@ -14,8 +14,8 @@ _BITS = {
 }
 _PROFILE = """\
 [battery]
-name = "{n_segments} x {in_series} cells"
-segments = {segments}
+name = "{n_packs} x {in_series} cells"
+packs = {packs}
 
 [source]
 dbc = "{name}.dbc"
@@ -62,7 +62,7 @@ BO_ 128 Status: 8 BMS
 
 
 def files_of_shape(name: str) -> dict[str, bytes] | None:
-    """Return profile and DBC of a battery of `2x6` segments x cells in series in each; None: no name of this kind.
+    """Return profile and DBC of a battery of `2x6` packs x cells in series in each; None: no name of this kind.
 
     Raises:
         ProfileError: no cells, or more than a bus carries.
@@ -70,11 +70,11 @@ def files_of_shape(name: str) -> dict[str, bytes] | None:
     match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", name, re.ASCII)
     if match is None:
         return None
-    n_segments, in_series = map(int, match.groups())
-    if not 1 <= n_segments * in_series <= MOST_CELLS:
+    n_packs, in_series = map(int, match.groups())
+    if not 1 <= n_packs * in_series <= MOST_CELLS:
         raise ProfileError(name, None, "battery", name, Message("shape-of-cells", most=MOST_CELLS))
-    profile = _PROFILE.format(name=name, n_segments=n_segments, in_series=in_series, segments=[in_series] * n_segments)
-    return {f"{name}.toml": profile.encode(), f"{name}.dbc": _dbc(n_segments * in_series).encode()}
+    profile = _PROFILE.format(name=name, n_packs=n_packs, in_series=in_series, packs=[in_series] * n_packs)
+    return {f"{name}.toml": profile.encode(), f"{name}.dbc": _dbc(n_packs * in_series).encode()}
 
 
 def _dbc(n_cells: int) -> str:

@@ -1,10 +1,10 @@
-"""The battery as text: segments where the map draws them, with the numbers of their cells."""
+"""The battery as text: packs where the map draws them, with the numbers of their cells."""
 
 from app.battery.battery import Battery
 
 
 def drawn(battery: Battery) -> list[str]:
-    """Return lines of text, one row of segments each; `>` and `<` tell in which direction cells count."""
+    """Return lines of text, one row of packs each; `>` and `<` tell in which direction cells count."""
     order = battery.drawing.order or tuple(range(battery.n_segments))
     a_row = -(-battery.n_segments // battery.drawing.rows)
     width = max(len(_segment(battery, segment)) for segment in order)

@@ -53,16 +53,16 @@ _LIMIT_FIELDS = (
     Field("discharge_current_max_a", "limit", "highest discharge current", unit="A", low=0, high=5000),
     Field("charge_current_max_a", "limit", "highest charge current", unit="A", low=0, high=5000),
     Field("pack_voltage_max_v", "limit", "highest pack voltage", unit="V", low=0, high=2000),
-    Field("segment_voltage_max_v", "limit", "highest segment voltage", unit="V", low=0, high=2000),
+    Field("segment_voltage_max_v", "limit", "highest voltage of a pack", unit="V", low=0, high=2000),
 )
 
 
 def _cell_fields(units: tuple[str, ...], unit: str) -> tuple[Field, ...]:
     return (
-        Field("signal", "text", "pattern of signal names: `{segment}`, `{group}`, `{cell}` for a number, `{segment:a}` for a letter, `*` for anything", ""),  # noqa: E501
+        Field("signal", "text", "pattern of signal names: `{pack}`, `{group}`, `{cell}` for a number, `{pack:a}` for a letter, `*` for anything", ""),  # noqa: E501
         Field("message", "text", "pattern of message names", "`*`: any"),
-        Field("numbers", "parts", "signals of the same frame with `segment`, `group` or `cell`; may contain `{cell}`", "none"),  # noqa: E501
-        Field("base", "bases", "the lowest number, for all or by `segment`, `group`, `cell`", "0", low=0, high=65535),
+        Field("numbers", "parts", "signals of the same frame with `pack`, `group` or `cell`; may contain `{cell}`", "none"),  # noqa: E501
+        Field("base", "bases", "the lowest number, for all or by `pack`, `group`, `cell`", "0", low=0, high=65535),
         Field("group_cells", "count", "cells per group number; 1 if the group number is that of its first cell", "1", "cells", 1, MOST_CELLS),  # noqa: E501
         Field("first", "count", "cell of the lowest number, from 1", "1", low=1, high=MOST_CELLS),
         Field("order", "counts", "cell of the k-th number, from 1", "in order", low=1, high=MOST_CELLS),
@@ -197,19 +197,19 @@ TABLES: dict[str, tuple[Field, ...]] = {
     "": (Field("include", "texts", "profiles to inherit from: bundled names, or files in the same folder", "none"),),
     "battery": (
         Field("name", "text", "name of the battery", ""),
-        Field("segments", "counts", "cells of each segment, in counting order", "", "cells", 1, MOST_CELLS),
+        Field("packs", "counts", "cells of each pack in order; older profiles: `segments`", "", "cells", 1, MOST_CELLS),
         Field("parallel", "count", "cells in parallel per measured cell", "1", "cells", 1, 1000),
         Field("cell", "text", "cell file or bundled cell, of one measured cell", f"`{DEFAULT_CELL}`"),
         Field("bleed_ohm", "number", "balancing resistor of a measured cell; without it the season data has no balancing charge", "unknown", "ohm", 0.01, 10_000),  # noqa: E501
     ),
     "battery.drawing": (
-        Field("rows", "count", "rows of segments on the map", "1", low=1, high=100),
-        Field("order", "counts", "segments from left to right, row by row, from 1", "as counted", low=1, high=MOST_CELLS),  # noqa: E501
-        Field("turned", "counts", "segments that count from right to left, from 1", "none", low=1, high=MOST_CELLS),
+        Field("rows", "count", "rows of packs on the map", "1", low=1, high=100),
+        Field("order", "counts", "packs from left to right, row by row, from 1", "as counted", low=1, high=MOST_CELLS),
+        Field("turned", "counts", "packs that count from right to left, from 1", "none", low=1, high=MOST_CELLS),
     ),
     "battery.temperatures": (
         Field("sensors", "count", "number of temperature sensors", "one per cell", low=0, high=5000),
-        Field("cells", "map", "cells of each sensor: `each`, `segment` (evenly within segments), `spread` (evenly over all), or a list of lists of cells, from 1", "`each`, else `spread`"),  # noqa: E501
+        Field("cells", "map", "cells of each sensor: `each`, `pack` (evenly within packs), `spread` (evenly over all), or a list of lists of cells, from 1", "`each`, else `spread`"),  # noqa: E501
     ),
     "battery.limits": _LIMIT_FIELDS,
     "battery.rules": tuple(Field(f.name, "number", f.meaning + ", by the rules", unit=f.unit, low=f.low, high=f.high) for f in _LIMIT_FIELDS),  # noqa: E501

@@ -27,6 +27,7 @@ from app.estimation.toml_text import TomlError, read_toml
 from app.words import Message
 
 Include = Callable[[str], "Document"]
+FORMER_PACKS = "segments"
 WITHDRAWN = "witness"  # table of another source of the same battery
 
 
@@ -58,11 +59,21 @@ def read_document(text: str, file: str, include: Include) -> Document:
         values = read_toml(text)
     except TomlError as error:
         raise ProfileError(file, error.line, "TOML", "", str(error)) from error
-    lines = lines_of_keys(text)
+    values, lines = _with_packs(values, lines_of_keys(text))
     reader = TableReader(file, "", values, TABLES[""], lines)
     for name in reader.texts("include"):
         values = _merged(include(name).values, values)
     return Document(file, values, lines)
+
+
+def _with_packs(values: dict[str, Any], lines: dict[str, int]) -> tuple[dict[str, Any], dict[str, int]]:
+    """Return a profile whose `[battery]` names its packs by the former key `segments` as one that names `packs`."""
+    battery = values.get("battery")
+    if not isinstance(battery, dict) or FORMER_PACKS not in battery or "packs" in battery:
+        return values, lines
+    named = {"packs" if name == FORMER_PACKS else name: value for name, value in battery.items()}
+    former = f"battery.{FORMER_PACKS}"
+    return values | {"battery": named}, lines | ({"battery.packs": lines[former]} if former in lines else {})
 
 
 def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -123,9 +134,9 @@ def _table(document: Document, path: str, index: int | None = None) -> TableRead
 
 def _battery(document: Document) -> Battery:
     table = _table(document, "battery")
-    segments = table.counts("segments") or ()
+    segments = table.counts("packs") or ()
     if not segments or sum(segments) > MOST_CELLS:
-        raise table.error("segments", list(segments), Message("kind-counts", bounds=f"1..{MOST_CELLS}"))
+        raise table.error("packs", list(segments), Message("kind-counts", bounds=f"1..{MOST_CELLS}"))
     limits, rules = _table(document, "battery.limits"), _table(document, "battery.rules")
     for part in (limits, rules):
         part.check_names()
@@ -146,7 +157,7 @@ def _drawing(table: TableReader, n_segments: int) -> Drawing:
     table.check_names()
     order, turned = table.counts("order") or (), table.counts("turned") or ()
     if order and sorted(order) != list(range(1, n_segments + 1)):
-        raise table.error("order", list(order), Message("each-segment-once", n=n_segments))
+        raise table.error("order", list(order), Message("each-pack-once", n=n_segments))
     if turned and max(turned) > n_segments:
         raise table.error("turned", list(turned), Message("kind-counts", bounds=f"1..{n_segments}"))
     return Drawing(
@@ -161,13 +172,13 @@ def _sensors(table: TableReader, segments: tuple[int, ...]) -> tuple[tuple[int, 
     n_sensors = table.count("sensors", len(cells) if isinstance(cells, list) else n_cells)
     if isinstance(cells, list):
         return _listed(table, cells, n_sensors, n_cells)
-    if cells not in (None, "each", "segment", "spread"):
-        raise table.error("cells", str(cells)[:60], Message("one-of-these", names=("each", "segment", "spread")))
+    if cells not in (None, "each", "pack", "segment", "spread"):  # older profiles: `segment`
+        raise table.error("cells", str(cells)[:60], Message("one-of-these", names=("each", "pack", "spread")))
     if n_sensors == 0:
         return ()
-    if cells == "segment":
+    if cells in ("pack", "segment"):
         if n_sensors % len(segments):
-            raise table.error("sensors", n_sensors, Message("multiple-of-segments", n=len(segments)))
+            raise table.error("sensors", n_sensors, Message("multiple-of-packs", n=len(segments)))
         return spread_in_segments(n_sensors, segments)
     if n_sensors == n_cells:
         return each_cell(n_cells)

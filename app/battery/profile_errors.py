@@ -11,11 +11,11 @@ from app.battery.table_reader import ProfileError
 
 _MOST = 200
 _HARMLESS: dict[KindOfField, Any] = {"texts": ["-"], "counts": [1]}  # where a field must be there; else a text
-_SHAPED_BY_SEGMENTS = (
+_SHAPED_BY_PACKS = (
     "temperatures.cells",
     "drawing.order",
     "drawing.turned",
-)  # not to be judged while the segments are wrong
+)  # not to be judged while the packs are wrong
 
 
 def errors_of(document: Document) -> tuple[list[ProfileError], BatteryProfile | None]:
@@ -36,8 +36,8 @@ def errors_of(document: Document) -> tuple[list[ProfileError], BatteryProfile | 
             errors.setdefault(error.path, error)
             if not _set_aside(values, error.path, is_needed=is_again or not _is_there(values, error.path)):
                 break
-            if error.path == "battery.segments":
-                for name in _SHAPED_BY_SEGMENTS:
+            if error.path == "battery.packs":
+                for name in _SHAPED_BY_PACKS:
                     _remove(values, f"battery.{name}")
     return sorted(errors.values(), key=lambda error: error.line or 0), profile
 

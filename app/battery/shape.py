@@ -1,4 +1,4 @@
-"""The shape of a battery: how many segments there are, and how many cells each has."""
+"""The shape of a battery: the number of packs, and of cells in each."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,7 +6,7 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Segments of equal size; a cell's index counts through the segments in order, from 0."""
+    """Packs of equal size; a cell's index counts through the packs in order, from 0."""
 
     n_segments: int
     cells_per_segment: int

@@ -37,7 +37,7 @@ Direction = Literal["discharge", "charge"]
 
 @dataclass(frozen=True, slots=True)
 class CellLayout:
-    """Segments in series, cells in series in each, and how many of what the cell file describes are in parallel."""
+    """Packs in series, cells in series in each, and how many of what the cell file describes are in parallel."""
 
     n_segments: int
     n_in_series: int
@@ -111,7 +111,7 @@ def figures_of(
 
 
 class _Maker:
-    """Multiplies figures of a cell to those of a segment and of the battery."""
+    """Multiplies figures of a cell to those of a pack and of the battery."""
 
     def __init__(self, layout: CellLayout) -> None:
         self.figures: dict[str, Figure] = {}

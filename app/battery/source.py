@@ -8,7 +8,7 @@ from app.battery.serial import SerialMapping, longest_age
 
 MOST_PLACEHOLDERS = 6  # placeholders of a name pattern, stars among them: three parts and the text between them
 LONGEST_PATTERN = 128  # characters, as many as a name of a DBC may have
-PARTS = ("segment", "group", "cell")  # what numbers a cell: of names `{cell}`, or of signals in the frame
+PARTS = ("pack", "group", "cell")  # what numbers a cell: of names `{cell}`, or of signals in the frame
 VOLTAGE_UNITS = {"V": 1.0, "mV": 1e-3, "0.1mV": 1e-4, "0.01V": 1e-2, "0.1V": 0.1}
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3, "0.1A": 0.1, "0.01A": 0.01}
 TEMPERATURE_UNITS = {"degC": 1.0, "0.1degC": 0.1, "0.01degC": 0.01, "K": 1.0, "0.1K": 0.1, "degF": 5 / 9}
@@ -21,12 +21,17 @@ READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_curren
 KINDS: tuple[Kind, ...] = ("voltage", "temperature", "balancing", "resistance")
 
 
+def part_of(name: str) -> str:
+    """Return the part that a name stands for; older profiles name the pack `segment`."""
+    return "pack" if name == "segment" else name
+
+
 @dataclass(frozen=True, slots=True)
 class CellSignals:
     """One way in which values of many cells are spoken.
 
     Index of a cell = first + start of its segment + (group - base) * group_cells + (cell - base); a part that is not
-    seen counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or
+    seen counts as its base. Parts come from `{pack}`, `{group}`, `{cell}` in the names of signal and message, or
     from `numbers`, signals of the same frame.
     """
 

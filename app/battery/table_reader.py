@@ -7,7 +7,7 @@ from typing import Any
 
 from app.battery.battery import Limit, SignalName
 from app.battery.fields import Field
-from app.battery.source import LONGEST_PATTERN, MOST_PLACEHOLDERS, PARTS
+from app.battery.source import LONGEST_PATTERN, MOST_PLACEHOLDERS, PARTS, part_of
 from app.battery.toml_lines import line_of
 from app.errors import ConfigError
 from app.words import Message, Text
@@ -157,20 +157,21 @@ class TableReader:
         value = self.values.get(name, {})
         if not isinstance(value, dict) or not all(isinstance(part, str) and part for part in value.values()):
             raise self.error(name, _short(value), Message("kind-parts", names=PARTS))
+        self._check_parts(name, value)
+        return {part_of(part): pattern for part, pattern in value.items()}
+
+    def _check_parts(self, name: str, value: Mapping[str, Any]) -> None:
         for part in value:
-            if part not in PARTS:
+            if part_of(part) not in PARTS:
                 raise self.error(f"{name}.{part}", value[part], Message("no-such-key", names=PARTS))
-        return dict(value)
 
     def bases(self, name: str) -> dict[str, int]:
         """Return the lowest number of each part."""
         value = self.values.get(name, 0)
         field = self._field(name)
         if isinstance(value, dict):
-            for part in value:
-                if part not in PARTS:
-                    raise self.error(f"{name}.{part}", value[part], Message("no-such-key", names=PARTS))
-            return {part: self._count(f"{name}.{part}", number, field) for part, number in value.items()}
+            self._check_parts(name, value)
+            return {part_of(part): self._count(f"{name}.{part}", number, field) for part, number in value.items()}
         return dict.fromkeys(PARTS, self._count(name, value, field))
 
 

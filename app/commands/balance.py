@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--thesis", action="store_true", help="use the six cells of the balancing thesis instead of the car's"
     )
     parser.add_argument(
-        "--segments", type=segments, metavar="8x12",
+        "--packs", "--segments", dest="segments", type=segments, metavar="8x12",
         help="packs x series cells per pack (default: 8x12; with --thesis 1x6)",
     )  # fmt: skip
     kind = parser.add_mutually_exclusive_group()

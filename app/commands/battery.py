@@ -78,7 +78,7 @@ def _add_size(actions: Actions) -> None:
         help="cell file (TOML) or bundled cell (default: %(default)s)",
     )  # fmt: skip
     sizing.add_argument(
-        "--segments", type=segments, required=True, metavar="8x12",
+        "--packs", "--segments", dest="segments", type=segments, required=True, metavar="8x12",
         help="packs x series cells per pack",
     )  # fmt: skip
     sizing.add_argument(
@@ -125,7 +125,7 @@ def _list(args: argparse.Namespace) -> int:
     for row in listed:
         text = "only for include in another profile"
         if row["name"] is not None:
-            text = f"{row['name']}: {row['segments']} segments, {row['sensors']} temperature sensors"
+            text = f"{row['name']}: {row['segments']} packs, {row['sensors']} temperature sensors"
         rows.append((str(row["profile"]), text))
     print_table((), rows)
     return 0
@@ -155,9 +155,9 @@ def _show(args: argparse.Namespace) -> int:
 def _show_battery(battery: Battery) -> None:
     from app.battery.drawing import drawn, sensors_in_words
 
-    print(f"{battery.name}: {battery.n_cells} cells in {battery.n_segments} segments, {battery.parallel} parallel")
+    print(f"{battery.name}: {battery.n_cells} cells in {battery.n_segments} packs, {battery.parallel} in parallel")
     print(f"cell: {battery.cell}")
-    print("segments on the map, with their cells:")
+    print("packs on the map, with their cells:")
     print("\n".join(drawn(battery)))
     print(f"temperature sensors: {sensors_in_words(battery)}")
     for title, values in (("limits", battery.limits), ("rules", battery.rules)):
@@ -325,10 +325,8 @@ def _size(args: argparse.Namespace) -> int:
         }
         print(json.dumps(document, indent=2, allow_nan=False))
         return 0
-    print(
-        f"{cell.name}: {layout.n_segments} segments of {layout.n_in_series} in series, {layout.n_parallel} in parallel"
-    )
-    print(f"{'':36}{'cell':>9}{'segment':>10}{'battery':>10}")
+    print(f"{cell.name}: {layout.n_segments} packs of {layout.n_in_series} in series, {layout.n_parallel} in parallel")
+    print(f"{'':36}{'cell':>9}{'pack':>10}{'battery':>10}")
     for figure in figures.values():
         print(_size_line(figure))
     return 0

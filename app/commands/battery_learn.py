@@ -194,8 +194,7 @@ def _print_summary(inferred: InferredProfile, running: dict[str, CurrentValue]) 
 
     battery = inferred.battery
     print(
-        f"\nsuggested: {battery.n_cells} cells in {battery.n_segments} segments,"
-        f" {battery.n_sensors} temperature sensors"
+        f"\nsuggested: {battery.n_cells} cells in {battery.n_segments} packs, {battery.n_sensors} temperature sensors"
     )
     for key, line in inferred.lines.items():
         reads = _reading_of(key, running.get(key))

@@ -149,7 +149,7 @@ def between(low: float, high: float, meaning: str) -> Callable[[str], float]:
 
 
 def segments(text: str) -> tuple[int, int]:
-    """Read segments in series x cells in series in each, as `8x12`."""
+    """Read packs in series x cells in series in each, as `8x12`."""
     from app.battery.fields import MOST_CELLS  # here: numpy comes with it
 
     match = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)

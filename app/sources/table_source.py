@@ -50,7 +50,7 @@ def battery_of_table(log: BatteryLog, source: str, like: LoadedBattery | None = 
         "# The battery of an imported table.",
         "[battery]",
         f"name = {json.dumps(battery.name)}",
-        f"segments = {list(battery.segments)}",
+        f"packs = {list(battery.segments)}",
         f"parallel = {battery.parallel}",
         f"cell = {json.dumps(battery.cell)}",
         "[battery.drawing]",

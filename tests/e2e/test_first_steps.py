@@ -109,4 +109,4 @@ def test_a_suggestion_is_corrected_line_by_line_beside_what_a_log_says(fresh_ser
     expect(page.get_by_test_id("learn-checks")).to_contain_text("no current")
     page.get_by_test_id("learn-segments").fill("80, 80")
     page.get_by_test_id("learn-segments").blur()
-    expect(profile).to_have_value(re.compile(r"segments = \[80, 80\]"))
+    expect(profile).to_have_value(re.compile(r"packs = \[80, 80\]"))

@@ -103,7 +103,7 @@ def test_a_real_shell_completes_commands_actions_options_and_values(shell, code,
 
 
 def test_lists_are_arrays_of_objects(voltwall, tmp_path):
-    (tmp_path / "bad.toml").write_text('[battery]\nname = "x"\nsegments = [0]\n')
+    (tmp_path / "bad.toml").write_text('[battery]\nname = "x"\npacks = [0]\n')
     for words in (
         ("sessions", "list"),
         ("sessions", "check"),
@@ -119,4 +119,4 @@ def test_lists_are_arrays_of_objects(voltwall, tmp_path):
         assert all(isinstance(entry, dict) for entry in entries)
         assert done.stdout.isascii()
     checked = json.loads(voltwall("battery", "check", str(tmp_path / "bad.toml"), "--json").stdout)
-    assert {"kind": "error", "line": 3, "field": "battery.segments"}.items() <= checked[-1].items()
+    assert {"kind": "error", "line": 3, "field": "battery.packs"}.items() <= checked[-1].items()

@@ -12,7 +12,7 @@ from app.words import Message, RenderedMessage, rendered_or_none
 
 
 class BatteryOut(BaseModel):
-    """Cells count from 0 through the segments in order; `order` and `turned` name segments from 0."""
+    """Cells count through the packs from 0; `segments` are sizes of packs, `order` and `turned` name packs from 0."""
 
     name: str
     segments: list[int]

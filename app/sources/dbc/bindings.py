@@ -152,8 +152,8 @@ def channel(entry: CellSignals, segments: tuple[int, ...], parts: dict[str, IntA
     if "cell" in parts:
         at = at + (parts["cell"] - entry.base.get("cell", 0))
     total = sum(segments)
-    if "segment" in parts:
-        segment = parts["segment"] - entry.base.get("segment", 0)
+    if "pack" in parts:
+        segment = parts["pack"] - entry.base.get("pack", 0)
         is_one = (segment >= 0) & (segment < len(segments))
         segment = np.where(is_one, segment, 0)
         starts = np.concatenate([[0], np.cumsum(segments)])[:-1]

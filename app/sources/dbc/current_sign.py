@@ -16,7 +16,7 @@ _BY_CHANCE = 3.0  # standard deviations of a correlation of what has nothing to 
 
 @dataclass(frozen=True, slots=True)
 class VoltageSeries:
-    """The voltage of all cells together over time, from cells or from the pack voltage."""
+    """The sum of all cells over time, from cells or from the pack voltage."""
 
     t_ns: NDArray[np.int64]
     values: FloatArray  # V

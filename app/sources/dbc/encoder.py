@@ -137,10 +137,10 @@ def _encodable(
     """Numbers that a part may have, each with its raw number, as far as the signal holds them."""
     assert lane.entry is not None
     numbered = {name for name, _ in lane.numbers} | set(lane.named_parts)
-    most = max(segments) if "segment" in numbered else sum(segments)
+    most = max(segments) if "pack" in numbered else sum(segments)
     group_cells = lane.entry.group_cells
     n = {
-        "segment": len(segments),
+        "pack": len(segments),
         "group": -(-most // group_cells),
         "cell": max(group_cells, 1) if "group" in numbered else most,
     }[part]

@@ -1,4 +1,4 @@
-"""Faults of a profile that a log shows: values that cannot be, signs, sums, channels that are not received."""
+"""Checks of a profile by a log: values that cannot be, signs, sums, channels that are not received."""
 
 from collections.abc import Iterator
 

@@ -30,7 +30,7 @@ def overwritten_issues(
         messages = _of_two_messages(decoder, frames, kind)
         if messages:
             names = tuple(messages[:_NAMED])
-            what = Message("check-two-messages", kind=kind, n=len(messages), names=names, part="{segment}")
+            what = Message("check-two-messages", kind=kind, n=len(messages), names=names, part="{pack}")
             yield f"source.{kind}", what
         else:
             size = decoder.lanes.sizes[kind]

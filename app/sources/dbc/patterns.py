@@ -1,10 +1,10 @@
-"""Patterns of names: `CELL_{cell}`, `Seg{segment:a}_*`; what a name's numbers say."""
+"""Patterns of names: `CELL_{cell}`, `Seg{pack:a}_*`; what a name's numbers say."""
 
 import re
 from functools import cache
 from typing import Final
 
-from app.battery.source import LONGEST_PATTERN, MOST_PLACEHOLDERS, PARTS
+from app.battery.source import LONGEST_PATTERN, MOST_PLACEHOLDERS, PARTS, part_of
 from app.words import Message
 
 _DIGITS: Final = 9  # digits of a number
@@ -33,9 +33,10 @@ def tokens(pattern: str) -> tuple[_Token, ...]:
     for placeholder in placeholders:
         parts.append(("", pattern[at : placeholder.start()]))
         at = placeholder.end()
-        if placeholder[1] is not None and placeholder[1] not in PARTS:
+        part = None if placeholder[1] is None else part_of(placeholder[1])
+        if part is not None and part not in PARTS:
             raise PatternError(Message("no-such-placeholder", name=placeholder[1]))
-        parts.append((_STAR, "") if placeholder[1] is None else (placeholder[1], "a" if placeholder[2] else "0"))
+        parts.append((_STAR, "") if part is None else (part, "a" if placeholder[2] else "0"))
     return (*parts, ("", pattern[at:]))
 
 
@@ -56,7 +57,7 @@ def numbers_in(pattern: str, name: str, base: dict[str, int]) -> dict[str, int] 
 
 def filled(pattern: str, numbers: dict[str, str]) -> str:
     """Return a pattern with the texts of another name's parts in it; `*` and others stay."""
-    return _PLACEHOLDER.sub(lambda match: numbers.get(match[1] or "", match[0]), pattern)
+    return _PLACEHOLDER.sub(lambda match: numbers.get(part_of(match[1] or ""), match[0]), pattern)
 
 
 def texts_in(pattern: str, name: str) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Marks by which a recording of the simulated car is known: training data must never be taken for the car.
+"""The origin of a recording, the simulated car or a real one: training data must never be taken for the car.
 
 Each export of a simulated session says so where its format lets it: a column of a table, the channel of a candump log,
 an event of ASC and BLF.

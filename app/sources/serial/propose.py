@@ -90,7 +90,7 @@ def profile_text(proposed: ProposedFrame | ProposedLine | ProposedHex, name: str
         "# To confirm: segments, cell, parity; add current, temperatures and SOC.",
         "[battery]",
         f'name = "{name}"',
-        f"segments = [{max(n_cells, 1)}]",
+        f"packs = [{max(n_cells, 1)}]",
         "",
         "[battery.temperatures]",
         "sensors = 0",

@@ -113,7 +113,7 @@ export interface BatteryChoice {
   uploaded: boolean;
 }
 
-/** Cells count from 0 through the segments in order; `order` and `turned` name segments from 0. */
+/** Cells count through the packs from 0; `segments` are sizes of packs, `order` and `turned` name packs from 0. */
 export interface Battery {
   name: string;
   segments: number[];

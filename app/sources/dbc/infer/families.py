@@ -130,10 +130,10 @@ def roles_of(columns: list[NameColumn]) -> list[str]:
     """Return what each column counts, from the outermost to the cell."""
     if len(columns) == 1:
         return ["cell"]
-    outer = "segment" if _is_segment(columns[0]) else "group"
+    outer = "pack" if _is_segment(columns[0]) else "group"
     if len(columns) == 2:
         return [outer, "cell"]
-    return ["segment", "group", "cell"]
+    return ["pack", "group", "cell"]
 
 
 def _is_segment(column: NameColumn) -> bool:
@@ -304,8 +304,8 @@ def _order(members: Sequence[Member], columns: list[NameColumn]):  # type: ignor
 
 def _segments(chosen: list[NameColumn], roles: list[str], columns: list[NameColumn]) -> tuple[int, ...] | None:
     """Cells of each segment, where a column tells segments."""
-    if "segment" in roles:
-        column = chosen[roles.index("segment")]
+    if "pack" in roles:
+        column = chosen[roles.index("pack")]
         low = 0 if column.is_letter else min(column.values)
         return tuple(column.values.count(value) for value in range(low, max(column.values) + 1))
     in_turns = any(column.where == "mux" and column not in chosen for column in columns)
@@ -334,7 +334,7 @@ def _group_cells(chosen: list[NameColumn], roles: list[str]) -> int:
 def _count(
     chosen: list[NameColumn], roles: list[str], base: dict[str, int], group_cells: int, segments: tuple[int, ...] | None
 ) -> int:
-    if "segment" in roles and segments is not None:
+    if "pack" in roles and segments is not None:
         return sum(segments)
     at = {role: column.values for role, column in zip(roles, chosen, strict=True)}
     group = max(at["group"]) - base["group"] if "group" in at else 0

@@ -114,18 +114,18 @@ def _numbers(survey: BusSurvey, message: MessageDefinition, values: list[SignalD
 
 def _part_of(signal: SignalDefinition, own: frozenset[str]) -> str:
     if own & SEGMENT and not own & _CELL_WORDS:
-        return "segment"
+        return "pack"
     if own & GROUP:
         return "group"
     if own & SEGMENT and any(f"{word}_" in signal.name.lower() for word in SEGMENT) and not own & {"cell", "zelle"}:
-        return "segment"
+        return "pack"
     return "cell"
 
 
 def _proposal(
     survey: BusSurvey, kind: str, message: MessageDefinition, values: list[SignalDefinition], counted: list[_Number]
 ) -> CellProposal | None:
-    segment = _best([number for number in counted if number.part == "segment"])
+    segment = _best([number for number in counted if number.part == "pack"])
     cells = [number for number in counted if number.part == "cell"]
     group = _best([number for number in counted if number.part == "group"])
     members: tuple[Member, ...] = tuple((message, signal) for signal in values)
@@ -225,7 +225,7 @@ def _best(numbers: list[_Number]) -> _Number | None:
 
 
 def _segment_names(segment: _Number | None) -> dict[str, str]:
-    return {} if segment is None else {"segment": segment.signal.name}
+    return {} if segment is None else {"pack": segment.signal.name}
 
 
 def _run(seen: tuple[int, ...]) -> tuple[int, ...]:
@@ -244,7 +244,7 @@ def _lowest(number: _Number) -> int:
 
 
 def _bases(segment: _Number | None, cells: list[_Number]) -> dict[str, int]:
-    bases = {} if segment is None else {"segment": _lowest(segment)}
+    bases = {} if segment is None else {"pack": _lowest(segment)}
     if cells:
         bases["cell"] = min(_lowest(cell) for cell in cells)
     return {part: low for part, low in bases.items() if low}

@@ -40,7 +40,7 @@ def joined(survey: BusSurvey, kind: str, proposals: Sequence[CellProposal]) -> C
         lowest = min(sizes)
         segments = tuple(sizes.get(k, max(sizes.values())) for k in range(lowest, max(sizes) + 1))
         entries = [
-            replace(entry, message=pattern, base=entry.base | ({"segment": lowest} if lowest else {}))
+            replace(entry, message=pattern, base=entry.base | ({"pack": lowest} if lowest else {}))
             for entry in ordered[0].entries
         ]
         reason = Message("infer-numbered-messages", n=len(ordered), pattern=pattern)
@@ -60,7 +60,7 @@ def _numbered(names: Sequence[str]) -> tuple[str, tuple[int, ...]] | None:
     if max(values) - min(values) >= 2 * len(names):
         return None
     pieces = skeleton(names[0]).split("#")
-    filled = ["{segment}" if place == different[0] else str(column[0]) for place, column in enumerate(columns)]
+    filled = ["{pack}" if place == different[0] else str(column[0]) for place, column in enumerate(columns)]
     return "".join(piece + fill for piece, fill in zip(pieces, [*filled, ""], strict=True)), values
 
 

@@ -25,7 +25,7 @@ def _lines(inferred: InferredProfile, language: str) -> Iterator[str]:
     yield from _comments(inferred.questions, language)
     yield "[battery]"
     yield f"name = {_text(battery.name)}"
-    yield f"segments = {list(battery.segments)}"
+    yield f"packs = {list(battery.segments)}"
     yield f"parallel = {battery.parallel}  # cells in parallel that are measured as one: not on the bus"
     yield f"cell = {_text(battery.cell)}  # the model of what is measured as one: not on the bus"
     yield ""
@@ -109,7 +109,7 @@ def _sensors(battery: Battery) -> Iterator[str]:
         battery.n_sensors % battery.n_segments == 0
         and spread_in_segments(battery.n_sensors, battery.segments) == battery.sensors
     ):
-        yield 'cells = "segment"  # a guess: which cells each stands for is not on the bus'
+        yield 'cells = "pack"  # a guess: which cells each stands for is not on the bus'
     elif spread(battery.n_sensors, range(battery.n_cells)) == battery.sensors:
         yield 'cells = "spread"  # a guess: which cells each stands for is not on the bus'
     else:

@@ -6,7 +6,7 @@ from app.battery.shape import TEAM
 from app.battery.source import MemoryMap
 from app.battery.table_reader import ProfileError
 
-HEAD = '[battery]\nname = "x"\nsegments = [3, 2]\n'
+HEAD = '[battery]\nname = "x"\npacks = [3, 2]\n'
 DBC = '[source]\ndbc = "x.dbc"\n'
 
 
@@ -37,7 +37,7 @@ def test_the_current_sensor_is_a_part_and_no_battery():
         load_profile("ivt-s")
 
 
-def test_segments_may_differ_and_cells_count_through_them():
+def test_packs_may_differ_and_cells_count_through_them():
     battery = profile(HEAD + DBC).battery
     assert battery.n_cells == 5
     assert [battery.place(cell) for cell in range(5)] == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
@@ -45,14 +45,25 @@ def test_segments_may_differ_and_cells_count_through_them():
         battery.place(5)
 
 
+def test_a_profile_that_says_segments_is_still_read():
+    sensors = "[battery.temperatures]\nsensors = 2\ncells = 'pack'\n"
+    former = HEAD.replace("packs", "segments")
+    assert profile(former + sensors.replace("pack", "segment") + DBC).battery == profile(HEAD + sensors + DBC).battery
+    with pytest.raises(ProfileError) as wrong:
+        profile(former.replace("3", "0") + DBC)
+    assert wrong.value.line == 3
+    with pytest.raises(ProfileError, match="segments"):
+        profile(HEAD + "segments = [3, 2]\n" + DBC)
+
+
 @pytest.mark.parametrize(
     ("text", "line", "field", "limit"),
     [
-        ('[battery]\nname = "x"\nsegments = [3, 0]\n' + DBC, 3, "battery.segments", "1..1000"),
-        ('[battery]\nname = "x"\n' + DBC, 1, "battery.segments", "missing"),
+        ('[battery]\nname = "x"\npacks = [3, 0]\n' + DBC, 3, "battery.packs", "1..1000"),
+        ('[battery]\nname = "x"\n' + DBC, 1, "battery.packs", "missing"),
         (HEAD + "paralel = 2\n" + DBC, 4, "battery.paralel", "parallel"),
-        (HEAD + "[battery.drawing]\norder = [1, 1]\n" + DBC, 5, "battery.drawing.order", "each segment"),
-        (HEAD + "[battery.temperatures]\nsensors = 3\ncells = 'segment'\n" + DBC, 5, "sensors", "multiple"),
+        (HEAD + "[battery.drawing]\norder = [1, 1]\n" + DBC, 5, "battery.drawing.order", "each pack"),
+        (HEAD + "[battery.temperatures]\nsensors = 3\ncells = 'pack'\n" + DBC, 5, "sensors", "multiple"),
         (HEAD + "[battery.temperatures]\ncells = [[1], [6]]\n" + DBC, 5, "cells", "1..5"),
         (HEAD + "[battery.limits]\ncell_voltage_max_v = 42\n" + DBC, 5, "cell_voltage_max_v", "0..10"),
         (

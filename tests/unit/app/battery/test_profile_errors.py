@@ -23,12 +23,12 @@ GOOD = {
     "source.state.fault.signal": '"f"',
     "source.state.fault.equals": "[2]",
 }
-BAD = {"segments": '["x"]', "sensors": '"many"', "order": "[1, 1]", "rows": "0"}
+BAD = {"packs": '["x"]', "sensors": '"many"', "order": "[1, 1]", "rows": "0"}
 
 
 def text_of(wrong):
     """A profile with a wrong value at some keys, and the line of each key."""
-    tables = {"battery": {"name": '"b"', "segments": "[3, 2]"}, "source": {"dbc": '"a.dbc"'}}
+    tables = {"battery": {"name": '"b"', "packs": "[3, 2]"}, "source": {"dbc": '"a.dbc"'}}
     for path, value in GOOD.items():
         table, _, name = path.rpartition(".")
         tables.setdefault(table, {})[name] = value
@@ -56,16 +56,16 @@ def test_each_wrong_field_is_told_once_with_its_line(wrong):
     assert profile is not None
 
 
-def test_wrong_segments_are_not_told_again_by_what_they_shape():
-    text, _ = text_of({"battery.segments"})
+def test_wrong_packs_are_not_told_again_by_what_they_shape():
+    text, _ = text_of({"battery.packs"})
     found, _ = errors(text + "[battery.rest]\n")
-    assert [error.path for error in found] == ["battery.segments", "battery.rest"]
+    assert [error.path for error in found] == ["battery.packs", "battery.rest"]
 
 
 def test_what_is_missing_is_told_with_its_meaning():
     found, _ = errors("[battery]\n[source]\n[[source.voltage]]\nunit = 'V'\n")
     assert {error.path for error in found} == {
-        "battery.name", "battery.segments", "source.dbc", "source.voltage[0].signal",
+        "battery.name", "battery.packs", "source.dbc", "source.voltage[0].signal",
     }  # fmt: skip
 
 
@@ -80,7 +80,7 @@ def test_a_profile_of_which_nothing_is_left_still_ends_with_errors(text):
 @pytest.mark.parametrize("name", bundled_profiles())
 def test_bundled_profiles_have_none(name):
     found, profile = errors_of(load_part(name))
-    missing = ["battery.name", "battery.segments"] if name == "ivt-s" else []
+    missing = ["battery.name", "battery.packs"] if name == "ivt-s" else []
     assert [error.path for error in found] == missing
     assert profile is not None
 

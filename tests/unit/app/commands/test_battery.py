@@ -83,9 +83,9 @@ def test_a_bus_is_listened_to(tmp_path, capsys):
 
 def test_all_errors_are_told_at_once_each_with_file_line_and_field(car, capsys):
     wrong = car / "wrong.toml"
-    wrong.write_text('[battery]\nname = "x"\nsegments = [0]\n[source]\ndbc = "car.dbc"\n')
+    wrong.write_text('[battery]\nname = "x"\npacks = [0]\n[source]\ndbc = "car.dbc"\n')
     assert main(["battery", "check", str(wrong)]) == 2
-    assert "wrong.toml:3: error: battery.segments = 0: a whole number 1..1000" in capsys.readouterr().out
+    assert "wrong.toml:3: error: battery.packs = 0: a whole number 1..1000" in capsys.readouterr().out
     wrong.write_text('[battery]\nname = "x"\nsegments = [1]\n[source]\ndbc = "no.dbc"\n')
     assert main(["battery", "check", str(wrong)]) == 2
     assert "no.dbc" in capsys.readouterr().out

@@ -10,21 +10,22 @@ from app.sources.dbc.patterns import PatternError, filled, numbers_in, texts_in
 
 
 @given(st.integers(0, 99), st.integers(0, 999))
-def test_the_numbers_of_a_name_are_found_by_part_with_leading_zeros_too(segment, cell):
-    name = f"Seg{segment:02}_Cell{cell:03}"
-    assert numbers_in("Seg{segment}_Cell{cell}", name, {}) == {"segment": segment, "cell": cell}
+def test_the_numbers_of_a_name_are_found_by_part_with_leading_zeros_too(pack, cell):
+    name = f"Seg{pack:02}_Cell{cell:03}"
+    assert numbers_in("Seg{pack}_Cell{cell}", name, {}) == {"pack": pack, "cell": cell}
+    assert numbers_in("Seg{segment}_Cell{cell}", name, {}) == {"pack": pack, "cell": cell}, "as older profiles say"
 
 
 def test_a_letter_counts_from_the_base():
-    assert numbers_in("Seg{segment:a}_{cell}", "SegC_07", {"segment": 1}) == {"segment": 3, "cell": 7}
-    assert numbers_in("Seg{segment:a}_{cell}", "Segc_07", {}) == {"segment": 2, "cell": 7}
-    assert numbers_in("Seg{segment:a}_{cell}", "Seg3_07", {}) is None
+    assert numbers_in("Seg{pack:a}_{cell}", "SegC_07", {"pack": 1}) == {"pack": 3, "cell": 7}
+    assert numbers_in("Seg{pack:a}_{cell}", "Segc_07", {}) == {"pack": 2, "cell": 7}
+    assert numbers_in("Seg{pack:a}_{cell}", "Seg3_07", {}) is None
 
 
 def test_the_name_of_a_flag_is_made_from_the_texts_of_its_value():
     texts = texts_in("CellVoltage_{cell}", "CellVoltage_007")
     assert filled("CellVoltage_{cell}_invalidFlag", texts) == "CellVoltage_007_invalidFlag"
-    assert filled("Bad{segment}_{cell}", texts) == "Bad{segment}_007"
+    assert filled("Bad{pack}_{cell}", texts) == "Bad{pack}_007"
     assert texts_in("CellVoltage_{cell}", "Current") == {}
 
 
@@ -51,7 +52,7 @@ def backtracking(pattern: str, name: str) -> dict[str, str]:
 
 
 @given(
-    st.lists(st.sampled_from(["*", "{cell}", "{segment}", "{segment:a}", "V", "_", "1"]), max_size=MOST_PLACEHOLDERS),
+    st.lists(st.sampled_from(["*", "{cell}", "{pack}", "{pack:a}", "V", "_", "1"]), max_size=MOST_PLACEHOLDERS),
     st.text("VA_12", max_size=9),
 )
 def test_a_name_has_the_parts_that_a_regular_expression_finds(tokens, name):
@@ -59,7 +60,7 @@ def test_a_name_has_the_parts_that_a_regular_expression_finds(tokens, name):
     assert texts_in(pattern, name) == backtracking(pattern, name)
 
 
-@pytest.mark.parametrize("pattern", ["*a" * (MOST_PLACEHOLDERS - 1) + "*b", "{cell}*{segment}*{cell}x", "*"])
+@pytest.mark.parametrize("pattern", ["*a" * (MOST_PLACEHOLDERS - 1) + "*b", "{cell}*{pack}*{cell}x", "*"])
 @pytest.mark.parametrize("letter", ["a", "1"])
 def test_no_pattern_tries_a_way_twice(pattern, letter):
     began = time.thread_time()

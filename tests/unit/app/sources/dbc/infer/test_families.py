@@ -103,7 +103,7 @@ def entry_of(text, kind="voltage"):
 def test_the_message_is_named_where_signals_of_others_would_fit_too():
     cells = "".join(message(1 + m, f"Module_{m}", signals([f"V{k}" for k in range(4)])) for m in range(3))
     alike = message(9, "Charger", signals(["V1", "V2"], "A"))
-    assert entry_of(cells + alike).message == "Module_{segment}"
+    assert entry_of(cells + alike).message == "Module_{pack}"
 
 
 def test_a_bit_beside_each_cell_that_says_invalid_is_its_flag():
@@ -233,7 +233,7 @@ def test_segments_of_different_sizes_keep_their_sizes(sizes):
     )
     best = proposals(text)[0]
     assert (best.n, best.segments) == (sum(sizes), sizes)
-    assert best.entries[0].base == {"segment": 1, "cell": 1}
+    assert best.entries[0].base == {"pack": 1, "cell": 1}
 
 
 @pytest.mark.parametrize("ids", [[0x30, 0x20, 0x10], [0x10, 0x20, 0x30]])

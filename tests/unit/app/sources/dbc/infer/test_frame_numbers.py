@@ -189,7 +189,7 @@ def test_without_a_log_segments_and_cells_are_those_of_the_dbc():
     )
     found = best(text)
     assert (found.n, found.segments) == (70, (14,) * 5)
-    assert found.entries[0].base == {"segment": 1, "cell": 1}
+    assert found.entries[0].base == {"pack": 1, "cell": 1}
 
 
 def test_a_segment_that_nothing_was_heard_of_counts_as_large_as_the_largest():
@@ -198,7 +198,7 @@ def test_a_segment_that_nothing_was_heard_of_counts_as_large_as_the_largest():
     places = [(s, c) for s in (0, 1, 3) for c in range(6)]
     found = best(text, [(k, 1, bytes([c, s]) + volts) for k, (s, c) in enumerate(places)])
     assert found.segments == (6, 6, 6, 6)
-    assert found.entries[0].numbers == {"segment": "Module_ID", "cell": "Cell_ID"}
+    assert found.entries[0].numbers == {"pack": "Module_ID", "cell": "Cell_ID"}
     assert [reason.code for reason in found.reasons] == ["infer-two-numbers"]
 
 

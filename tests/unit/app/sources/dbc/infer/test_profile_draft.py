@@ -54,7 +54,7 @@ def test_a_correction_changes_the_suggestion_and_is_checked(draft):
     ("text", "field"),
     [
         ("[battery", "TOML"),
-        ('[battery]\nname = "x"\nsegments = [0]\n[source]\ndbc = "x.dbc"\n', "battery.segments"),
+        ('[battery]\nname = "x"\npacks = [0]\n[source]\ndbc = "x.dbc"\n', "battery.packs"),
         ('[battery]\nname = "x"\nsegments = [1]\n[source]\nkind = "master"\n', "source.kind"),
     ],
 )
@@ -99,7 +99,7 @@ def test_the_edited_text_is_checked_by_what_was_heard_and_not_by_what_is_suggest
     inferred, _ = draft.inferred(Correction())
     text = profile_text(inferred)
     assert draft.check(text) == []
-    wrong = draft.check(text.replace("\nsegments", "\nsegment", 1))
+    wrong = draft.check(text.replace("\npacks", "\npack", 1))
     assert wrong
     assert all(each.is_error for each in wrong)
 

@@ -44,10 +44,10 @@ def plain(entry):
 
 ENTRIES = st.builds(
     CellSignals,
-    signal=st.sampled_from(["Cell_{cell}", "Seg{segment:a}_{cell}", "V{cell}"]),
-    message=st.sampled_from(["*", "BMS_Cells", "Module_{segment}_*"]),
-    numbers=st.sampled_from([{}, {"cell": "Cell_ID"}, {"segment": "ic", "group": "page"}]),
-    base=st.sampled_from([{}, {"cell": 1}, {"segment": 1, "cell": 1}]),
+    signal=st.sampled_from(["Cell_{cell}", "Seg{pack:a}_{cell}", "V{cell}"]),
+    message=st.sampled_from(["*", "BMS_Cells", "Module_{pack}_*"]),
+    numbers=st.sampled_from([{}, {"cell": "Cell_ID"}, {"pack": "ic", "group": "page"}]),
+    base=st.sampled_from([{}, {"cell": 1}, {"pack": 1, "cell": 1}]),
     group_cells=st.integers(1, 6),
     first=st.integers(0, 20),
     unit=st.sampled_from(["", "mV", "0.1mV", "V"]),
@@ -59,7 +59,7 @@ ENTRIES = st.builds(
 
 @given(ENTRIES)
 def test_a_way_to_speak_is_read_again_as_it_was_learned(entry):
-    if set(entry.numbers) & {"segment"} and "{segment" in entry.signal + entry.message:
+    if set(entry.numbers) & {"pack"} and "{pack" in entry.signal + entry.message:
         entry = replace(entry, numbers={})
     (found,) = read(inferred(entry=entry)).source.cells["voltage"]
     assert plain(found) == plain(entry)
