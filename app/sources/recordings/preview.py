@@ -80,7 +80,7 @@ def preview(path: Path, profile: ImportMapping, pick: Iterable[str], dbc: Path |
         table = read_table(path)
         columns = _columns({name: values[:SAMPLES] for name, values in table.columns.items()})
         return _of_table(table, with_units(profile, table, pick), columns)
-    signals = read_signals(path, dbc, MOST_FRAMES)
+    signals = read_signals(path, dbc, MOST_FRAMES, bus=profile.bus)
     columns = _columns({name: values[:SAMPLES] for name, (_, values) in sorted(signals.by_name.items())})
     try:
         table = signals.table(profile)

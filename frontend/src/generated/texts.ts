@@ -1180,6 +1180,7 @@ export interface Texts {
   'sessions.another_battery_management_system': null;
   'sessions.continue_new_file_without_losing': null;
   'sessions.import': 'name';
+  'sessions.bus': null;
   'sessions.save_as_profile': null;
   'sessions.use_default_new_sessions': null;
   'sessions.saved_default_new_sessions': null;

@@ -68,6 +68,19 @@ def test_an_import_that_does_not_look_ahead_writes_the_same_session(tmp_path: Pa
     assert written[0][2], "the cells were estimated"
 
 
+def test_two_buses_of_a_log_are_never_imported_as_one(tmp_path: Path) -> None:
+    peer = cell_number()
+    battery = load_battery(str(write_profile(peer, tmp_path)))
+    log = write_log(peer, tmp_path / "peer.log", DURATION_S)
+    lines = log.read_text().splitlines()
+    others = [line.replace(" can0 ", " can1 ")[:-2] + "00" for line in lines]
+    log.write_text("\n".join(line for both in zip(lines, others, strict=True) for line in both) + "\n")
+    with pytest.raises(ImportFailed, match="can0, can1"):
+        import_file(log, ImportMapping(), tmp_path / "sessions", pipeline, battery=battery)
+    done = import_file(log, ImportMapping(bus="can0"), tmp_path / "sessions", pipeline, battery=battery)
+    assert done.rows == len(lines)
+
+
 def imported(peer: Peer, folder: Path, ending: str = "log", duration_s: float = DURATION_S) -> ImportedSession:
     battery = load_battery(str(write_profile(peer, folder)))
     log = write_log(peer, folder / f"peer.{ending}", duration_s)
