@@ -123,7 +123,8 @@ def profile_text(proposed: ProposedFrame | ProposedLine | ProposedHex, name: str
             f'byte_order = "{sum_.byte_order}" }}'
         )
     if isinstance(voltages, ProposedArray):
-        value = f'signal = "cells.voltage", type = "u16", at = {voltages.at}, count = {voltages.count}'
+        value = f'signal = "cells.voltage", type = "{voltages.type}", at = {voltages.at}, count = {voltages.count}'
+        value += f", stride = {voltages.stride}" if voltages.stride else ""
         lines.append(f'fields = [{{ {value}, scale = {voltages.scale:g}, byte_order = "{voltages.byte_order}" }}]')
     return "\n".join([*lines, ""])
 

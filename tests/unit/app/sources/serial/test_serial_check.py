@@ -40,7 +40,7 @@ def test_lines_of_hex_numbers_are_text_and_no_dump(tmp_path):
     loaded = load_battery("thesis-hex")
     capture = captured_bytes(path, loaded.battery, loaded.serial)
     assert capture == captured_bytes(path) == path.read_bytes()
-    assert shown_values(loaded.battery, loaded.serial, capture)[0].startswith("5 frames, 0 bad")
+    assert shown_values(loaded.battery, loaded.serial, capture)[0].startswith("5 frames ")
 
 
 @pytest.mark.parametrize("begin", [0, 100])

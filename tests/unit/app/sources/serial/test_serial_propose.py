@@ -55,6 +55,26 @@ def test_a_proposal_reads_the_capture_as_it_was_sent(kind, order, header, tail, 
     assert values.value[-n_cells:] == pytest.approx(volts_of(N_FRAMES - 1, n_cells))
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("kind", ["f32", "numbered"])
+def test_cells_as_floats_and_cells_behind_their_number_are_proposed(kind, order):
+    _, calc = checksum_of("crc-32")
+    frames = []
+    for k in range(N_FRAMES):
+        volts = volts_of(k, 10)
+        cells = struct.pack(f"{order}10f", *volts)
+        if kind == "numbered":
+            cells = b"".join(struct.pack(f"{order}BH", i + 1, round(1e3 * volt)) for i, volt in enumerate(volts))
+        body = b"\xaa\x55" + bytes([k]) + cells
+        frames.append(body + calc(body).to_bytes(4, "little"))
+    capture = b"".join(frames)
+    proposed = propose(capture)
+    loaded = battery_from_files({"x.toml": profile_text(proposed, "x", 9600).encode()})
+    reader, decoder = StreamReader(loaded.serial), SerialDecoder(loaded.battery, loaded.serial)
+    values = decoder.decode(reader.feed(capture, 0))["voltage"]
+    assert values.value[-10:] == pytest.approx(volts_of(N_FRAMES - 1, 10), abs=1e-6)
+
+
 def test_lines_are_proposed_with_their_columns():
     lines = [",".join(["run", *map(str, (1e4 * volts_of(k, 12)).round().astype(int))]) for k in range(6)]
     found = propose("\r\n".join(lines).encode())
