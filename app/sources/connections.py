@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.battery.by_shape import files_of_shape
-from app.battery.library import bundled_profiles
+from app.battery.library import bundled_profiles, profile_files
 from app.battery.shape import TEAM_PROFILE
-from app.errors import ConfigError, NotNow
+from app.errors import AppError, ConfigError, NotNow
 from app.sources.data_file import checked, parse_object, replace_file, set_aside
 from app.sources.links.can_bus import parse_bus
 from app.sources.links.serial_url import check_url
@@ -93,6 +93,13 @@ def load_connections(folder: Path) -> Connections | None:
     return connections
 
 
+def _files_of(battery: str) -> dict[str, bytes]:
+    """The files of a battery, by which a changed profile of the same name is another one; none where it has none."""
+    with contextlib.suppress(AppError):
+        return dict(profile_files(battery))
+    return {}
+
+
 def check_battery(folder: Path, battery: str) -> None:
     """Refuse a battery that a request may not name: a file that was not uploaded into the data folder.
 
@@ -143,6 +150,7 @@ class Setup:
         self.on_choice: Callable[[], None] = lambda: None  # starts the service again
         self.load: Load = load_battery  # reads a battery's files; the service does so in a limited process
         self._loaded: dict[Path, tuple[int, LoadedBattery]] = {}  # uploaded ones, with when they changed [ns]
+        self._files_in_force = _files_of(in_force.battery)
         self.draft: tuple[str, ProfileDraft] | None = None  # what is being learned, by its id
 
     def begin_draft(self, draft: "ProfileDraft") -> str:
@@ -170,8 +178,8 @@ class Setup:
         """Return whether no connection was ever chosen."""
         return not self.fixed and self.chosen is None
 
-    def choose(self, connections: Connections) -> None:
-        """Keep a choice and start again with it.
+    def choose(self, connections: Connections) -> bool:
+        """Keep a choice and start again with it; return False where the service reads just that and runs on.
 
         Raises:
             NotNow: the command line or the environment says what is read.
@@ -184,7 +192,10 @@ class Setup:
         connections.check(load=self.load)
         self.end_draft()
         save_connections(self._folder, connections)
+        if connections == self.in_force and _files_of(connections.battery) == self._files_in_force:
+            return False
         self.on_choice()
+        return True
 
     def batteries(self) -> dict[str, LoadedBattery]:
         """Return bundled, uploaded and present batteries by what `--battery` takes, without those that are wrong."""

@@ -12,7 +12,6 @@ import { live } from './store/live.svelte';
 import { paper } from './store/paper.svelte';
 import { route } from './store/route.svelte';
 import { chosen } from './words/words.svelte';
-import { firstSteps } from './store/start_again';
 import { user } from './store/user.svelte';
 
 route.start();
@@ -26,7 +25,6 @@ if (import.meta.env.PROD && 'serviceWorker' in navigator) {
 }
 
 await chosen.start();
-if (!location.hash) void firstSteps();
 const target = document.getElementById('app')!;
 target.replaceChildren(); // the frame that index.html shows meanwhile
 mount(App, { target });

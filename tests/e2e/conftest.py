@@ -123,6 +123,7 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
         theme: str = "dark",
         full_rate: bool = False,
         service_worker: bool = False,
+        first_visit: bool = False,
     ) -> Page:
         context = browser.new_context(
             viewport=SIZES[size], has_touch=size in TOUCH, is_mobile=size in TOUCH, ignore_https_errors=True
@@ -131,6 +132,8 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
         context.add_init_script(
             f"localStorage.getItem('voltwall.theme') ?? localStorage.setItem('voltwall.theme', '{theme}')"
         )
+        if not first_visit:
+            context.add_init_script("localStorage.setItem('voltwall.connect-card.closed', 'true')")
         if not full_rate:
             context.add_init_script(FEWER_SNAPSHOTS)
         if not service_worker:

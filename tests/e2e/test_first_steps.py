@@ -1,4 +1,4 @@
-"""A service that was never told what to read: its page asks, and what is chosen stays."""
+"""A service on which nothing was chosen yet: it opens the simulated car, offers to connect, and keeps the choice."""
 
 import os
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.e2e.conftest import COUNT_CLICKS, spent
+from tests.e2e.conftest import COUNT_CLICKS, is_too_wide, spent
 from tests.forked import PLUGGED
 from tests.naming_habits import letters_in_numbered_messages
 from tests.service_process import Service
@@ -23,8 +23,34 @@ def fresh_service(tmp_path):
     service.stop()
 
 
-def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_page):
-    page = open_page(fresh_service.base_url + "/", quiet=False)  # the connection is lost while it starts again
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_the_first_page_is_the_live_car_with_a_card_that_stays_away_once_closed(fresh_service, open_page, size):
+    page = open_page(fresh_service.base_url + "/", size, first_visit=True)
+    card = page.get_by_test_id("connect-card")
+    expect(card).to_contain_text("Simulated car.")
+    expect(page.get_by_test_id("loaded-cells")).to_have_text(re.compile(r"of 96"))
+    assert not is_too_wide(page)
+    page.get_by_test_id("close-card").click()
+    expect(card).to_have_count(0)
+    page.reload()
+    expect(page.get_by_test_id("loaded-cells")).to_have_text(re.compile(r"of 96"))
+    expect(card).to_have_count(0)
+
+
+def test_keeping_what_runs_shows_the_overview_at_once(fresh_service, open_page):
+    page = open_page(fresh_service.base_url + "/#/setup")
+    expect(page.get_by_label("team's own, 96 cells")).to_be_checked()
+    with fresh_service.client() as client:
+        before = client.get("/setup").json()["instance"]
+        page.get_by_test_id("setup-start").click()
+        expect(page).to_have_url(fresh_service.base_url + "/#/overview")
+        expect(page.get_by_test_id("loaded-cells")).to_have_text(re.compile(r"of 96"))
+        assert client.get("/setup").json()["instance"] == before
+
+
+def test_the_card_leads_to_the_choice_and_the_choice_takes_effect(fresh_service, open_page):
+    page = open_page(fresh_service.base_url + "/", quiet=False, first_visit=True)  # lost while it starts again
+    page.get_by_test_id("connect-yours").click()
     expect(page.get_by_role("heading", name="Connect to a battery")).to_be_visible()
     page.get_by_test_id("how-serial").check()
     page.get_by_test_id("setup-serial").fill("/dev/ttyUSB77")
@@ -52,7 +78,7 @@ def test_a_crew_with_two_adapters_sees_its_cells_after_four_clicks(tmp_path, ope
         simulate("--serial", f"pty:{master}")
         service.start()
         try:
-            page = open_page(service.base_url + "/", quiet=False)  # the connection is lost while it starts again
+            page = open_page(service.base_url + "/#/setup", quiet=False)  # lost while it starts again
             page.evaluate(COUNT_CLICKS)
             page.get_by_test_id("how-serial").check()
             expect(page.get_by_test_id("setup-serial")).to_have_value(other)

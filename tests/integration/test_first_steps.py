@@ -14,6 +14,7 @@ def test_a_choice_takes_effect_and_stays(tmp_path):
             assert client.get("/battery").json()["name"] == "built-in master, 96 cells"
             answer = client.put("/setup", json={"battery": "5x18"})
             assert answer.status_code == 202, answer.text
+            assert answer.json()["restarts"]
 
             def is_again() -> bool:
                 try:
@@ -31,6 +32,21 @@ def test_a_choice_takes_effect_and_stays(tmp_path):
         service.start()
         with service.client() as client:
             assert sum(client.get("/battery").json()["segments"]) == 90
+    finally:
+        service.stop()
+
+
+def test_keeping_what_is_read_ends_nothing(tmp_path):
+    service = Service(tmp_path, []).start()
+    try:
+        with service.client() as client:
+            before = service.wait_for(lambda each: each["uptime_s"] is not None)
+            instance = client.get("/setup").json()["instance"]
+            answer = client.put("/setup", json={"battery": "team"}).json()
+            assert (answer["restarts"], answer["needed"], answer["instance"]) == (False, False, instance)
+            after = service.wait_for(lambda each: each["seq"] > before["seq"] + 10)
+            assert client.get("/setup").json()["instance"] == instance
+            assert after["uptime_s"] >= before["uptime_s"]
     finally:
         service.stop()
 

@@ -57,6 +57,12 @@ class SetupOut(BaseModel):
     batteries: list[BatteryChoiceOut]
 
 
+class ChosenConnectionsOut(SetupOut):
+    """`restarts` is false where the service reads just that already."""
+
+    restarts: bool
+
+
 class PluggedOut(BaseModel):
     """Adapters plugged into the machine of the service."""
 
@@ -175,17 +181,17 @@ def _at_own(live: LivePart, name: LinkName) -> LinkCheck:
     return LinkCheck(after[0] - before[0], frames, after[2], None if frames else silent)
 
 
-@router.put("", status_code=202, response_model=SetupOut)
+@router.put("", status_code=202, response_model=ChosenConnectionsOut)
 def choose(
     body: ConnectionsIn, setup: SetupPart, events: EventsPart, signed: SignedPart, user: UserDep
 ) -> dict[str, Any]:
-    """Keep what to read in the data folder and start again with it."""
+    """Keep what to read in the data folder and start again with it; what is read already runs on."""
     chosen = Connections(body.serial, body.can, body.battery or TEAM_PROFILE)
     what = ", ".join(setting for setting in (chosen.battery, chosen.serial, chosen.can) if setting) or "simulator"
     with signed.signed(user.name, "setup", what):
-        setup.choose(chosen)
+        restarts = setup.choose(chosen)
     events.note("info", "connections-chosen", Message("connections-chosen", what=what), who=user.name)
-    return _setup_json(setup)
+    return _setup_json(setup) | {"restarts": restarts}
 
 
 @router.post("/batteries", status_code=201, response_model=UploadedOut)

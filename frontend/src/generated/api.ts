@@ -538,6 +538,17 @@ export interface CheckedProfile {
   findings: ConfigIssue[];
 }
 
+/** `restarts` is false where the service reads just that already. */
+export interface ChosenConnections {
+  instance: string;
+  needed: boolean;
+  fixed: boolean;
+  chosen: Connections | null;
+  in_force: Connections;
+  batteries: BatteryChoice[];
+  restarts: boolean;
+}
+
 /** The service's wall clock: unix seconds, and how far it was set since the start. */
 export interface Clock {
   time: number;

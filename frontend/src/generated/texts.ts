@@ -656,6 +656,8 @@ export interface Texts {
   'overview.extremes': null;
   'overview.under_load': null;
   'overview.latest_events': null;
+  'overview.simulated_car': null;
+  'overview.connect_yours': null;
   'overview.no_events_yet': null;
   'overview.soc_still_uncertain_10_settles': null;
   'overview.3sigma': null;

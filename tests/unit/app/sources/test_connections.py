@@ -73,6 +73,18 @@ def test_a_choice_is_kept_and_starts_the_service_again(tmp_path, setup):
     assert not setup.is_needed
 
 
+def test_a_choice_of_what_is_read_already_is_kept_and_starts_nothing_again(tmp_path):
+    name = Setup(tmp_path, Connections(), fixed=False).upload(FILES)
+    setup = Setup(tmp_path, Connections(can="socketcan:can0", battery=name), fixed=False)
+    started = []
+    setup.on_choice = lambda: started.append(setup.chosen)
+    assert not setup.choose(setup.in_force)
+    assert setup.chosen == setup.in_force
+    setup.upload({**FILES, "two.toml": PROFILE.replace(b"two cells", b"other cells")})
+    assert setup.choose(setup.in_force), "the same name, another profile"
+    assert started == [setup.in_force]
+
+
 def test_the_command_line_wins(tmp_path):
     setup = Setup(tmp_path, Connections(), fixed=True)
     assert not setup.is_needed
