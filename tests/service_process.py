@@ -68,6 +68,21 @@ class Service:
         assert self.base_url, "\n".join(self.lines)
         return self
 
+    def choose(self, **connections: str) -> None:
+        """Choose what is read, and wait until the service has started again with it."""
+        with self.client() as client:
+            answer = client.put("/setup", json=connections)
+            assert answer.status_code == 202, answer.text
+            before = answer.json()["instance"]
+
+            def is_again() -> bool:
+                try:
+                    return client.get("/setup").json()["instance"] != before
+                except httpx.TransportError:  # it is starting
+                    return False
+
+            until(is_again)
+
     def client(self, **options) -> httpx.Client:
         """An HTTP client of /api/v1."""
         return httpx.Client(base_url=self.base_url + "/api/v1", timeout=WAIT_S, **options)

@@ -79,7 +79,7 @@ def _read(args: argparse.Namespace) -> bytes:
     except ConfigError:
         raise
     except Exception as error:  # drivers raise their own
-        raise ConfigError("serial", args.serial, render(reason_of(error))) from error
+        raise ConfigError("serial", args.serial, render(reason_of(error, args.serial))) from error
     return bytes(data)
 
 

@@ -119,12 +119,17 @@ def _run(
     )
     if setup is not None:
         setup.on_choice = server.start_again
+    before = {}
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the last of a terminal that is closed; Windows has none
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as nohup asks
             # Until uvicorn listens to it; it ends in order, then raises the signal again
-            signal.signal(number, lambda *_: setattr(server, "should_exit", True))
-    asyncio.run(server.serve(sockets=[listener]))
+            before[number] = signal.signal(number, lambda *_: setattr(server, "should_exit", True))
+    try:
+        asyncio.run(server.serve(sockets=[listener]))
+    finally:
+        for number, handler in before.items():  # one that comes while it starts again ends it
+            signal.signal(number, handler)
     if not server.started:
         print("voltwall serve: did not start", file=sys.stderr)
         return 1, port

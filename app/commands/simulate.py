@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from app.commands.arguments import chosen_cell
 from app.errors import ConfigError
-from app.words import render
+from app.words import Message, render
 from simulator.cli import add_arguments as add_simulator_arguments
 from simulator.cli import run as run_simulator
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from app.battery.source import DbcMapping
     from app.sources.loaded_battery import LoadedBattery
     from simulator.dbc_battery.battery import DbcBattery
+
+BIT_RATES = (125_000, 250_000, 500_000, 1_000_000)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,10 +33,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="battery profile, or packs x series cells such as 2x6, on CAN or serial (default: the built-in car)",
     )
 
+    parser.add_argument(
+        "--bit-rate",
+        type=int,
+        choices=BIT_RATES,
+        metavar="BIT/S",
+        help=f"bit rate of the battery's CAN bus, with --battery: {', '.join(map(str, BIT_RATES))} (default: 500000)",
+    )
+
 
 def run(args: argparse.Namespace) -> int:
     """Run it in this process."""
     if args.battery is None:
+        if args.bit_rate is not None:
+            raise ConfigError("bit_rate", args.bit_rate, Message("bit-rate-of-battery"))
         return run_simulator(args)
     from app.sources.loaded_battery import load_battery
 
@@ -41,7 +54,10 @@ def run(args: argparse.Namespace) -> int:
     source, serial = loaded.dbc_mapping, loaded.serial
     if serial is not None:
         return run_simulator(args, simulated_serial(loaded, serial))
-    return run_simulator(args, None if source is None else simulated(loaded, source))
+    battery = None if source is None else simulated(loaded, source)
+    if battery is not None and args.bit_rate is not None:
+        battery = replace(battery, bit_rate=args.bit_rate)
+    return run_simulator(args, battery)
 
 
 def simulated_serial(loaded: LoadedBattery, mapping: SerialMapping) -> DbcBattery:

@@ -10,6 +10,7 @@ import re
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ from app.battery.library import bundled_profiles, profile_files
 from app.battery.shape import TEAM_PROFILE
 from app.errors import AppError, ConfigError, NotNow
 from app.sources.data_file import checked, parse_object, replace_file, set_aside
+from app.sources.dbc.dbc_file import parse_definitions
+from app.sources.dbc.definitions import Definitions
 from app.sources.links.can_bus import parse_bus
 from app.sources.links.serial_url import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
@@ -207,6 +210,16 @@ class Setup:
             with contextlib.suppress(Exception):
                 batteries[str(path)] = self._uploaded_battery(path)
         return batteries
+
+    def parts(self) -> dict[str, Definitions]:
+        """Return the messages of what a bus may carry next to a battery, such as a current sensor, by name."""
+        found = {}
+        for name in bundled_profiles():
+            files = profile_files(name)
+            if not any(b"[battery]" in data for data in files.values()):
+                parsed = [parse_definitions(data, file) for file, data in files.items() if not file.endswith(".toml")]
+                found[name] = reduce(Definitions.joined, parsed, Definitions(()))
+        return found
 
     def _uploaded_battery(self, path: Path) -> LoadedBattery:
         """An uploaded battery, read again where its profile changed."""

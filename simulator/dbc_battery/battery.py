@@ -92,6 +92,7 @@ class DbcBattery:
     limits: Mapping[str, float]  # by a name of `TripLimits`; where none is given, those of the simulated cell
     voice: BatteryEncoder
     serial: SerialVoice | None = None
+    bit_rate: int = 500_000  # rate of its bus [bit/s]
 
     @property
     def size(self) -> float:

@@ -25,7 +25,7 @@ class BmsOnBus:
     def __init__(self, simulation: "BatterySimulation") -> None:
         self._simulation = simulation
         self.is_held_off = False
-        self.rate = 500_000
+        self.rate = simulation.battery.bit_rate
 
     @property
     def bit_rate(self) -> int:
@@ -57,6 +57,7 @@ class BatterySimulation(Vehicle):
         self.shape = battery.shape
         self.board = SensorBoard(battery, self.rng)
         self.master_on_bus = BmsOnBus(self)
+        self.charger.bit_rate_plugged = battery.bit_rate
         self.bus.attach(self.master_on_bus, _MAX_WAITING)
         self.bus.attach(self.babbler, _MAX_WAITING)
         self._slow_due_s = 0.0

@@ -1,8 +1,6 @@
 """Choosing what to read on a page: the service starts again in its process, at its address, with what was chosen."""
 
-import httpx
-
-from tests.service_process import Service, until
+from tests.service_process import Service
 
 
 def test_a_choice_takes_effect_and_stays(tmp_path):
@@ -11,18 +9,9 @@ def test_a_choice_takes_effect_and_stays(tmp_path):
         with service.client() as client:  # its cell is in pack 6, which the next battery does not have
             first = client.get("/setup").json()
             assert first["needed"]
-            assert client.get("/battery").json()["name"] == "built-in master, 96 cells"
-            answer = client.put("/setup", json={"battery": "5x18"})
-            assert answer.status_code == 202, answer.text
-            assert answer.json()["restarts"]
-
-            def is_again() -> bool:
-                try:
-                    return client.get("/setup").json()["instance"] != first["instance"]
-                except httpx.TransportError:  # it is starting
-                    return False
-
-            until(is_again)
+            assert client.get("/battery").json()["name"] == "team's own, 96 cells"
+            service.choose(battery="5x18")
+            assert client.get("/setup").json()["instance"] != first["instance"]
             assert sum(client.get("/battery").json()["segments"]) == 90
             assert not client.get("/setup").json()["needed"]
             refused = client.put("/setup", json={"battery": "one-signal-a-cell", "serial": "COM6"})

@@ -12,8 +12,10 @@ from app.api.web.problems import invalid
 from app.api.web.request_body import Body, FileText
 from app.battery.shape import TEAM_PROFILE
 from app.sources.connections import BATTERIES, Connections, Setup
-from app.sources.links.connected import CHECK_S, LinkCheck, can_adapters, check_can, check_serial, serial_ports
-from app.sources.serial.framing import frame_counter
+from app.sources.link_check.can_check import LISTEN_ONLY, check_can
+from app.sources.link_check.plugged import Plugged, can_adapters, serial_ports
+from app.sources.link_check.result import CHECK_S, LinkCheck
+from app.sources.link_check.serial_check import check_serial
 from app.telemetry.events import LinkName
 from app.words import Message, RenderedMessage, Text, rendered_or_none
 
@@ -30,10 +32,15 @@ class ConnectionsOut(BaseModel):
 
 
 class FoundOut(BaseModel):
-    """A port or an adapter, by the URL that the choice takes."""
+    """A port or an adapter, by the URL that the choice takes; empty: it does not report that."""
 
     url: str
     description: str
+    usb_id: str
+    driver: str
+    bit_rate: int | None
+    is_up: bool
+    listens_only: bool
 
 
 class BatteryChoiceOut(BaseModel):
@@ -70,14 +77,37 @@ class PluggedOut(BaseModel):
     can: list[FoundOut]
 
 
-class LinkCheckOut(BaseModel):
-    """Result of a link check, and the remedy where something is not right."""
+class TrialOut(BaseModel):
+    """What arrived at one setting of the port or one bit rate; `battery` where another one was awaited."""
 
+    setting: str
+    bytes: int
+    frames: int
+    errors: int | None
+    battery: str | None
+
+
+class RecognisedOut(BaseModel):
+    """A battery, or a part of one, whose messages were received."""
+
+    id: str
+    name: str
+    is_part: bool
+
+
+class LinkCheckOut(BaseModel):
+    """What arrived, and what to do where that is not right; `url` has the bit rate that was found."""
+
+    url: str
     seconds: float
     bytes: int
     frames: int
+    rate_hz: float
     error: RenderedMessage | None
     advice: RenderedMessage | None
+    trials: list[TrialOut]
+    recognised: list[RecognisedOut]
+    has_checksum: bool | None
 
 
 class UploadedOut(BaseModel):
@@ -100,6 +130,7 @@ class LinkCheckIn(Body):
     serial: Url = None
     can: Url = None
     battery: str | None = Field(default=None, max_length=1000)
+    is_alone: bool = Field(default=False, description="only the battery is on the bus: acknowledge its frames")
 
 
 class UploadIn(Body):
@@ -137,7 +168,11 @@ def setup(setup: SetupPart) -> dict[str, Any]:
 @router.get("/plugged", response_model=PluggedOut)
 def plugged() -> dict[str, Any]:
     """Serial ports and CAN adapters of this machine; drivers take some seconds to look."""
-    return {"serial": [asdict(port) for port in serial_ports()], "can": [asdict(adapter) for adapter in can_adapters()]}
+    return {"serial": [*map(_plugged_json, serial_ports())], "can": [*map(_plugged_json, can_adapters())]}
+
+
+def _plugged_json(plugged: Plugged) -> dict[str, Any]:
+    return asdict(plugged) | {"listens_only": plugged.url.partition(":")[0] in LISTEN_ONLY}
 
 
 @router.post("/check-link", response_model=LinkCheckOut)
@@ -145,26 +180,38 @@ def check_link(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str,
     """Open a port or a bus for a moment and count what arrives; of one that is read already, what its link counts."""
     if (body.serial is None) == (body.can is None):
         raise invalid("serial", body.serial, Message("one-of-two", names=("serial", "can")))
-    in_force = setup.in_force
+    in_force, batteries = setup.in_force, setup.batteries()
+    parts = setup.parts()
     if body.serial is not None and body.serial == in_force.serial:
-        check = _at_own(live, "rs232")
+        found = _at_own(live, "rs232", body.serial)
     elif body.can is not None and body.can == in_force.can:
-        check = _at_own(live, "can")
+        found = _at_own(live, "can", body.can)
+    elif body.can is not None:
+        carried = {name: each.definitions for name, each in batteries.items() if each.kind == "dbc"}
+        found = check_can(body.can, carried | parts, is_alone=body.is_alone)
     else:
-        battery = setup.batteries().get(body.battery or in_force.battery)
-        mapping = None if battery is None else battery.serial
-        count = None if mapping is None else frame_counter(mapping)
-        check = check_can(body.can) if body.can is not None else check_serial(body.serial or "", mapping, count)
+        battery = batteries.get(body.battery or in_force.battery)
+        others = {name: each.serial for name, each in batteries.items() if each.kind in ("serial", "master")}
+        found = check_serial(body.serial or "", None if battery is None else battery.serial, others)
+    recognised = [
+        {"id": each, "name": batteries[each].battery.name if each in batteries else each, "is_part": each in parts}
+        for each in found.batteries
+    ]
     return {
-        "seconds": CHECK_S,
-        "bytes": check.bytes,
-        "frames": check.frames,
-        "error": rendered_or_none(check.error),
-        "advice": rendered_or_none(check.advice),
+        "url": found.url,
+        "seconds": round(found.seconds, 1),
+        "bytes": found.bytes,
+        "frames": found.frames,
+        "rate_hz": found.rate_hz,
+        "error": rendered_or_none(found.error),
+        "advice": rendered_or_none(found.advice),
+        "trials": [asdict(each) for each in found.trials],
+        "recognised": recognised,
+        "has_checksum": found.has_checksum,
     }
 
 
-def _at_own(live: LivePart, name: LinkName) -> LinkCheck:
+def _at_own(live: LivePart, name: LinkName, url: str) -> LinkCheck:
     """What the link of the service counts meanwhile: two readers would each get half of the bytes."""
 
     def counted() -> tuple[int, int, Text | None]:
@@ -178,7 +225,7 @@ def _at_own(live: LivePart, name: LinkName) -> LinkCheck:
     after = counted()
     frames = after[1] - before[1]
     silent = Message("advice-silent") if name == "rs232" else Message("advice-can-silent")
-    return LinkCheck(after[0] - before[0], frames, after[2], None if frames else silent)
+    return LinkCheck(url, CHECK_S, after[0] - before[0], frames, after[2], None if frames else silent)
 
 
 @router.put("", status_code=202, response_model=ChosenConnectionsOut)

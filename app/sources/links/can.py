@@ -8,7 +8,7 @@ from typing import Any
 from app.clock import Clock
 from app.errors import LinkLost, message_of
 from app.sources.items import CanFault, CanItem, Item, LinkChange
-from app.sources.links.can_bus import can, open_bus, parse_bus
+from app.sources.links.can_bus import bus_reason, can, open_bus, parse_bus
 from app.sources.links.serial import Backoff
 from app.telemetry import BusState
 from app.words import Message, Text
@@ -132,7 +132,7 @@ class CanLink:
             try:
                 bus = open_bus(self._arguments)
             except Exception as error:  # noqa: BLE001  every driver raises its own
-                self._report("lost", message_of(error))
+                self._report("lost", bus_reason(error, self.url))
                 self._stopping.wait(backoff.next_s())
                 continue
             self._report("open")

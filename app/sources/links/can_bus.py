@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from typing import cast
 from urllib.parse import parse_qsl
 
-from app.errors import ConfigError
+from app.errors import ConfigError, message_of
 from app.sources.links.serial_url import check_url
-from app.words import Message
+from app.words import Message, Text
 
 # python-can tries to import asammdf for files that nobody reads here; where that is installed (for exports) it brings
 # pandas and pyarrow: 80 MB and two seconds of every start
@@ -118,6 +118,7 @@ def _is_value(name: str, value: Value) -> bool:
     return abs(value) < _MOST_NUMBER
 
 
+_NOT_THERE = ("No such device", "No such file", "FileNotFoundError")
 _FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # bytes, by their code
 _DIGITS = {"t": 3, "d": 3, "b": 3, "T": 8, "x": 8, "D": 8, "B": 8}  # digits of the id
 _TIMESTAMP = 4  # digits that some adapters append
@@ -142,6 +143,13 @@ def open_bus(arguments: dict[str, str | int | float | bool]) -> can.BusABC:
     if arguments["interface"] != "slcan":
         return can.Bus(**arguments)  # type: ignore[arg-type]
     return cast("can.BusABC", _whole_lines_bus()(**{k: v for k, v in arguments.items() if k != "interface"}))
+
+
+def bus_reason(error: BaseException, url: str) -> Text:
+    """One line about a bus that cannot be opened; one that is not there is named."""
+    if any(each in str(error) for each in _NOT_THERE):
+        return Message("adapter-missing", adapter=url)
+    return message_of(error)
 
 
 def _whole_lines_bus() -> type:

@@ -126,7 +126,7 @@ class SerialLink:
             try:
                 port = self._open()
             except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
-                self._report("lost", reason_of(error))
+                self._report("lost", reason_of(error, self.url))
                 self._stopping.wait(self._backoff.next_s())
                 continue
             self._report("open")
@@ -135,7 +135,7 @@ class SerialLink:
                 self._read_until_lost(port, self._backoff.reset)
             except Exception as error:  # noqa: BLE001  as above
                 if not self._stopping.is_set():
-                    self._report("lost", reason_of(error))
+                    self._report("lost", reason_of(error, self.url))
             finally:
                 with self._write_lock:
                     self._port = None
@@ -214,11 +214,11 @@ def port_reader(port: serial.Serial, clock: Clock) -> Callable[[], tuple[bytes, 
     return read_descriptor
 
 
-def reason_of(error: Exception) -> Text:
-    """One line that a pit crew understands."""
+def reason_of(error: Exception, url: str) -> Text:
+    """One line about a port that a pit crew understands."""
     text = str(error)
     if "No such file" in text or "FileNotFoundError" in text:
-        return Message("no-such-port")
+        return Message("port-missing", port=url)
     if "Permission denied" in text:
         return Message("port-denied")
     if "exclusively lock" in text or "resource busy" in text:

@@ -118,6 +118,18 @@ def open_port(url: str, timeout_s: float, port: Port = MASTER_PORT) -> serial.Se
         bytesize=port.data_bits,
         stopbits=port.stop_bits,
         timeout=timeout_s,
-        write_timeout=1.0,
+        write_timeout=None if url.startswith("rfc2217://") else 1.0,  # pySerial's client has none
         exclusive=True,  # two readers would each get half of the bytes
+    )
+
+
+def set_port(opened: serial.Serial, port: Port) -> None:
+    """Give an open port other settings."""
+    opened.apply_settings(
+        {
+            "baudrate": port.baud,
+            "parity": _PARITIES[port.parity],
+            "bytesize": port.data_bits,
+            "stopbits": port.stop_bits,
+        }
     )

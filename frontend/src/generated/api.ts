@@ -939,10 +939,15 @@ export interface Fleet {
   cars: Car[];
 }
 
-/** A port or an adapter, by the URL that the choice takes. */
+/** A port or an adapter, by the URL that the choice takes; empty: it does not report that. */
 export interface Found {
   url: string;
   description: string;
+  usb_id: string;
+  driver: string;
+  bit_rate: number | null;
+  is_up: boolean;
+  listens_only: boolean;
 }
 
 /** A session without its rows; `battery_files` are names and base64, empty for the team's own battery. */
@@ -1209,13 +1214,18 @@ export interface LimitRow {
   standing: 'within' | 'beyond' | 'pulses';
 }
 
-/** Result of a link check, and the remedy where something is not right. */
+/** What arrived, and what to do where that is not right; `url` has the bit rate that was found. */
 export interface LinkCheck {
+  url: string;
   seconds: number;
   bytes: number;
   frames: number;
+  rate_hz: number;
   error: RenderedMessage | null;
   advice: RenderedMessage | null;
+  trials: Trial[];
+  recognised: Recognised[];
+  has_checksum: boolean | null;
 }
 
 /** One link's trust. */
@@ -1595,6 +1605,13 @@ export interface Reader {
   role: 'viewer' | 'engineer' | 'chief' | null;
   address: string;
   since: number;
+}
+
+/** A battery, or a part of one, whose messages were received. */
+export interface Recognised {
+  id: string;
+  name: string;
+  is_part: boolean;
 }
 
 /** A recorder whose sessions are copied; `last_contact_s` is the unix time of its last answer. */
@@ -2216,7 +2233,16 @@ export interface Trend {
   balanced_s: number;
 }
 
-/** The cause of a trip, determined from the recording seconds after it. */
+/** What arrived at one setting of the port or one bit rate; `battery` where another one was awaited. */
+export interface Trial {
+  setting: string;
+  bytes: number;
+  frames: number;
+  errors: number | null;
+  battery: string | null;
+}
+
+/** What is taken for the cause of a trip, found in the recording seconds after it. */
 export interface TripCause {
   code: string;
   message: RenderedMessage;

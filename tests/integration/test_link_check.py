@@ -1,0 +1,100 @@
+"""The test of a port and of an adapter over HTTP, on simulated batteries behind pseudo-terminals."""
+
+import os
+import sys
+
+import pytest
+
+from app.sources.links.can_bus import open_bus, parse_bus
+from tests.forked import PLUGGED
+from tests.service_process import Service
+from tests.simulator_port import Simulator
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+
+
+@pytest.fixture
+def plugged(tmp_path):
+    """Start a service that finds a serial port and an adapter, and a function that starts what is on them."""
+    serial, can = str(tmp_path / "ttyUSB0"), str(tmp_path / "ttyACM0")
+    service = Service(tmp_path / "data", [], {PLUGGED: os.pathsep.join((serial, can))})
+    started = []
+
+    def simulate(*arguments):
+        started.append(Simulator(["simulate", *arguments], program="app.cli").start())
+        return started[-1]
+
+    yield service, simulate, serial, f"slcan:{can}?sleep_after_open=0"
+    if service.process is not None:
+        service.stop()  # before the terminals close
+    for each in started:
+        each.stop()
+
+
+def check(service, **link):
+    with service.client() as client:
+        answer = client.post("/setup/check-link", json=link)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+
+def orion_on(simulate, can, *more):
+    port = can.removeprefix("slcan:").partition("?")[0]
+    return simulate("--battery", "orion-bms-2", "--can", f"slcan-pty:{port}", "--bit-rate", "250000", *more)
+
+
+def test_a_bus_at_another_rate_is_found_by_listening_and_its_battery_recognised(plugged):
+    service, simulate, _, can = plugged
+    other = orion_on(simulate, can, "--can", "slcan-tcp:0").urls
+    service.start()
+    second = next(url for url in other.values() if "socket://" in url)
+    with open_bus(parse_bus(f"{second}?sleep_after_open=0&bitrate=250000")) as node:  # acknowledges
+        found = check(service, can=can)
+        assert node.recv(5) is not None, "the bus was not disturbed"
+    assert [(each["setting"], each["frames"] > 0) for each in found["trials"]] == [
+        ("500 kbit/s", False),
+        ("250 kbit/s", True),
+    ]
+    assert found["url"] == f"{can}&bitrate=250000"
+    assert found["recognised"] == [{"id": "orion-bms-2", "name": "Orion BMS 2, 72 cells", "is_part": False}]
+    assert found["rate_hz"] == pytest.approx(found["frames"] / found["seconds"], rel=0.1)
+    assert found["advice"] is None
+    service.choose(battery="orion-bms-2", can=found["url"])
+    service.wait_for(lambda each: each["links"]["can"]["url"] == found["url"] and each["links"]["can"]["frames"] > 0)
+
+
+def test_a_battery_that_is_alone_is_found_once_the_adapter_may_acknowledge(plugged):
+    service, simulate, _, can = plugged
+    orion_on(simulate, can)
+    service.start()
+    found = check(service, can=can)
+    assert found["frames"] == 0
+    assert found["advice"]["code"] == "advice-can-unacknowledged"
+    assert len(found["trials"]) == 4
+    found = check(service, can=can, is_alone=True)
+    assert found["frames"] > 0
+    assert found["url"] == f"{can}&bitrate=250000"
+
+
+def test_a_serial_line_of_another_battery_is_recognised_and_its_frames_counted(plugged):
+    service, simulate, serial, _ = plugged
+    simulate("--battery", "jbd", "--serial", f"pty:{serial}")
+    service.start()
+    found = check(service, serial=serial, battery="team")
+    assert found["frames"] > 0
+    assert [each["id"] for each in found["recognised"]] == ["jbd"]
+    assert found["has_checksum"]
+    assert found["trials"][0] == {
+        "setting": "115200 8E1", "bytes": 0, "frames": 0, "errors": None, "battery": None,
+    }  # fmt: skip
+
+
+def test_what_is_plugged_in_says_what_it_is(plugged):
+    service, _, serial, can = plugged
+    service.start()
+    with service.client() as client:
+        found = client.get("/setup/plugged").json()
+    port = next(each for each in found["serial"] if each["url"] == serial)
+    assert (port["usb_id"], port["description"]) == ("0403", "FT232R USB UART")
+    adapter = next(each for each in found["can"] if each["url"] == can.partition("?")[0])
+    assert adapter["listens_only"]
