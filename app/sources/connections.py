@@ -10,7 +10,6 @@ import re
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,8 +18,6 @@ from app.battery.library import bundled_profiles, profile_files
 from app.battery.shape import TEAM_PROFILE
 from app.errors import AppError, ConfigError, NotNow
 from app.sources.data_file import checked, parse_object, replace_file, set_aside
-from app.sources.dbc.dbc_file import parse_definitions
-from app.sources.dbc.definitions import Definitions
 from app.sources.links.can_bus import parse_bus
 from app.sources.links.serial_url import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
@@ -162,6 +159,12 @@ class Setup:
         self.draft = os.urandom(4).hex(), draft
         return self.draft[0]
 
+    def replace_draft(self, draft_id: str, draft: "ProfileDraft") -> "ProfileDraft":
+        """Keep the same draft by more frames, unless another one began or it ended meanwhile; return it."""
+        if self.draft is not None and self.draft[0] == draft_id:
+            self.draft = draft_id, draft
+        return draft
+
     def end_draft(self) -> None:
         """Give the bus of what was being learned free."""
         if self.draft is not None:
@@ -210,16 +213,6 @@ class Setup:
             with contextlib.suppress(Exception):
                 batteries[str(path)] = self._uploaded_battery(path)
         return batteries
-
-    def parts(self) -> dict[str, Definitions]:
-        """Return the messages of what a bus may carry next to a battery, such as a current sensor, by name."""
-        found = {}
-        for name in bundled_profiles():
-            files = profile_files(name)
-            if not any(b"[battery]" in data for data in files.values()):
-                parsed = [parse_definitions(data, file) for file, data in files.items() if not file.endswith(".toml")]
-                found[name] = reduce(Definitions.joined, parsed, Definitions(()))
-        return found
 
     def _uploaded_battery(self, path: Path) -> LoadedBattery:
         """An uploaded battery, read again where its profile changed."""

@@ -2,14 +2,16 @@
 
 import os
 import sys
+from pathlib import Path
 
 import pytest
 
 from app.sources.links.can_bus import open_bus, parse_bus
 from tests.forked import PLUGGED
-from tests.service_process import Service
+from tests.service_process import Service, until
 from tests.simulator_port import Simulator
 
+BUNDLED = Path(__file__).resolve().parents[2] / "app" / "battery" / "bundled"
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
 
@@ -98,3 +100,36 @@ def test_what_is_plugged_in_says_what_it_is(plugged):
     assert (port["usb_id"], port["description"]) == ("0403", "FT232R USB UART")
     adapter = next(each for each in found["can"] if each["url"] == can.partition("?")[0])
     assert adapter["listens_only"]
+
+
+def test_a_round_of_cells_is_recorded_to_its_end_and_can_be_stopped(plugged):
+    service, simulate, _, can = plugged
+    orion_on(simulate, can, "--speed", "4")  # its round takes 37 s
+    service.start()
+    files = {"orion.dbc": (BUNDLED / "orion-bms-2.dbc").read_text()}
+    with service.client() as client:
+
+        def begin():
+            body = {"files": files, "can": f"{can}&bitrate=250000", "seconds": 1}
+            return client.post("/setup/profile-drafts", json=body).json()
+
+        draft = begin()
+        assert draft["is_recording"]
+        draft = client.post(f"/setup/profile-drafts/{draft['id']}", json={"stops": True}).json()
+        assert not draft["is_recording"]
+        stopped_s = draft["recorded_s"]
+        frames = draft["frames"]
+        assert client.post(f"/setup/profile-drafts/{draft['id']}", json={}).json()["frames"] == frames
+        draft, seen = begin(), []
+
+        def has_ended():
+            nonlocal draft
+            draft = client.post(f"/setup/profile-drafts/{draft['id']}", json={}).json()
+            seen.append(draft["recorded_s"])
+            return not draft["is_recording"]
+
+        until(has_ended, 60)
+    assert stopped_s < seen[-1] < draft["most_s"]
+    assert seen == sorted(seen)
+    assert draft["cells"] == 72
+    assert "infer-round-not-complete" not in [each["code"] for each in draft["questions"]]

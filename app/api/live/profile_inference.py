@@ -17,7 +17,13 @@ from app.sources.dbc.check import ProfileIssue
 from app.sources.dbc.frames import Frames, frames_of
 from app.sources.dbc.infer.inference import InferredProfile
 from app.sources.dbc.infer.lines import LINE_UNITS, UNITS, Candidate, Choice, ProfileLine, title
-from app.sources.dbc.infer.profile_draft import Correction, CurrentValue, ProfileDraft, draft_from_files
+from app.sources.dbc.infer.profile_draft import (
+    MOST_S,
+    Correction,
+    CurrentValue,
+    ProfileDraft,
+    draft_from_files,
+)
 from app.sources.dbc.infer.profile_text import profile_text
 from app.sources.dbc.infer.proposal import CellProposal
 from app.sources.dbc.infer.readings import ReadingProposal
@@ -72,9 +78,15 @@ class ProfileIssueOut(BaseModel):
 
 
 class InferredProfileOut(BaseModel):
-    """A suggested profile; `profile` null where no cell voltages are recognised."""
+    """A suggested profile; `profile` null where no cell voltages are recognised.
+
+    A bus is recorded until every cell had its turn, at least 10 s: each correction is answered by all frames so far.
+    """
 
     id: str
+    is_recording: bool
+    recorded_s: float
+    most_s: float
     frames: int
     messages: int
     received: int
@@ -96,7 +108,7 @@ class InferIn(Body):
     can: str | None = Field(None, min_length=1, max_length=300)
     log: int | None = Field(None, description="the upload of a CAN log: POST /imports")
     bus: str = Field("", max_length=100, description="of the log, where an id is on several")
-    seconds: float = Field(10.0, ge=0.5, le=60)
+    seconds: float = Field(10.0, ge=0.5, le=60, description="until the first answer; the recording goes on")
     name: str = Field("", max_length=100)
 
 
@@ -118,6 +130,7 @@ class CorrectionIn(Body):
     parallel: int = Field(1, ge=1, le=1000)
     choices: dict[Name, ChoiceIn] = Field(default_factory=dict, max_length=40)
     profile: str | None = Field(None, max_length=200_000)
+    stops: bool = Field(False, description="end the recording")
 
 
 @router.post("/profile-drafts", response_model=InferredProfileOut)
@@ -137,7 +150,7 @@ def infer_profile_of(body: InferIn, setup: SetupPart, imports: ImportsPart, work
         if listener is not None:
             listener.close()
         raise
-    draft.listener = listener
+    draft.listener, draft.is_recording = listener, listener is not None
     return _draft_json(setup.begin_draft(draft), draft, Correction(), None, workers)
 
 
@@ -153,7 +166,15 @@ def correct_profile(draft_id: str, body: CorrectionIn, setup: SetupPart, workers
         for key, choice in body.choices.items()
     }
     correction = Correction(body.name, tuple(body.segments), body.parallel, choices)
-    return _draft_json(draft_id, setup.draft[1], correction, body.profile, workers)
+    draft = setup.draft[1]
+    if draft.is_recording and draft.listener is not None:
+        more = workers.run(INSPECTION, ProfileDraft.extended, draft, draft.listener.frames(), correction)
+        more.listener, more.is_recording = (
+            draft.listener,
+            more.is_recording and not body.stops and draft.listener.is_open,
+        )
+        draft = setup.replace_draft(draft_id, more)
+    return _draft_json(draft_id, draft, correction, body.profile, workers)
 
 
 def _draft_json(
@@ -166,6 +187,9 @@ def _draft_json(
     survey = draft.survey
     return {
         "id": draft_id,
+        "is_recording": draft.is_recording,
+        "recorded_s": round(draft.recorded_s, 1),
+        "most_s": MOST_S,
         "frames": survey.n_frames,
         "messages": len(survey.definitions.messages),
         "received": len(survey.received),

@@ -12,10 +12,11 @@ from app.api.web.problems import invalid
 from app.api.web.request_body import Body, FileText
 from app.battery.shape import TEAM_PROFILE
 from app.sources.connections import BATTERIES, Connections, Setup
-from app.sources.link_check.can_check import LISTEN_ONLY, check_can
+from app.sources.link_check.can_check import LISTEN_ONLY, check_can, is_same_bus
 from app.sources.link_check.plugged import Plugged, can_adapters, serial_ports
 from app.sources.link_check.result import CHECK_S, LinkCheck
 from app.sources.link_check.serial_check import check_serial
+from app.sources.parts import bundled_parts
 from app.telemetry.events import LinkName
 from app.words import Message, RenderedMessage, Text, rendered_or_none
 
@@ -181,14 +182,15 @@ def check_link(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str,
     if (body.serial is None) == (body.can is None):
         raise invalid("serial", body.serial, Message("one-of-two", names=("serial", "can")))
     in_force, batteries = setup.in_force, setup.batteries()
-    parts = setup.parts()
+    parts = bundled_parts()
     if body.serial is not None and body.serial == in_force.serial:
         found = _at_own(live, "rs232", body.serial)
-    elif body.can is not None and body.can == in_force.can:
+    elif body.can is not None and is_same_bus(body.can, in_force.can):
         found = _at_own(live, "can", body.can)
     elif body.can is not None:
+        setup.end_draft()  # it may have the adapter open
         carried = {name: each.definitions for name, each in batteries.items() if each.kind == "dbc"}
-        found = check_can(body.can, carried | parts, is_alone=body.is_alone)
+        found = check_can(body.can, {**carried, **parts}, is_alone=body.is_alone)
     else:
         battery = batteries.get(body.battery or in_force.battery)
         others = {name: each.serial for name, each in batteries.items() if each.kind in ("serial", "master")}

@@ -42,6 +42,11 @@ class BusListener:
         self._thread = threading.Thread(target=self._run, name="learn", daemon=True)
         self._thread.start()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether more frames may come."""
+        return not self._ended.is_set()
+
     def frames(self) -> Frames:
         """Return the frames received so far; it stays open."""
         self._asked_s = time.monotonic()

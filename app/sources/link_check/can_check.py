@@ -15,6 +15,7 @@ from app.sources.dbc.definitions import Definitions
 from app.sources.link_check.result import CHECK_S, POLL_S, LinkCheck, Trial
 from app.sources.links.can import COUNTING
 from app.sources.links.can_bus import DEFAULT_BIT_RATE, Value, bus_reason, can, open_bus, parse_bus
+from app.sources.parts import is_present
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
@@ -30,7 +31,6 @@ LISTEN_ONLY: Mapping[str, Mapping[str, Any]] = {  # how python-can opens an inte
     "vector": {"listen_only": True},
 }
 RATE_BY_SYSTEM = ("socketcan", "socketcand", "virtual", "udp_multicast")  # the bit rate is set elsewhere, or none is
-_LEAST_SHARE = 0.5  # share of a battery's messages
 _SETTLE_S = 0.1  # for frames of the rate before
 _Seen = Counter[tuple[int, int]]  # id with bit 31 for 29-bit ones, length
 
@@ -83,10 +83,20 @@ def check_can(url: str, batteries: Mapping[str, Definitions] | None = None, *, i
     )
 
 
+def without_bit_rate(url: str) -> str:
+    """Return a bus without the bit rate that it names."""
+    bare = re.sub(r"[?&]bitrate=[^&]*", "", url)
+    return bare.replace("&", "?", 1) if "?" not in bare else bare
+
+
+def is_same_bus(url: str, other: str | None) -> bool:
+    """Whether two name the same bus, at whatever bit rate."""
+    return other is not None and without_bit_rate(url) == without_bit_rate(other)
+
+
 def with_bit_rate(url: str, rate: Value | None) -> str:
     """Return a bus with its bit rate, in place of one that it names."""
-    bare = re.sub(r"[?&]bitrate=[^&]*", "", url)
-    bare = bare.replace("&", "?", 1) if "?" not in bare else bare
+    bare = without_bit_rate(url)
     return f"{bare}{'&' if '?' in bare else '?'}bitrate={rate}"
 
 
@@ -132,10 +142,8 @@ def _batteries(seen: _Seen, batteries: Mapping[str, Definitions]) -> tuple[str, 
     ids = {can_id for can_id, _ in seen}
     found = []
     for name, definitions in batteries.items():
-        own = definitions.by_id()
-        n = len(ids & own.keys())
-        if n and n >= _LEAST_SHARE * len(own):
-            found.append((-n, name))
+        if is_present(definitions, ids):
+            found.append((-len(ids & definitions.by_id().keys()), name))
     return tuple(name for _, name in sorted(found))
 
 

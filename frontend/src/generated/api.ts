@@ -1074,6 +1074,9 @@ export interface InferredLine {
 /** A suggested profile; `profile` null where no cell voltages are recognised. */
 export interface InferredProfile {
   id: string;
+  is_recording: boolean;
+  recorded_s: number;
+  most_s: number;
   frames: number;
   messages: number;
   received: number;

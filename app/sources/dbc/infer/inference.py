@@ -45,6 +45,7 @@ class InferredProfile:
     source: DbcMapping
     lines: dict[str, ProfileLine]  # by key: voltage, temperature, current, ..., state.closed, ..., limit....
     questions: tuple[Text, ...]
+    is_round_complete: bool = True  # every cell that frames number had its turn
 
     @property
     def voltage(self) -> CellProposal:
@@ -123,11 +124,9 @@ def infer_profile(
     cells = {kind: _checked(survey, entries) for kind, entries in cells.items()}
     source = DbcMapping(dbc, cells)
     received = _decoded(survey, battery, source, frames)
-    if (
-        "voltage" in received
-        and any(entry.numbers for entry in voltage.entries)
-        and not _came_round(received["voltage"])
-    ):
+    is_numbered = any(entry.numbers for entry in voltage.entries)
+    is_round_complete = not is_numbered or _is_round_complete(received.get("voltage"))
+    if is_numbered and "voltage" in received and not _came_round(received["voltage"]):
         questions.append(Message("infer-round-not-complete", n=battery.n_cells))
     sum_v = _sum_of_cells(received.get("voltage"), battery.n_cells)
     facts = _facts(received.get("voltage"), battery.n_cells)
@@ -144,7 +143,7 @@ def infer_profile(
     if current is not None and current.is_taken and len(frames):
         unknown = Message("infer-sign-unknown")
         questions += [unknown] if unknown in current.chosen.reasons else []
-    return InferredProfile(*taken(battery, source, lines), lines, tuple(questions))
+    return InferredProfile(*taken(battery, source, lines), lines, tuple(questions), is_round_complete)
 
 
 def taken(battery: Battery, source: DbcMapping, lines: dict[str, ProfileLine]) -> tuple[Battery, DbcMapping]:
@@ -290,6 +289,11 @@ def _decoded(survey: BusSurvey, battery: Battery, source: DbcMapping, frames: Fr
 def _came_round(voltages: ChannelValues) -> bool:
     """Whether cells that frames number began anew: before, there may be more than were received."""
     return bool(np.any(np.diff(voltages.index) < 0))
+
+
+def _is_round_complete(voltages: ChannelValues | None) -> bool:
+    """Whether the first cell that was received came once more, after others."""
+    return voltages is not None and bool(np.any(np.diff((voltages.index == voltages.index[0]).astype(int)) > 0))
 
 
 def _sum_of_cells(voltages: ChannelValues | None, n_cells: int) -> float:

@@ -23,9 +23,11 @@ from app.sources.dbc.infer.lines import Choice, ProfileLine, find_signal
 from app.sources.dbc.infer.profile_text import profile_text
 from app.sources.dbc.infer.states import StateProposal
 from app.sources.dbc.listening import BusListener
+from app.sources.parts import parts_on
 from app.words import Message
 
 PROFILE = "profile.toml"
+LEAST_S, MOST_S = 10.0, 120.0  # of a recording: then sign and periods are seen, and the longest round of cells
 Run = Callable[..., Any]  # calls a function with arguments that can be pickled, here or in a limited process
 
 
@@ -69,12 +71,26 @@ class ProfileDraft:
         self._frames = frames
         self._name = name
         self.listener: BusListener | None = None  # receives from the bus of the frames
+        self.is_recording = False  # frames of the bus are still added
         self._last: tuple[Correction, InferredProfile | None, list[ProfileIssue]] | None = None
         self._checked: tuple[str, list[ProfileIssue]] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for another process: all but the open bus."""
         return self.__dict__ | {"listener": None}
+
+    @property
+    def recorded_s(self) -> float:
+        """Time between the first and the last frame that the suggestion is based on [s]."""
+        return self.survey.duration_s
+
+    def extended(self, frames: Frames, correction: Correction) -> "ProfileDraft":
+        """Return the draft by more frames of the same bus, inferred; it still records where they are not enough."""
+        draft = ProfileDraft(self.survey.definitions, self._files, frames, self._name)
+        inferred, _ = draft.inferred(correction)
+        is_enough = inferred is None or inferred.is_round_complete
+        draft.is_recording = draft.recorded_s < (LEAST_S if is_enough else MOST_S)
+        return draft
 
     def close(self) -> None:
         """Give the bus free."""
@@ -154,7 +170,7 @@ def _running(values: ChannelValues, size: int, now_ns: int, line: ProfileLine, r
 
 
 def draft_from_files(files: Mapping[str, str], received: Frames | Path, name: str, bus: str = "") -> ProfileDraft:
-    """Return the draft that files suggest.
+    """Return the draft that files suggest; the messages of a bundled part that are received belong to it.
 
     Args:
         files: message definitions as text, by file name.
@@ -169,6 +185,7 @@ def draft_from_files(files: Mapping[str, str], received: Frames | Path, name: st
     for file, text in files.items():
         definitions = definitions.joined(parse_definitions(text.encode(), file))
     frames = received if isinstance(received, Frames) else load_log_of_bus(received, definitions, bus)
-    draft = ProfileDraft(definitions, tuple(files), frames, name or Path(next(iter(files))).stem)
+    definitions, parts = parts_on({int(can_id) for can_id in np.unique(frames.can_id)}, definitions)
+    draft = ProfileDraft(definitions, (*files, *parts), frames, name or Path(next(iter(files))).stem)
     draft.inferred(Correction())
     return draft

@@ -13,10 +13,11 @@ from app.battery.profile import read_document, understand
 from app.errors import ImportFailed
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
-from app.sources.dbc.infer.lines import Choice
+from app.sources.dbc.infer.lines import Choice, title
 from app.sources.dbc.infer.profile_draft import Correction, ProfileDraft, draft_from_files
 from app.sources.dbc.infer.profile_text import profile_text
 from app.sources.dbc.listening import BusListener
+from app.sources.loaded_battery import load_battery
 from tests.naming_habits import letters_in_numbered_messages, pairs_in_fd_frames
 
 PEER = letters_in_numbered_messages()
@@ -180,3 +181,41 @@ def test_a_file_that_cannot_be_read_is_named_also_where_others_can(tmp_path, fil
     files = {"ours.dbc": PAIRS.dbc()} | ({file: text} if file == "bad.dbc" else {})
     with pytest.raises(ImportFailed, match=file.replace(".", r"\.")):
         draft_from_files(files, tmp_path / "run.log" if file == "run.log" else frames_of([]), "x")
+
+
+def orion_frames(rounds_of_72, seconds_a_cell=0.1, *, first=30):
+    """An Orion's broadcast of 72 cells that begins in the middle of a round."""
+    battery = load_battery("orion-bms-2")
+    message = battery.definitions.messages[0]
+    frames = []
+    for k in range(round(72 * rounds_of_72)):
+        cell = (first + k) % 72
+        body = bytes((cell, 0x8F, 0x20 + cell % 7, 0x12, 0x34, 0x8F, 0x10))
+        check = (sum(body) + message.can_id + 8) & 0xFF
+        frames.append((round(1e9 * seconds_a_cell * k), message.can_id, body + bytes((check,))))
+    return battery.definitions, frames_of(frames)
+
+
+@pytest.mark.parametrize(
+    ("rounds", "seconds_a_cell", "goes_on"),
+    [(0.5, 0.5, True), (0.9, 0.5, True), (1.05, 0.5, False), (1.5, 0.05, True), (0.9, 2.0, False)],
+    ids=["half a round", "wrapped, not all cells", "a whole round", "a whole round within 10 s", "after 2 min"],
+)
+def test_a_bus_is_recorded_until_every_cell_had_its_turn(rounds, seconds_a_cell, goes_on):
+    definitions, frames = orion_frames(rounds, seconds_a_cell)
+    empty = ProfileDraft(definitions, ("orion.dbc",), frames_of([]), "x")
+    draft = empty.extended(frames, Correction())
+    assert draft.is_recording is goes_on
+    assert draft.recorded_s == pytest.approx((len(frames) - 1) * seconds_a_cell)
+
+
+def test_the_messages_of_a_current_sensor_on_the_same_bus_belong_to_the_draft(tmp_path):
+    values = [(round(1e7 * k), bytes((0, k % 16, *(1000 + k).to_bytes(4, "big")))) for k in range(300)]
+    sensor = [(t_ns, can_id, data) for t_ns, data in values for can_id in (0x521, 0x522, 0x523, 0x524)]
+    own = list(FRAMES)
+    draft = draft_from_files({"x.dbc": PEER.dbc()}, frames_of(own), "x")
+    assert "ivt-s.dbc" not in profile_text(draft.inferred(Correction())[0])
+    draft = draft_from_files({"x.dbc": PEER.dbc()}, frames_of(sorted(own + sensor)), "x")
+    inferred, _ = draft.inferred(Correction())
+    assert "ivt-s.dbc" in profile_text(inferred)
+    assert "IVT_Result_I.IVT_Current" in [title(each) for each in inferred.lines["current"].candidates]
