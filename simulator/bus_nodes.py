@@ -53,6 +53,25 @@ class ChargerOnBus:
             self.unit.receive(frame.data)
 
 
+class CarUnits:
+    """The other units of the car, such as its ECU: they acknowledge what is sent, and send nothing."""
+
+    is_listening_only = False
+
+    def __init__(self, bit_rate: Callable[[], int]) -> None:
+        self._bit_rate = bit_rate
+        self._rate = 0
+
+    @property
+    def bit_rate(self) -> int:
+        """That of the bus, also while the battery is off [bit/s]."""
+        self._rate = self._bit_rate() or self._rate
+        return self._rate
+
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        """Ignore it."""
+
+
 class BabblingNode:
     """A node that occupies the bus with frames of the highest priority, for a share of the time."""
 

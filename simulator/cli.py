@@ -16,6 +16,7 @@ from simulator.errors import InputError, SimulatorError
 from simulator.inputs import FOR_S, MAX_SPEED, MIN_SPEED, SEED, number_option
 
 if TYPE_CHECKING:
+    from simulator.can_ports import CanPort
     from simulator.dbc_battery.battery import DbcBattery
     from simulator.runner import Runner
     from simulator.scenario import Scenario
@@ -159,9 +160,8 @@ def _simulate(arguments: argparse.Namespace, scenario: Scenario, battery: DbcBat
     player.on_notice = _print_notice
     serial = None if arguments.serial is None else byte_port(arguments.serial)
     can = [can_port(text) for text in arguments.can]
-    if battery is not None and battery.voice.has_fd_frames:
-        for port in can:
-            port.carry_fd()
+    if battery is not None:
+        _fit(can, battery)
     runner = Runner(player.simulation, serial=serial, can=can, speed=arguments.speed)
     control = None if arguments.control is None else ControlServer(arguments.control, Control(player, runner))
     runner.open()
@@ -187,6 +187,16 @@ def _simulate(arguments: argparse.Namespace, scenario: Scenario, battery: DbcBat
         if control is not None:
             control.close()
         runner.close()
+
+
+def _fit(ports: list[CanPort], battery: DbcBattery) -> None:
+    from simulator.can_ports import LogPort
+
+    for port in ports:
+        if isinstance(port, LogPort):
+            port.bit_rate = battery.bit_rate
+        if battery.voice.has_fd_frames:
+            port.carry_fd()
 
 
 def _print_notice(notice: Notice) -> None:

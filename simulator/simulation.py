@@ -86,6 +86,7 @@ class Simulation(Vehicle):
         self.board = Board(eeprom or Eeprom(), self.rng, sensor_inputs)
         self.master_on_bus = MasterOnBus(lambda: self.master)
         self.bus.attach(self.master_on_bus)
+        self.bus.attach(self.units)
         self.bus.attach(self.charger)
         self.bus.attach(self.babbler, max_waiting=4096)
         self.line = UartLine(self.rng)

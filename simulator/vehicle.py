@@ -13,7 +13,7 @@ import numpy as np
 from firmware_protocol.messages import CommandId
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.bms_state import ChargingState, RelayState
-from simulator.bus_nodes import BabblingNode, ChargerOnBus
+from simulator.bus_nodes import BabblingNode, CarUnits, ChargerOnBus
 from simulator.can_bus import CanBus
 from simulator.charger_unit import ChargerParameters, ChargerUnit
 from simulator.loads import Load, Rest
@@ -138,6 +138,7 @@ class Vehicle:
         self.accumulator = Accumulator(parameters, self.rng)
         self.charger = ChargerOnBus(ChargerUnit(charger, ambient_degc=parameters.ambient_degc))
         self.babbler = BabblingNode(lambda: int(self.master_on_bus.bit_rate))
+        self.units = CarUnits(lambda: int(self.master_on_bus.bit_rate))
         self.bus = CanBus(self.rng)
         self.link = LinkCircuit()
         self.serial_out: Callable[[bytes], None] | None = None

@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BIT/S",
         help=f"bit rate of the battery's CAN bus, with --battery: {', '.join(map(str, BIT_RATES))} (default: 500000)",
     )
+    parser.add_argument(
+        "--alone", action="store_true", help="with --battery: no other unit of the car is on the bus to acknowledge"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,10 +57,10 @@ def run(args: argparse.Namespace) -> int:
     source, serial = loaded.dbc_mapping, loaded.serial
     if serial is not None:
         return run_simulator(args, simulated_serial(loaded, serial))
-    battery = None if source is None else simulated(loaded, source)
-    if battery is not None and args.bit_rate is not None:
-        battery = replace(battery, bit_rate=args.bit_rate)
-    return run_simulator(args, battery)
+    if source is None:
+        return run_simulator(args)
+    battery = simulated(loaded, source)
+    return run_simulator(args, replace(battery, bit_rate=args.bit_rate or battery.bit_rate, is_alone=args.alone))
 
 
 def simulated_serial(loaded: LoadedBattery, mapping: SerialMapping) -> DbcBattery:

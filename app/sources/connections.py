@@ -206,7 +206,7 @@ class Setup:
     def batteries(self) -> dict[str, LoadedBattery]:
         """Return bundled, uploaded and present batteries by what `--battery` takes, without those that are wrong."""
         batteries = {}
-        for name in (*bundled_profiles(), self.in_force.battery):
+        for name in (self.in_force.battery, *bundled_profiles()):
             with contextlib.suppress(Exception):
                 batteries[name] = load_battery(name)
         for path in _uploaded(self._folder):

@@ -93,6 +93,7 @@ class DbcBattery:
     voice: BatteryEncoder
     serial: SerialVoice | None = None
     bit_rate: int = 500_000  # rate of its bus [bit/s]
+    is_alone: bool = False  # nobody else on the bus acknowledges
 
     @property
     def size(self) -> float:

@@ -57,8 +57,9 @@ class BatterySimulation(Vehicle):
         self.shape = battery.shape
         self.board = SensorBoard(battery, self.rng)
         self.master_on_bus = BmsOnBus(self)
-        self.charger.bit_rate_plugged = battery.bit_rate
         self.bus.attach(self.master_on_bus, _MAX_WAITING)
+        if not battery.is_alone:
+            self.bus.attach(self.units)
         self.bus.attach(self.babbler, _MAX_WAITING)
         self._slow_due_s = 0.0
         self.bms: Bms | None = None

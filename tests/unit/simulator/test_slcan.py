@@ -100,3 +100,25 @@ def test_frames_of_can_fd_are_spelled_with_the_code_of_their_length(computer):
     computer.send(CanFrame(0x100, False, bytes(range(12))))
     computer.send(CanFrame(0x18FF50E5, True, bytes(64)))
     assert computer.received.endswith(b"b1009000102030405060708090A0B\rB18FF50E5F" + 64 * b"00" + b"\r")
+
+
+@pytest.mark.parametrize(
+    ("opens", "arrives"), [(b"S5\rL\r", True), (b"S5\rO\r", False)], ids=["listens", "acknowledges"]
+)
+def test_a_wrong_rate_gives_no_frames_and_disturbs_the_bus_only_where_it_acknowledges(computer, opens, arrives):
+    class Third:
+        bit_rate, is_listening_only = 500_000, False
+
+        def __init__(self):
+            self.frames = []
+
+        def can_received(self, frame, now_s):
+            self.frames.append(frame)
+
+    third = Third()
+    computer.bus.attach(third)
+    computer.says(b"C\r" + opens)
+    computer.send(CanFrame(0x100, False, b"\x01"))
+    assert computer.received.strip(b"\r") == b""
+    assert bool(third.frames) is arrives
+    assert (computer.bus.error_frames > 0) is not arrives

@@ -88,7 +88,7 @@ class ProfileDraft:
         """Return the draft by more frames of the same bus, inferred; it still records where they are not enough."""
         draft = ProfileDraft(self.survey.definitions, self._files, frames, self._name)
         inferred, _ = draft.inferred(correction)
-        is_enough = inferred is None or inferred.is_round_complete
+        is_enough = not draft.survey.received if inferred is None else inferred.is_round_complete
         draft.is_recording = draft.recorded_s < (LEAST_S if is_enough else MOST_S)
         return draft
 

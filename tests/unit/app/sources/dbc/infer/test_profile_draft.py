@@ -198,8 +198,15 @@ def orion_frames(rounds_of_72, seconds_a_cell=0.1, *, first=30):
 
 @pytest.mark.parametrize(
     ("rounds", "seconds_a_cell", "goes_on"),
-    [(0.5, 0.5, True), (0.9, 0.5, True), (1.05, 0.5, False), (1.5, 0.05, True), (0.9, 2.0, False)],
-    ids=["half a round", "wrapped, not all cells", "a whole round", "a whole round within 10 s", "after 2 min"],
+    [(0.4, 0.5, True), (0.5, 0.5, True), (0.9, 0.5, True), (1.05, 0.5, False), (1.5, 0.05, True), (0.9, 2.0, False)],
+    ids=[
+        "too few to see cells",
+        "half a round",
+        "wrapped, not all cells",
+        "a whole round",
+        "a whole round within 10 s",
+        "after 2 min",
+    ],
 )
 def test_a_bus_is_recorded_until_every_cell_had_its_turn(rounds, seconds_a_cell, goes_on):
     definitions, frames = orion_frames(rounds, seconds_a_cell)
