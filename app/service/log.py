@@ -12,6 +12,8 @@ from typing import TextIO
 
 WINDOW_S = 10.0
 MOST = 20  # lines of one kind in a window
+DRIVERS = "can"  # python-can's loggers: an adapter that is missing is opened again all day, and says the same each time
+DRIVERS_WINDOW_S, DRIVERS_MOST = 3600.0, 1
 _MOST_KINDS = 1000
 _MOST_WAITING = 1000  # lines; then the newest are left out
 _END_S = 2.0
@@ -26,7 +28,7 @@ class _Window:
 class RepeatFilter(logging.Filter):
     """Lets MOST lines of one kind through in WINDOW_S; the first one after says how many were left out.
 
-    A kind is who logs, how grave, and the text before its values are filled in.
+    Of a driver of python-can it is one an hour. A kind is who logs, how grave, and the text before its values.
     """
 
     def __init__(self) -> None:
@@ -36,17 +38,19 @@ class RepeatFilter(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         """Tell whether to write the line; one that stands for others says so."""
         kind = (record.name, record.levelno, str(record.msg)[:200])
+        is_driver = record.name.partition(".")[0] == DRIVERS
+        window_s, most = (DRIVERS_WINDOW_S, DRIVERS_MOST) if is_driver else (WINDOW_S, MOST)
         window = self._windows.get(kind)
-        if window is None or not 0 <= record.created - window.began_s < WINDOW_S:
+        if window is None or not 0 <= record.created - window.began_s < window_s:
             if len(self._windows) >= _MOST_KINDS:
                 self._windows.clear()
             self._windows[kind] = _Window(record.created, 1)
-            if window is not None and window.lines > MOST:
+            if window is not None and window.lines > most:
                 text = record.getMessage()
-                record.msg, record.args = f"{text} (and {window.lines - MOST:,} more of this kind before)", ()
+                record.msg, record.args = f"{text} (and {window.lines - most:,} more of this kind before)", ()
             return True
         window.lines += 1
-        return window.lines <= MOST
+        return window.lines <= most
 
 
 class QueuedLines(QueueHandler):

@@ -56,6 +56,11 @@ class LoadedBattery:
         return self.source.means_s if isinstance(self.source, TableMapping) else 0.0
 
     @property
+    def has_checksum(self) -> bool | None:
+        """Whether each frame on its serial line has a checksum; None where it is on none."""
+        return True if self.has_memory_map else None if self.serial is None else self.serial.has_checksum
+
+    @property
     def kind(self) -> Literal["master", "dbc", "serial", "table"]:
         """Return the kind of source it is read by."""
         if self.has_memory_map:

@@ -1,6 +1,7 @@
 """The test of a port and of an adapter over HTTP, on simulated batteries behind pseudo-terminals."""
 
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -129,3 +130,21 @@ def test_a_round_of_cells_is_recorded_to_its_end_and_can_be_stopped(plugged):
     assert seen == sorted(seen)
     assert draft["cells"] == 72
     assert "infer-round-not-complete" not in [each["code"] for each in draft["questions"]]
+
+
+def test_an_adapter_that_is_missing_is_named_and_its_drivers_do_not_flood_the_terminal(plugged):
+    service = plugged[0]
+    missing = "slcan:/dev/ttyACM77?sleep_after_open=0"
+    service.arguments = ["--battery", "orion-bms-2", "--can", missing]
+    service.start()
+    lost = service.wait_for(lambda each: each["links"]["can"]["state"] == "lost")
+    assert missing in lost["links"]["can"]["error"]["text"]
+    with service.client() as client:
+        for _ in range(4):
+            assert client.get("/setup/plugged").status_code == 200
+            assert (
+                missing
+                in client.post("/setup/check-link", json={"can": f"{missing}&timeout=1"}).json()["error"]["text"]
+            )
+    of_drivers = [each.split(maxsplit=2)[-1] for each in service.lines if re.search(r" can(\.|:)", each)]
+    assert len(of_drivers) == len(set(of_drivers)), "each once"

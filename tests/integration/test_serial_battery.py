@@ -67,7 +67,8 @@ def test_the_thesis_master_shows_all_cells_whatever_its_stream(make_service, tmp
         assert snapshot["accumulator"]["current_a"] == pytest.approx(current_a(K))
         assert snapshot["links"]["rs232"]["state"] == "live"
         with service.client() as client:
-            assert client.get("/battery").json()["can_write"] is False
+            body = client.get("/battery").json()
+            assert (body["can_write"], body["has_checksum"]) == (False, False)
             assert client.put("/config", json={"values": {}}, headers={"If-Match": '"x"'}).status_code == 409
         service.stop()
         assert line.received.startswith(b"x")

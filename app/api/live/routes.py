@@ -71,7 +71,8 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
 def battery(battery: BatteryPart, live: LivePart) -> dict[str, Any]:
     """Shape, drawing, sensors and limits of the battery, and whether its configuration can be written."""
     limits = None if live.snapshot is None else live.snapshot.limits
-    return battery_json(battery.battery, battery.kind, block_reason(battery), limits)
+    why_not = block_reason(battery)
+    return battery_json(battery.battery, battery.kind, why_not, limits, has_checksum=battery.has_checksum)
 
 
 @router.get("/history", responses={200: {"model": HistoryOut}})

@@ -12,7 +12,10 @@ from app.words import Message, RenderedMessage, rendered_or_none
 
 
 class BatteryOut(BaseModel):
-    """Cells count through the packs from 0; `segments` are sizes of packs, `order` and `turned` name packs from 0."""
+    """Cells count through the packs from 0; `segments` are sizes of packs, `order` and `turned` name packs from 0.
+
+    `has_checksum` is of the frames on its serial line, null without one.
+    """
 
     name: str
     segments: list[int]
@@ -23,6 +26,7 @@ class BatteryOut(BaseModel):
     limits: dict[str, Number]
     rules: dict[str, float]
     source: Literal["master", "dbc", "serial", "table", "recording"]
+    has_checksum: bool | None
     can_write: bool
     why_not: RenderedMessage | None
 
@@ -32,6 +36,8 @@ def battery_json(
     source: Literal["master", "dbc", "serial", "table", "recording"],
     why_not: Message | None,
     limits: ProtectionLimits | None = None,
+    *,
+    has_checksum: bool | None = None,
 ) -> dict[str, Any]:
     """Return the body of `GET battery`.
 
@@ -40,6 +46,7 @@ def battery_json(
         source: how it is received.
         why_not: why nothing can be written to it; None where it can.
         limits: in force, for those that the profile does not state as numbers.
+        has_checksum: of the frames on its serial line.
     """
     return {
         "name": battery.name,
@@ -51,6 +58,7 @@ def battery_json(
         "limits": {name: _limit(battery, name, limits) for name in LIMITS},
         "rules": battery.rules,
         "source": source,
+        "has_checksum": has_checksum,
         "can_write": why_not is None,
         "why_not": rendered_or_none(why_not),
     }

@@ -11,7 +11,8 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from app.sources.links.can_bus import can
 
-_NO_ADAPTERS = ("virtual", "udp_multicast", "serial", "socketcan")  # on every machine, or listed by the system
+_NO_ADAPTERS = ("virtual", "udp_multicast", "serial", "socketcan", "socketcand")
+# on every machine, listed by the system, or on the network: a search there takes all of its time
 _SEARCH_S = 3.0
 _IP_S = 2.0
 _SYSTEM = Path("/sys/class")

@@ -47,11 +47,6 @@ def setting_of(port: Port) -> str:
     return f"{port.baud} {port.data_bits}{port.parity[0].upper()}{port.stop_bits:g}"
 
 
-def has_checksum(mapping: SerialMapping | None) -> bool:
-    """Whether every frame of a line has a checksum; those of our own master have."""
-    return mapping is None or (not mapping.lines and all(each.checksum is not None for each in mapping.frames))
-
-
 def has_settings(url: str) -> bool:
     """Whether a port has a rate and a parity: a bare socket has none."""
     return not url.startswith("socket://")
@@ -104,7 +99,7 @@ def check_serial(
     finally:
         port.close()
     received = best.bytes if best.frames else max(each.bytes for each in trials)
-    checked = has_checksum(mapping) if best.battery is None else True
+    is_checked = best.battery is not None or mapping is None or mapping.has_checksum
     return LinkCheck(
         url,
         seconds,
@@ -113,7 +108,7 @@ def check_serial(
         advice=_advice(own, best, received),
         trials=tuple(trials),
         batteries=() if best.battery is None else (best.battery,),
-        has_checksum=checked if best.frames else None,
+        has_checksum=is_checked if best.frames else None,
     )
 
 
@@ -126,7 +121,7 @@ def _others(
         settings += [replace(own.port, parity=each) for each in get_args(Parity) if each != own.port.parity]
         yield from (_Listening(each, own.mapping, seconds=SETTING_S, asks=False) for each in settings[1:])
     for name, mapping in batteries.items():
-        if mapping != own.mapping and has_checksum(mapping):
+        if mapping != own.mapping and (mapping is None or mapping.has_checksum):
             port = MASTER_PORT if mapping is None else mapping.port
             yield _Listening(port, mapping, name, BATTERY_S, asks=not has_bytes)
     if has_bytes and has_rate:

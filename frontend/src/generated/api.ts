@@ -124,6 +124,7 @@ export interface Battery {
   limits: Record<string, number | null>;
   rules: Record<string, number>;
   source: 'master' | 'dbc' | 'serial' | 'table' | 'recording';
+  has_checksum: boolean | null;
   can_write: boolean;
   why_not: RenderedMessage | null;
 }

@@ -1508,6 +1508,8 @@ export interface Texts {
   'system.never': null;
   'system.frames_lost': null;
   'system.crc_errors': null;
+  'system.checksum': null;
+  'system.no_checksum': null;
   'system.resynchronisations': null;
   'system.reconnects': null;
   'system.last_error': null;

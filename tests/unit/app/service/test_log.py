@@ -20,6 +20,17 @@ def test_many_lines_of_one_kind_become_a_few_and_a_count():
     assert later.getMessage() == f"no room (and {162_000 - MOST:,} more of this kind before)"
 
 
+def test_a_driver_that_repeats_itself_is_written_once_an_hour():
+    def said(at_s):
+        record = line("%s was not properly shut down", "slcanBus", at_s=at_s)
+        record.name = "can.bus"
+        return few.filter(record), record.getMessage()
+
+    few = RepeatFilter()
+    assert [said(at_s)[0] for at_s in range(0, 3600, 2)].count(True) == 1
+    assert said(3600.0) == (True, "slcanBus was not properly shut down (and 1,799 more of this kind before)")
+
+
 def test_lines_of_other_kinds_are_written():
     few = RepeatFilter()
     for number in range(MOST + 1):

@@ -12,6 +12,7 @@ from app.sources.connections import Connections, Setup
 from app.sources.link_check import can_check
 from app.sources.link_check.can_check import check_can, with_bit_rate
 from app.sources.links.can_bus import bus_reason
+from app.sources.parts import bundled_parts
 from app.words import Message
 
 
@@ -72,10 +73,10 @@ def test_a_bit_rate_takes_the_place_of_the_one_before(url, expected):
 
 
 def test_the_messages_of_batteries_and_parts_are_recognised(tmp_path):
-    setup = Setup(tmp_path, Connections())
-    parts = setup.parts()
+    parts = bundled_parts()
     assert set(parts) == {"ivt-s"}
-    known = {name: each.definitions for name, each in setup.batteries().items() if each.kind == "dbc"}
+    batteries = Setup(tmp_path, Connections()).batteries()
+    known = {name: each.definitions for name, each in batteries.items() if each.kind == "dbc"}
     ids = [each.can_id for each in parts["ivt-s"].messages]
     stopped = threading.Event()
 
@@ -87,7 +88,7 @@ def test_the_messages_of_batteries_and_parts_are_recognised(tmp_path):
     with can.Bus("ivt", interface="virtual") as node:
         thread = threading.Thread(target=send, args=(node,), daemon=True)
         thread.start()
-        found = check_can("virtual:ivt", known | parts)
+        found = check_can("virtual:ivt", {**known, **parts})
         stopped.set()
         thread.join()
     assert found.batteries == ("ivt-s",)

@@ -193,5 +193,4 @@ def test_a_port_that_is_not_there_is_named():
 
 @pytest.mark.parametrize(("name", "has"), [("jbd", True), ("thesis-struct", False), ("ascii-line", False)])
 def test_a_profile_without_a_checksum_is_known_as_one(name, has):
-    assert serial_check.has_checksum(mapping(name)) is has
-    assert serial_check.has_checksum(None)
+    assert mapping(name).has_checksum is has
