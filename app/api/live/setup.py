@@ -12,11 +12,11 @@ from app.api.web.problems import invalid
 from app.api.web.request_body import Body, FileText
 from app.battery.shape import TEAM_PROFILE
 from app.sources.connections import BATTERIES, Connections, Setup
+from app.sources.dbc.parts import bundled_parts
 from app.sources.link_check.can_check import LISTEN_ONLY, check_can, is_same_bus
 from app.sources.link_check.plugged import Plugged, can_adapters, serial_ports
 from app.sources.link_check.result import CHECK_S, LinkCheck
 from app.sources.link_check.serial_check import check_serial
-from app.sources.parts import bundled_parts
 from app.telemetry.events import LinkName
 from app.words import Message, RenderedMessage, Text, rendered_or_none
 

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.sources.dbc.definitions import Definitions
+from app.sources.dbc.parts import is_present
 from app.sources.link_check.result import CHECK_S, POLL_S, LinkCheck, Trial
 from app.sources.links.can import COUNTING
 from app.sources.links.can_bus import DEFAULT_BIT_RATE, Value, bus_reason, can, open_bus, parse_bus
-from app.sources.parts import is_present
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 

@@ -23,11 +23,11 @@ from app.sources.dbc.infer.lines import Choice, ProfileLine, find_signal
 from app.sources.dbc.infer.profile_text import profile_text
 from app.sources.dbc.infer.states import StateProposal
 from app.sources.dbc.listening import BusListener
-from app.sources.parts import parts_on
+from app.sources.dbc.parts import parts_on
 from app.words import Message
 
 PROFILE = "profile.toml"
-LEAST_S, MOST_S = 10.0, 120.0  # of a recording: then sign and periods are seen, and the longest round of cells
+LEAST_S, MOST_S = 10.0, 120.0  # recording time: sign and periods are seen by then, and the longest round of cells
 Run = Callable[..., Any]  # calls a function with arguments that can be pickled, here or in a limited process
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from app.errors import ConfigError
 from app.sources.connections import Connections, Setup
+from app.sources.dbc.parts import bundled_parts
 from app.sources.link_check import can_check
 from app.sources.link_check.can_check import check_can, with_bit_rate
 from app.sources.links.can_bus import bus_reason
-from app.sources.parts import bundled_parts
 from app.words import Message
 
 
