@@ -179,13 +179,12 @@ class SerialMapping:
     port: Port = field(default_factory=Port)
     frames: tuple[SerialFrame, ...] = ()
     lines: tuple[SerialLine, ...] = ()
-
     period_s: float = 0.1  # between two measurements
 
     @property
     def has_checksum(self) -> bool:
-        """Whether every frame has one; a line of text has none."""
-        return not self.lines and all(each.checksum is not None for each in self.frames)
+        """True where every frame or line has one."""
+        return all(part.checksum is not None for part in self.parts)
 
     @property
     def parts(self) -> tuple[SerialFrame | SerialLine, ...]:

@@ -57,7 +57,7 @@ class LoadedBattery:
 
     @property
     def has_checksum(self) -> bool | None:
-        """Whether each frame on its serial line has a checksum; None where it is on none."""
+        """True where each frame on its serial line has a checksum; None where it is on none."""
         return True if self.has_memory_map else None if self.serial is None else self.serial.has_checksum
 
     @property

@@ -79,7 +79,7 @@ class PluggedOut(BaseModel):
 
 
 class TrialOut(BaseModel):
-    """What arrived at one setting of the port or one bit rate; `battery` where another one was awaited."""
+    """Result at one setting of the port or one bit rate; `battery` where another one was awaited."""
 
     setting: str
     bytes: int
@@ -97,7 +97,7 @@ class RecognisedOut(BaseModel):
 
 
 class LinkCheckOut(BaseModel):
-    """What arrived, and what to do where that is not right; `url` has the bit rate that was found."""
+    """Result of a link check, and the remedy where something is not right; `url` has the bit rate that gave frames."""
 
     url: str
     seconds: float
@@ -184,32 +184,32 @@ def check_link(body: LinkCheckIn, setup: SetupPart, live: LivePart) -> dict[str,
     in_force, batteries = setup.in_force, setup.batteries()
     parts = bundled_parts()
     if body.serial is not None and body.serial == in_force.serial:
-        found = _at_own(live, "rs232", body.serial)
+        check = _at_own(live, "rs232", body.serial)
     elif body.can is not None and is_same_bus(body.can, in_force.can):
-        found = _at_own(live, "can", body.can)
+        check = _at_own(live, "can", body.can)
     elif body.can is not None:
         setup.end_draft()  # it may have the adapter open
-        carried = {name: each.definitions for name, each in batteries.items() if each.kind == "dbc"}
-        found = check_can(body.can, {**carried, **parts}, is_alone=body.is_alone)
+        carried = {name: battery.definitions for name, battery in batteries.items() if battery.kind == "dbc"}
+        check = check_can(body.can, {**carried, **parts}, is_alone=body.is_alone)
     else:
         battery = batteries.get(body.battery or in_force.battery)
-        others = {name: each.serial for name, each in batteries.items() if each.kind in ("serial", "master")}
-        found = check_serial(body.serial or "", None if battery is None else battery.serial, others)
+        others = {name: other.serial for name, other in batteries.items() if other.kind in ("serial", "master")}
+        check = check_serial(body.serial or "", None if battery is None else battery.serial, others)
     recognised = [
-        {"id": each, "name": batteries[each].battery.name if each in batteries else each, "is_part": each in parts}
-        for each in found.batteries
+        {"id": name, "name": batteries[name].battery.name if name in batteries else name, "is_part": name in parts}
+        for name in check.batteries
     ]
     return {
-        "url": found.url,
-        "seconds": round(found.seconds, 1),
-        "bytes": found.bytes,
-        "frames": found.frames,
-        "rate_hz": found.rate_hz,
-        "error": rendered_or_none(found.error),
-        "advice": rendered_or_none(found.advice),
-        "trials": [asdict(each) for each in found.trials],
+        "url": check.url,
+        "seconds": round(check.seconds, 1),
+        "bytes": check.bytes,
+        "frames": check.frames,
+        "rate_hz": check.rate_hz,
+        "error": rendered_or_none(check.error),
+        "advice": rendered_or_none(check.advice),
+        "trials": [asdict(trial) for trial in check.trials],
         "recognised": recognised,
-        "has_checksum": found.has_checksum,
+        "has_checksum": check.has_checksum,
     }
 
 

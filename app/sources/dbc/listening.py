@@ -44,7 +44,7 @@ class BusListener:
 
     @property
     def is_open(self) -> bool:
-        """Whether more frames may come."""
+        """True while more frames may come."""
         return not self._ended.is_set()
 
     def frames(self) -> Frames:

@@ -21,26 +21,26 @@ def bundled_parts() -> Mapping[str, Definitions]:
 
 def parts_on(ids: set[int], own: Definitions) -> tuple[Definitions, tuple[str, ...]]:
     """Return definitions with those of the parts among received ids, and the files of these; `own` come first."""
-    found: tuple[str, ...] = ()
+    more: tuple[str, ...] = ()
     for name, definitions in bundled_parts().items():
         if is_present(definitions, ids) and not own.by_id().keys() & definitions.by_id().keys():
-            own, found = own.joined(definitions), (*found, *_files()[name])
-    return own, found
+            own, more = own.joined(definitions), (*more, *_files()[name])
+    return own, more
 
 
 @cache
 def _files() -> Mapping[str, dict[str, bytes]]:
     """The DBCs of each part: of a bundled profile that describes no battery."""
-    found = {}
+    parts = {}
     for name in bundled_profiles():
         files = profile_files(name)
         if not any(b"\n[battery]" in data for data in files.values()):
-            found[name] = {file: data for file, data in files.items() if not file.endswith(".toml")}
-    return found
+            parts[name] = {file: data for file, data in files.items() if not file.endswith(".toml")}
+    return parts
 
 
 def is_present(definitions: Definitions, ids: set[int]) -> bool:
-    """Whether most messages of a battery or part are among ids that were received."""
+    """Return whether most messages of a battery or part are among ids that were received."""
     own = definitions.by_id().keys()
     n = len(ids & own)
     return n > 0 and n >= _LEAST_SHARE * len(own)

@@ -1,1 +1,1 @@
-"""What is plugged into this machine, and what arrives on it."""
+"""Ports and adapters of this machine, and their check."""

@@ -1,4 +1,4 @@
-"""What arrives on a CAN bus, at which bit rate, and whose messages these are.
+"""Check of a CAN bus: frames by bit rate, and the batteries whose messages these are.
 
 An adapter that acknowledges at a wrong rate destroys every frame of the bus: other rates are tried only where the
 adapter listens only. A battery that is alone with such an adapter is never acknowledged, and nobody receives it: where
@@ -90,7 +90,7 @@ def without_bit_rate(url: str) -> str:
 
 
 def is_same_bus(url: str, other: str | None) -> bool:
-    """Whether two name the same bus, at whatever bit rate."""
+    """Return whether two URLs name the same bus, at any bit rate."""
     return other is not None and without_bit_rate(url) == without_bit_rate(other)
 
 
@@ -102,7 +102,7 @@ def with_bit_rate(url: str, rate: Value | None) -> str:
 
 def _rates(arguments: Mapping[str, Value]) -> tuple[Value, ...]:
     first = arguments.get("bitrate", DEFAULT_BIT_RATE)
-    return (first, *(each for each in BIT_RATES if each != first))
+    return (first, *(rate for rate in BIT_RATES if rate != first))
 
 
 def _at_rate(bus: can.BusABC | None, arguments: Mapping[str, Any], rate: Value | None) -> can.BusABC:
@@ -140,11 +140,11 @@ def _trial(rate: Value | None, seen: _Seen, errors: int | None) -> Trial:
 def _batteries(seen: _Seen, batteries: Mapping[str, Definitions]) -> tuple[str, ...]:
     """Those of which most messages came; the one with most of them first."""
     ids = {can_id for can_id, _ in seen}
-    found = []
+    present = []
     for name, definitions in batteries.items():
         if is_present(definitions, ids):
-            found.append((-len(ids & definitions.by_id().keys()), name))
-    return tuple(name for _, name in sorted(found))
+            present.append((-len(ids & definitions.by_id().keys()), name))
+    return tuple(name for _, name in sorted(present))
 
 
 def _advice(interface: str, *, is_alone: bool) -> Message:

@@ -53,24 +53,26 @@ def _driver(device: Path) -> str:
 def can_adapters() -> list[Plugged]:
     """Return the system's CAN interfaces, what python-can's drivers find, then serial adapters: they may be SLCAN."""
     named = [name for name in can.VALID_INTERFACES if name not in _NO_ADAPTERS]
-    found = [
-        Plugged(f"{each['interface']}:{each['channel']}", str(each.get("device_name", "")), driver=each["interface"])
-        for each in can.detect_available_configs(named, timeout=_SEARCH_S)
+    adapters = [
+        Plugged(
+            f"{config['interface']}:{config['channel']}", str(config.get("device_name", "")), driver=config["interface"]
+        )
+        for config in can.detect_available_configs(named, timeout=_SEARCH_S)
     ]
     usb = [port for port in list_ports.comports() if port.vid is not None]
-    return _system_interfaces() + found + [_port(port, f"slcan:{port.device}") for port in usb]
+    return _system_interfaces() + adapters + [_port(port, f"slcan:{port.device}") for port in usb]
 
 
 def _system_interfaces() -> list[Plugged]:
     """SocketCAN's interfaces, those that are down too, with the bit rate that `ip` reports."""
-    found = []
+    adapters = []
     for path in sorted(_SYSTEM.glob("net/*")):
         with contextlib.suppress(OSError):
             if (path / "type").read_text().strip() == _ARPHRD_CAN:
                 is_up = int((path / "flags").read_text(), 16) & 1 == 1
                 rate = bit_rate_in(_ip_text(path.name))
-                found.append(Plugged(f"socketcan:{path.name}", "", "", _driver(path), rate, is_up))
-    return found
+                adapters.append(Plugged(f"socketcan:{path.name}", "", "", _driver(path), rate, is_up))
+    return adapters
 
 
 def _ip_text(interface: str) -> str:

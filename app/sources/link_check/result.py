@@ -1,4 +1,4 @@
-"""What a check of a link saw."""
+"""Results of the check of a link."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ SETTING_S = 0.7  # for frames at another setting of the port
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What arrived at one setting of the port or one bit rate."""
+    """Result at one setting of the port or one bit rate."""
 
     setting: str  # "115200 8E1", "500 kbit/s"
     bytes: int
@@ -23,9 +23,9 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class LinkCheck:
-    """What arrived in `seconds`, and what to do where that is not right."""
+    """Result of listening for `seconds`, and the remedy where something is not right."""
 
-    url: str  # with the bit rate that was found
+    url: str  # with the bit rate that gave frames
     seconds: float = CHECK_S
     bytes: int = 0
     frames: int = 0

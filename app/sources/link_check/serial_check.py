@@ -1,4 +1,4 @@
-"""What arrives on a serial port, at the settings of a battery and at others, and whose frames it is."""
+"""Check of a serial port: frames at the settings of a battery and at others, and the battery that they are of."""
 
 import contextlib
 import time
@@ -21,7 +21,7 @@ _ADVICE = {"port-denied": Message("advice-denied"), "port-in-use": Message("advi
 
 @dataclass(frozen=True, slots=True)
 class _Listening:
-    """What is awaited: the frames of a battery, by settings of the port."""
+    """Awaited frames of a battery, at settings of the port."""
 
     port: Port
     mapping: SerialMapping | None  # None: a master of ours
@@ -35,11 +35,11 @@ class _Listening:
         return setting_of(self.port)
 
     def counter(self) -> Callable[[bytes], int]:
-        """What counts the frames in bytes as they are read."""
+        """Return a function that counts the frames in bytes as they are read."""
         if self.mapping is not None:
             return frame_counter(self.mapping)
         decoder = FrameDecoder()
-        return lambda data: sum(isinstance(each, Frame) for each in decoder.feed(data))
+        return lambda data: sum(isinstance(frame, Frame) for frame in decoder.feed(data))
 
 
 def setting_of(port: Port) -> str:
@@ -48,7 +48,7 @@ def setting_of(port: Port) -> str:
 
 
 def has_settings(url: str) -> bool:
-    """Whether a port has a rate and a parity: a bare socket has none."""
+    """Return whether a port has a rate and a parity: a bare socket has none."""
     return not url.startswith("socket://")
 
 
@@ -82,23 +82,23 @@ def check_serial(
         best = _listen(port, own)
         trials.append(best)
         seconds = time.monotonic() - began_s
-        for each in (
+        for listening in (
             () if best.frames else _others(own, others or {}, has_bytes=best.bytes > 0, has_rate=has_settings(url))
         ):
-            set_port(port, each.port)
-            trial = _listen(port, each)
+            set_port(port, listening.port)
+            trial = _listen(port, listening)
             trials.append(trial)
             if trial.frames:
-                best, seconds = trial, each.seconds
+                best, seconds = trial, listening.seconds
                 break
     except Exception as error:  # noqa: BLE001  drivers raise their own
-        found = sum(each.bytes for each in trials)
+        received = sum(trial.bytes for trial in trials)
         return LinkCheck(
-            url, bytes=found, error=reason_of(error, url), advice=Message("advice-no-port"), trials=tuple(trials)
+            url, bytes=received, error=reason_of(error, url), advice=Message("advice-no-port"), trials=tuple(trials)
         )
     finally:
         port.close()
-    received = best.bytes if best.frames else max(each.bytes for each in trials)
+    received = best.bytes if best.frames else max(trial.bytes for trial in trials)
     is_checked = best.battery is not None or mapping is None or mapping.has_checksum
     return LinkCheck(
         url,
@@ -115,18 +115,18 @@ def check_serial(
 def _others(
     own: _Listening, batteries: Mapping[str, SerialMapping | None], *, has_bytes: bool, has_rate: bool
 ) -> Iterator[_Listening]:
-    """What else it may be: other settings where something arrives, then other batteries whose checksum proves them."""
+    """Yield other settings where something arrives, then other batteries whose checksum proves them."""
     settings = [own.port]
     if has_bytes and has_rate:
-        settings += [replace(own.port, parity=each) for each in get_args(Parity) if each != own.port.parity]
-        yield from (_Listening(each, own.mapping, seconds=SETTING_S, asks=False) for each in settings[1:])
+        settings += [replace(own.port, parity=parity) for parity in get_args(Parity) if parity != own.port.parity]
+        yield from (_Listening(port, own.mapping, seconds=SETTING_S, asks=False) for port in settings[1:])
     for name, mapping in batteries.items():
         if mapping != own.mapping and (mapping is None or mapping.has_checksum):
             port = MASTER_PORT if mapping is None else mapping.port
             yield _Listening(port, mapping, name, BATTERY_S, asks=not has_bytes)
     if has_bytes and has_rate:
-        others = [replace(own.port, baud=each) for each in BAUD_RATES if each != own.port.baud]
-        yield from (_Listening(each, own.mapping, seconds=SETTING_S, asks=False) for each in others)
+        others = [replace(own.port, baud=rate) for rate in BAUD_RATES if rate != own.port.baud]
+        yield from (_Listening(port, own.mapping, seconds=SETTING_S, asks=False) for port in others)
 
 
 def _listen(port: Any, to: _Listening) -> Trial:

@@ -147,7 +147,7 @@ def open_bus(arguments: dict[str, str | int | float | bool]) -> can.BusABC:
 
 def bus_reason(error: BaseException, url: str) -> Text:
     """One line about a bus that cannot be opened; one that is not there is named."""
-    if any(each in str(error) for each in _NOT_THERE):
+    if any(text in str(error) for text in _NOT_THERE):
         return Message("adapter-missing", adapter=url)
     return message_of(error)
 

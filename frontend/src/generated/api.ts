@@ -1218,7 +1218,7 @@ export interface LimitRow {
   standing: 'within' | 'beyond' | 'pulses';
 }
 
-/** What arrived, and what to do where that is not right; `url` has the bit rate that was found. */
+/** Result of a link check, and the remedy where something is not right; `url` has the bit rate that gave frames. */
 export interface LinkCheck {
   url: string;
   seconds: number;
@@ -2237,7 +2237,7 @@ export interface Trend {
   balanced_s: number;
 }
 
-/** What arrived at one setting of the port or one bit rate; `battery` where another one was awaited. */
+/** Result at one setting of the port or one bit rate; `battery` where another one was awaited. */
 export interface Trial {
   setting: string;
   bytes: number;
@@ -2246,7 +2246,7 @@ export interface Trial {
   battery: string | null;
 }
 
-/** What is taken for the cause of a trip, found in the recording seconds after it. */
+/** The cause of a trip, determined from the recording seconds after it. */
 export interface TripCause {
   code: string;
   message: RenderedMessage;

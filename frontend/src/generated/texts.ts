@@ -1378,7 +1378,7 @@ export interface Texts {
   'setup.recording': null;
   'setup.recorded_s': 'n' | 'cells';
   'setup.stop_recording': null;
-  'setup.recording_ends_by_itself': null;
+  'setup.recording_ends': null;
   'setup.recording_complete': 'n';
   'setup.record_again': null;
   'severity.info': null;

@@ -292,7 +292,7 @@ def _came_round(voltages: ChannelValues) -> bool:
 
 
 def _is_round_complete(voltages: ChannelValues | None) -> bool:
-    """Whether the first cell that was received came once more, after others."""
+    """Return whether the first cell that was received came once more, after others."""
     return voltages is not None and bool(np.any(np.diff((voltages.index == voltages.index[0]).astype(int)) > 0))
 
 
