@@ -101,6 +101,27 @@ def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(ma
     expect(page.get_by_role("heading", name="theirs.csv")).to_be_visible()
 
 
+def test_a_time_without_a_unit_is_asked_for(service, open_page, tmp_path):
+    rows = "\n".join(f"{2000 * i},12,3.7,3.71" for i in range(50))
+    (tmp_path / "ms.csv").write_text(f"Time,Current (A),Cell 1 (V),Cell 2 (V)\n{rows}\n")
+    page = open_page(f"{service.base_url}/#/sessions/import")
+    page.get_by_test_id("import-file").set_input_files(tmp_path / "ms.csv")
+    preview = page.get_by_test_id("import-preview")
+    expect(preview.get_by_role("alert")).to_contain_text("Time has no unit")
+    expect(page.get_by_test_id("unit-time")).to_have_value("")
+    page.get_by_test_id("unit-time").select_option("ms")
+    expect(preview).to_contain_text("01:38")
+    expect(preview).to_contain_text("no date in the file")
+    page.get_by_test_id("import-start").fill("2026-07-14T10:30")
+    page.get_by_test_id("import").click()
+    page.get_by_role("link", name="ms.csv imported").click()
+    with service.client() as client:
+        listed = client.get("/sessions").json()["sessions"]
+    [started_s] = [session["started"] for session in listed if session["name"] == "ms.csv"]
+    local_s = page.evaluate("new Date('2026-07-14T10:30').getTime() / 1000")
+    assert started_s == local_s
+
+
 def test_a_season_is_asked_in_sql(service, open_page):
     page = open_page(f"{service.base_url}/#/season")
     page.get_by_test_id("sql").fill("SELECT 7 AS n, 'seven' AS text")

@@ -51,6 +51,7 @@ class ImportIn(ReadingIn):
         description="instead: uploads of a battery's profile, then of what it includes and its DBCs",
     )
     name: str = Field("", max_length=120, description="what to call the session")
+    started_unix_s: float | None = Field(None, ge=0, description="when it began, if the file has no date")
 
 
 def _state(imports: ImportsPart) -> dict[str, Any] | None:
@@ -122,6 +123,7 @@ def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPa
         profile,
         dbc=body.dbc,
         name=body.name,
+        started_unix_s=body.started_unix_s,
         battery=body.battery,
         battery_uploads=body.battery_uploads,
     )

@@ -167,6 +167,7 @@ class ImportJobs:
         *,
         dbc: int | None,
         name: str,
+        started_unix_s: float | None = None,
         battery: str | None = None,
         battery_uploads: Sequence[int] = (),
     ) -> ImportState:
@@ -177,6 +178,7 @@ class ImportJobs:
             profile: which columns, or signals of the DBC, are what.
             dbc: the upload of it.
             name: of the session.
+            started_unix_s: when it began; None: by the file.
             battery: a bundled battery's name.
             battery_uploads: a battery's profile first, then what it includes and its DBCs; counts more than `battery`.
 
@@ -210,6 +212,7 @@ class ImportJobs:
             battery=loaded or (self._battery if is_log else None),
             dbc=None if bus is None else bus.path,
             name=name,
+            started_unix_s=started_unix_s,
             on_progress=progress,
         ).add_done_callback(partial(self._end, upload, state))
         return state

@@ -1032,6 +1032,7 @@ export interface Texts {
   'season.rows_in_s': 'n' | 's';
   'season.truncated': null;
   'sessions.charts': null;
+  'sessions.choose_unit': null;
   'sessions.laps': null;
   'sessions.report': null;
   'sessions.session_views': null;
@@ -1220,6 +1221,7 @@ export interface Texts {
   'sessions.1_cell': null;
   'sessions.cell': 'n';
   'sessions.no_start_time_file': null;
+  'sessions.start_time': null;
   'sessions.starts': 'when';
   'sessions.discharge_current_positive': null;
   'sessions.more_cells_not_shown': 'n';

@@ -12,7 +12,7 @@ export const QUANTITIES = [
     id: 'temperature',
     field: 'temperatures',
     name: 'common.temperatures',
-    units: ['degC', 'K', 'degF', '0.1degC'],
+    units: ['degC', 'K', 'degF', '0.1degC', 'mdegC'],
   },
   { id: 'soc', field: 'soc', name: 'common.soc', units: ['percent', 'fraction'] },
 ] as const satisfies readonly {
