@@ -220,9 +220,9 @@ def read_rest_voltage(
         p^2 = rest_left_v^2 or (rho ohm rest_driven_c)^2   what there may be: settled, or after so much current
         weight = P N(a; 0, p^2 + n^2)
         f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
-        s^2 = lasting_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
+        s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
 
-    ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: lasting_v, rest_left_v count twice.
+    ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice.
     """
     tuning, cell = setup.tuning, setup.cell
     rested_s, unsure = motion.read_rest_s, np.where(given, 1.0, 2.0)
@@ -242,7 +242,7 @@ def read_rest_voltage(
     half_v = f * left_v / 2.0
     rest_v = state.rest_mean_v + slope * rested_s / 2.0 + half_v
     ocv_v2 = measured.uncertainty[OCV_ERROR] ** 2 + cell.model.hysteresis_v**2 / 3.0
-    error_v = np.sqrt((unsure * tuning.lasting_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2 + slow_v2)
+    error_v = np.sqrt((unsure * tuning.rest_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2 + slow_v2)
     read = np.array([cell.soc_of_ocv(each, measured.place) for each in rest_v])
     v2 = np.array([cell.reading_sigma(*each, measured.place) ** 2 for each in zip(read, error_v, strict=True)])
     return read + state.drawn, v2, np.array((odds, np.ones_like(odds))) / (1.0 + odds)

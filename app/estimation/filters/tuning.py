@@ -25,8 +25,8 @@ class Tuning:
         model_error_rel: growth of it with current, as a share of the drop a lasting current causes.
         correlation_s: time over which the model's error stays [s].
         bias_s: innovations that do not average out over this time are an error that no averaging removes [s].
-        lasting_v: error of the model that stays for ten minutes, at rest: a state of the filter; so much is left of the
-            curve where a rest is read, and of innovations before there are any [V].
+        lasting_v: error of the model that stays for ten minutes, at rest: a state of the filter; before there are
+            innovations, what does not average out of them is as large [V].
         lasting_rel: growth of it with what the current of the slowest RC pair drops, as a share of that.
         empty_soc: below this SOC at 25 degC, and below more of it in the cold, the model error grows ...
         empty_factor: ... up to this many times at SOC 0, in the cold more.
@@ -45,8 +45,9 @@ class Tuning:
         rest_c: below this current, in C, a cell rests [C].
         rest_s: a rest of this length from the start on is read as one; one of two weighings is read too, where a SOC
             was given [s].
+        rest_v: sigma of the OCV read there: the curve itself [V].
         rest_noise_v: noise of a sample, by which a slope of the voltage may be no relaxation [V].
-        rest_left_v: what a cell usually has left to relax where its voltage does not show it [V]; this and `lasting_v`
+        rest_left_v: what a cell usually has left to relax where its voltage does not show it [V]; this and `rest_v`
             count twice where no SOC was given, for who does not know the SOC rather wakes up in a drive.
         rest_tail_s: what is left to relax, over the slope of the voltage [s].
         rest_settled: probability beforehand that a cell at rest has settled; else it was driven by `driven_c` ...
@@ -91,9 +92,10 @@ class Tuning:
     gate: float = 5.0  # none: 10 low at 0 degC 0.3
     gate_hold_s: float = 2.0  # half: means of a second, 5C NMC, 0.4; 12 s: model of 25 degC at 0 degC 0.5
     gate_recovery: float = 0.02  # none: 10 low at 0 degC 0.3
-    counter_soc_sigma: float = 0.003  # a count from full; 0.02: 5C NMC 0.06
+    counter_soc_sigma: float = 0.003  # a count from full; 0.01: means of a second at 0 degC 0.06
     rest_c: float = 0.1  # half: 5C NMC, 5 off, 1.2
     rest_s: float = 16.0  # half: 5C NMC, 5 off, 0.9
+    rest_v: float = 0.007  # 0.008: LFP, 5 low, 0.05
     rest_noise_v: float = 0.0015  # sensors: 1.2 mV RMS and 0.1 mV of steps; none: means of a second, LFP, 0.5
     rest_left_v: float = 0.004  # none: 5C NMC, 5 off, 0.6
     rest_tail_s: float = 120.0  # half: capacity 11 % too large, 5C NMC, 0.2
@@ -108,7 +110,7 @@ class Tuning:
     counter_offset_c: float = 0.01  # sensors: offset +-0.0067C
     start_unknown: float = 0.05  # none: a wrong start stays
     gain_sigma: float = 0.07  # 0.1: model of 25 degC at 0 degC 0.6
-    hidden_factor: float = 2.0  # 1: truth within 3 sigma 6 % less often with a wrong OCV
+    hidden_factor: float = 2.0  # 1: truth within 3 sigma 11 % less often with a wrong OCV
     apart_soc_max: float = 0.06  # 0.1: a start half of the range off moves the fusion: tests/unit/oracle/test_fusion.py
     wander_s: float = 200.0  # half: truth within 3 sigma 10 % less often with a wrong OCV
     weighing_s: float = 1.0  # time: 0.01 s changes no row

@@ -36,6 +36,7 @@ typedef struct {
     vw_real counter_soc_sigma;
     vw_real rest_c;
     vw_real rest_s;
+    vw_real rest_v;
     vw_real rest_noise_v;
     vw_real rest_left_v;
     vw_real rest_tail_s;

@@ -68,9 +68,9 @@ typedef struct {
  *   p^2 = rest_left_v^2 or (rho ohm driven_c)^2        what there may be: settled, or after so much current
  *   weight = P N(a; 0, p^2 + n^2)
  *   f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
- *   s^2 = lasting_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
+ *   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
  *
- * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: lasting_v, rest_left_v count twice. */
+ * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice. */
 static void vw_fusion_read_rest_voltage(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
                                         int c, int is_given, vw_reading *readings)
 {
@@ -88,7 +88,7 @@ static void vw_fusion_read_rest_voltage(const vw_filter *filter, const vw_motion
         const vw_real f = left_v2 / (left_v2 + n2), half_v = f * left_v / 2;
         const vw_real rest_v = x->rest_mean_v[c] + slope * T / 2 + half_v;
         const vw_real ocv_v2 = x->terms.lasting_v2[c] - vw_square(t->lasting_v);
-        const vw_real error_v2 = vw_square(unsure * t->lasting_v) + ocv_v2 + f * n2 + vw_square(half_v) + slow_v2;
+        const vw_real error_v2 = vw_square(unsure * t->rest_v) + ocv_v2 + f * n2 + vw_square(half_v) + slow_v2;
         const vw_real read = vw_cell_model_find_soc(&filter->model, &x->terms.place, c, rest_v);
         const vw_real sigma = vw_cell_model_compute_soc_sigma(&filter->model, &x->terms.place, c, read, vw_sqrt(error_v2));
         readings[j] = (vw_reading){read + x->drawn[c], vw_square(sigma), (j == 0 ? odds : 1) / (1 + odds)};

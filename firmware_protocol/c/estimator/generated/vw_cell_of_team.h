@@ -872,6 +872,7 @@ static const vw_tuning vw_tuning_of_team = {
     .counter_soc_sigma = 0.003f,
     .rest_c = 0.1f,
     .rest_s = 16.0f,
+    .rest_v = 0.007f,
     .rest_noise_v = 0.0015f,
     .rest_left_v = 0.004f,
     .rest_tail_s = 120.0f,

@@ -41,6 +41,6 @@ def test_the_model_is_trusted_less_the_more_it_drops_in_either_direction(drops_v
 
 def test_there_are_no_more_constants_than_were_measured_and_each_says_what_it_rests_on():
     source = inspect.getsource(Tuning)
-    assert len(fields(Tuning)) <= 43
+    assert len(fields(Tuning)) <= 44
     for field in fields(Tuning):
         assert re.search(rf"^    {field.name}: float = [\d.e-]+  # \S", source, re.MULTILINE), field.name
