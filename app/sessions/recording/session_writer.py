@@ -157,6 +157,11 @@ class SessionWriter:
         """CAN frames whose checksum, by the battery's profile, does not fit."""
         return self._builder.bad_checksums
 
+    @property
+    def absent_values(self) -> int:
+        """Temperatures of sensors that are not connected."""
+        return self._builder.absent_values
+
     def is_intact(self) -> bool:
         """Return whether what was written is still in the file: see `FileWatch`."""
         return self._watch.is_intact()

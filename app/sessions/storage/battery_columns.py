@@ -105,6 +105,11 @@ class CanFrames:
         """Frames whose checksum does not fit."""
         return self._decoder.bad_checksums
 
+    @property
+    def absent_values(self) -> int:
+        """Temperatures of sensors that are not connected."""
+        return int(self._decoder.absent.sum())
+
     def decode(self, frames: Sequence[TimedFrame]) -> dict[str, ChannelValues]:
         """Return what the frames hold, by kind."""
         return self._decoder.decode(frames_of(frames))
@@ -121,6 +126,11 @@ class FrameBytes:
     def bad_checksums(self) -> int:
         """Frames whose checksum does not fit."""
         return self._reader.bad_frames
+
+    @property
+    def absent_values(self) -> int:
+        """Temperatures of sensors that are not connected."""
+        return self._decoder.absent
 
     def decode(self, pieces: Sequence[TimedFrame]) -> dict[str, ChannelValues]:
         """Return what the bytes hold, by kind."""
@@ -152,6 +162,11 @@ class BatteryColumns:
     def bad_checksums(self) -> int:
         """Frames whose checksum does not fit."""
         return self._decoder.bad_checksums
+
+    @property
+    def absent_values(self) -> int:
+        """Temperatures of sensors that are not connected."""
+        return self._decoder.absent_values
 
     def add_all(self, frames: Iterable[TimedFrame]) -> None:
         """Take frames in their order."""

@@ -162,6 +162,11 @@ class ChunkBuilder:
         """CAN frames whose checksum, by the battery's profile, does not fit."""
         return 0 if self._battery is None else self._battery.bad_checksums
 
+    @property
+    def absent_values(self) -> int:
+        """Temperatures of sensors that are not connected."""
+        return 0 if self._battery is None else self._battery.absent_values
+
     def add(
         self,
         frames: Iterable[tuple[int, bytes]],

@@ -255,3 +255,5 @@ def _notes(info: SessionInfo, battery: LoadedBattery, writer: SessionWriter) -> 
         yield Message("cells-not-received", silent=n_cells - received, cells=n_cells)
     if writer.bad_checksums:
         yield Message("wrong-checksums", frames=writer.bad_checksums)
+    if writer.absent_values:
+        yield Message("absent-sensors", values=writer.absent_values)

@@ -20,7 +20,7 @@ from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.import_mapping import ImportMapping
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
-from tests.peer_batteries import PEERS, cell_number, segments_in_fd_frames
+from tests.peer_batteries import PEERS, cell_number, one_signal_a_cell, segments_in_fd_frames
 from tests.peer_messages import Peer
 from tests.recorded.mf4 import write_mf4
 from tests.recorded.peer_sessions import START_S, write_log, write_profile
@@ -66,6 +66,15 @@ def test_an_import_that_does_not_look_ahead_writes_the_same_session(tmp_path: Pa
             written.append([session.execute(f"SELECT * FROM {table}").fetchall() for table in tables])
     assert written[0] == written[1]
     assert written[0][2], "the cells were estimated"
+
+
+def test_sensors_that_are_not_connected_are_counted(tmp_path: Path) -> None:
+    peer = one_signal_a_cell(8, 4, "Voltage_Cell_{:02d}", "Temp_Sensor_{:02d}", 0.001, "V")
+    peer.temperature = lambda sensor, t: -40.0 if sensor == 1 else 25.0
+    done = imported(peer, tmp_path)
+    (note,) = [note for note in done.notes if note.code == "absent-sensors"]
+    with SessionFile(done.info.path) as session:
+        assert note.args["values"] == sum(frame.can_id == 0x280 for frame in session.can_frames())
 
 
 def test_two_buses_of_a_log_are_never_imported_as_one(tmp_path: Path) -> None:
