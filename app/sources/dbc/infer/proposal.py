@@ -27,6 +27,7 @@ CELL_VOLTAGE_V = (1.5, 4.6)  # range of any lithium cell in use
 TEMPERATURE_DEGC = (-30.0, 95.0)
 _UNITS = {"voltage": VOLTAGE_UNITS, "temperature": TEMPERATURE_UNITS}
 _RANGES = {"voltage": CELL_VOLTAGE_V, "temperature": TEMPERATURE_DEGC}
+_STILL_S = 45.0  # a temperature that never moves for so long is hardly one
 _FEW = 0.02  # share of values that may be out of range: start-up, a sensor off
 
 
@@ -172,6 +173,8 @@ def judged(survey: BusSurvey, kind: str, members: tuple[Member, ...], n: int) ->
     if received:
         score += 4.0 if fits(fitted) else -8.0
         score += log2(max(len(received) / len(members), 0.05))
+        if kind == "temperature" and fitted is not None and fitted.low == fitted.high and survey.duration_s > _STILL_S:
+            score -= 4.0
     elif survey.n_frames:
         score -= 5.0
     return score, fitted

@@ -7,6 +7,7 @@ import pytest
 
 from app.battery.profile import read_document, understand
 from app.sources.dbc.battery_decoder import BatteryDecoder
+from app.sources.dbc.check import issues_of
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.infer.bus_survey import survey_bus
@@ -77,6 +78,12 @@ def test_what_is_learned_from_a_log_decodes_it(way):
 
 
 @pytest.mark.parametrize("way", range(len(PEERS)), ids=[make().name for make in PEERS])
+def test_a_log_shows_nothing_against_what_is_learned_from_it(way):
+    _, definitions, frames, inferred = learned_of_way(way)
+    assert issues_of(inferred.battery, inferred.source, definitions, "x", frames) == []
+
+
+@pytest.mark.parametrize("way", range(len(PEERS)), ids=[make().name for make in PEERS])
 def test_without_a_log_names_alone_tell_the_signals(way):
     peer, _, _, with_log = learned_of_way(way)
     _, _, without = learned_of(peer, 0)
@@ -108,6 +115,21 @@ def test_the_cells_of_a_sender_are_a_pack(sizes):
     inferred = infer_profile(survey_bus(definitions, frames), frames, "x", ("x.dbc",))
     assert_decodes(peer, definitions, frames, inferred)
     assert inferred.battery.segments == sizes
+
+
+def test_of_two_temperatures_the_one_that_moves_is_taken():
+    """Both are in range; a limit for each module has names like a temperature."""
+    peer = AnyPeer("still", 24, 6, segments=(12, 12), resolution_v=0.001)
+    cells = [
+        Bits(f"Cell_{i + 1}_Volt", 16 * (i % 4), 16, lambda t, i=i: peer.voltage(i, t), 0.001, unit="V")
+        for i in range(24)
+    ]
+    peer.sent += [Sent(0x100 + k, f"Volts_{k}", 8, 0.2, [cells[4 * k : 4 * k + 4]]) for k in range(6)]
+    heats = [Bits(f"Temp_{k + 1}", 8 * k, 8, lambda t, k=k: peer.temperature(k, t), 1, -40, "degC") for k in range(6)]
+    still = [Bits(f"Cell_Temp_{k + 1}", 8 * k, 8, fixed(40), 1, -40, "degC") for k in range(6)]
+    peer.sent += [Sent(0x300, "Sensors", 6, 0.5, [heats]), Sent(0x301, "Modules", 6, 0.5, [still]), *others(peer)]
+    _, _, inferred = learned_of(peer, 60)
+    assert inferred.temperature.members[0][0].name == "Sensors"
 
 
 def test_numbered_messages_of_packs_without_a_number_in_their_names_are_taken_in_order():
