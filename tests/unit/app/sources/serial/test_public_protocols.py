@@ -8,6 +8,8 @@ BMS, of which no whole frame is published, the payload that a decoder's test des
 import struct
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.sources.loaded_battery import battery_from_files
 from app.sources.serial.check import serial_issues
@@ -261,3 +263,20 @@ def test_a_changed_character_of_a_line_or_byte_of_a_frame_gives_no_value(name):
         damaged = bytearray(stream)
         damaged[at] = ord("0") if damaged[at] != ord("0") else ord("1")
         assert "voltage" not in decoded(battery, [bytes(damaged)])[0]
+
+
+@given(before=st.binary(max_size=200), between=st.binary(max_size=200), sizes=st.integers(1, 60))
+def test_nothing_around_a_line_changes_or_loses_it(before, between, sizes):
+    profile, line, expected = CASES["Pylontech"]
+    battery = battery_from_files({"x.toml": profile.encode()})
+    stream = before.replace(b"~", b"") + line + between.replace(b"~", b"") + b"\r" + line
+    values, reader = decoded(battery, [stream[k : k + sizes] for k in range(0, len(stream), sizes)])
+    assert reader.frames == 2
+    assert values["voltage"].value.tolist() == pytest.approx(expected["voltage"] * 2)
+
+
+@given(stream=st.text(alphabet="~20024600C06E10ABCDEF\r", max_size=600))
+def test_text_that_is_no_line_gives_no_value_behind_a_checksum(stream):
+    battery = battery_from_files({"x.toml": PYLONTECH.encode()})
+    values, reader = decoded(battery, [stream.encode()])
+    assert (values, reader.frames) == ({}, 0)
