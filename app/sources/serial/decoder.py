@@ -20,11 +20,12 @@ from app.sources.serial.patterns import groups_of
 
 MOST_IMPLAUSIBLE = 0.25  # share of a frame without a checksum; with more it is no frame
 STEP = {"voltage": 0.05, "temperature": 4.0}  # V, degC by which one channel moves against all others, at least
-STEP_OF_ALL = {"current": 200.0, "pack_voltage": 50.0, "soc": 0.05}  # A, V, a fraction of 1 from one value to the next
+STEP_OF_ALL = {"current": 100.0, "pack_voltage": 50.0, "soc": 0.02}  # A, V, a fraction of 1 from one value to the next
 STEP_SCATTERS = 8.0
 CONFIRMED = 2  # times that a jump comes again until it counts: two damaged values in a row may be alike
 FEWEST = 4  # channels that show how all move
 _LEAST_DIGITS, _MOST_OF = 3, 0.9  # digits, and share of the columns that have as many
+_SEPARATORS = 0.95  # share of separators in their places, that a shift of a few columns does not leave
 _DECIMAL = re.compile(r"[-+]?(?:[0-9]{1,10}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})(?:[eE][-+]?[0-9]{1,2})?")
 _HEX = re.compile(r"(?:0[xX])?([0-9a-fA-F]{1,8})")
 _ORDERS = {"little": "<", "big": ">"}
@@ -38,11 +39,12 @@ class _Steps:
     offered: FloatArray
     repeated: IntArray  # times that what is offered came before
     least: float
+    confirmed: int
 
     @classmethod
-    def of(cls, n: int, least: float) -> _Steps:
+    def of(cls, n: int, least: float, confirmed: int = CONFIRMED) -> _Steps:
         """Nothing is known of n channels."""
-        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.intp), least)
+        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.intp), least, confirmed)
 
     def sound(self, index: IntArray, value: FloatArray) -> BoolArray:
         """Return which of new values are no jump against all others, or one that came before, too."""
@@ -55,7 +57,7 @@ class _Steps:
         most = max(self.least, STEP_SCATTERS * scatter)
         is_known = np.isfinite(self.accepted[index])
         again = self._again(index, np.abs(value - self.offered[index] - all_moved) <= most)
-        is_sound = np.asarray((apart <= most) | (again >= np.where(is_known, CONFIRMED, 1)))
+        is_sound = np.asarray((apart <= most) | (again >= np.where(is_known, self.confirmed, 1)))
         self.offered[index] = value
         self.accepted[index] = np.where(is_sound, value, self.accepted[index])
         return is_sound
@@ -69,7 +71,7 @@ class _Steps:
         """The same of a value of the whole battery, of which the first counts."""
         again = self._again(np.zeros(1, np.intp), np.abs(value - self.offered) <= self.least)
         is_near = np.abs(value - self.accepted) <= self.least
-        is_sound = np.asarray(is_near | (again >= CONFIRMED) | np.isnan(self.accepted))
+        is_sound = np.asarray(is_near | (again >= self.confirmed) | np.isnan(self.accepted))
         self.offered[:] = value
         self.accepted[:] = np.where(is_sound, value, self.accepted)
         return is_sound
@@ -95,6 +97,7 @@ class SerialDecoder:
             kind: _Steps.of(self._sizes[kind], least) for kind, least in STEP.items() if self._sizes[kind] >= FEWEST
         }
         self._steps |= {kind: _Steps.of(1, least) for kind, least in STEP_OF_ALL.items()}
+        self._steps["current"].confirmed = 1  # which steps in earnest: one sample late is enough
         self.implausible_frames = 0
         self.left_out = 0  # values
         self.absent = 0  # temperatures of sensors that are not connected
@@ -243,8 +246,8 @@ def _text_of(of: SerialLine, raw: bytes) -> str:
 def _of_columns(of: SerialLine, text: str) -> Iterable[tuple[SerialField, FloatArray, int, int]]:
     groups = groups_of(of.pattern, text) if of.pattern else {}
     columns = [] if of.pattern else _split(text, of.separator)
-    if of.checksum is None and _is_shifted(columns):
-        raise ValueError("a separator is damaged")
+    if of.checksum is None and not of.pattern:
+        columns = _aligned(columns, text, of)
     for part in of.fields:
         if part.columns is not None:
             first, last = part.columns
@@ -269,6 +272,26 @@ def _plain(text: str, of: SerialField) -> str:
     if of.begin:
         text = text.rpartition(of.begin)[2]
     return text.removesuffix(of.end).strip() if of.end else text
+
+
+def _aligned(columns: list[str], text: str, of: SerialLine) -> list[str]:
+    """The columns, by their places where a separator among columns of one width is damaged.
+
+    Raises:
+        ValueError: it is, and a character is missing or too many: the columns after it are of others.
+    """
+    n = 1 + max(field.columns[1] for field in of.fields if field.columns is not None)
+    if len(columns) == n and not _is_shifted(columns):
+        return columns
+    sizes = [len(column) for column in columns]
+    width = max(set(sizes), key=sizes.count, default=0)
+    between = text[width :: width + 1]  # the separators, where none of the columns is shifted
+    has_places = len(of.separator) == 1 and len(text) == n * (width + 1) - 1
+    if has_places and between.count(of.separator) >= _SEPARATORS * len(between):
+        return [text[at : at + width] for at in range(0, len(text), width + 1)]
+    if _is_shifted(columns):
+        raise ValueError("a separator is damaged")
+    return columns
 
 
 def _is_shifted(texts: Sequence[str]) -> bool:

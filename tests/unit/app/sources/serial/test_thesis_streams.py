@@ -61,7 +61,7 @@ def test_damage_gives_no_frame_at_a_wrong_place_and_implausible_steps_are_left_o
     assert worst["voltage"] < WORST_V
     assert worst["temperature"] <= WORST_DEGC
     assert worst["current"] <= WORST_A
-    least = 0.08 if name == "thesis-hex" else 0.8  # a damaged separator, of 193, costs the line
+    least = 0.7 if name == "thesis-hex" else 0.8  # a lost character, or a line's end among them, costs the line
     assert n_read > least * SECONDS * 96
     assert n_off < 0.02 * n_read  # a frame at a wrong place would be off in all
     report_figure(
