@@ -23,7 +23,7 @@ PRINTED_MASS_KG = {"segment": 7.40, "battery": 59.2}  # by CAD, with electronics
 
 
 def key_data() -> list[str]:
-    """Return Tables 1 to 3 as they follow from one 25R cell, 10 in parallel, 12 in series, 8 segments."""
+    """Return Tables 1 to 3 as they follow from one 25R cell, 10 in parallel, 12 in series, 8 packs."""
     figures = figures_of(load_cell("samsung-25r-10p"), CellLayout(8, 12))
     charge, highest = figures["capacity_ah"], figures["voltage_max_v"]
     energy, mass = figures["energy_nominal_mj"], figures["mass_kg"]

@@ -282,7 +282,7 @@ def _place(where: str, text: object, battery: Battery) -> int:
     pack, cell = (int(match["pack"]), int(match["cell"])) if match else (0, 0)
     index = battery.cell_at(pack - 1, cell - 1)
     if index is None:
-        raise ConfigError(f"{where}.cell", text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")
+        raise ConfigError(f"{where}.cell", text, f"pack/cell, 1/1 to {battery.n_packs}/{battery.segments[-1]}")
     return index
 
 

@@ -62,7 +62,7 @@ class Battery:
         return sum(self.segments)
 
     @property
-    def n_segments(self) -> int:
+    def n_packs(self) -> int:
         """Number of packs."""
         return len(self.segments)
 
@@ -81,21 +81,21 @@ class Battery:
         return tuple(starts)
 
     def place(self, cell: int) -> tuple[int, int]:
-        """Return the segment of a cell and its place in it, both from 0.
+        """Return the pack of a cell and its place in it, both from 0.
 
         Raises:
             IndexError: the battery has no such cell.
         """
         if not 0 <= cell < self.n_cells:
             raise IndexError(cell)
-        segment = max(i for i, start in enumerate(self.starts) if start <= cell)
-        return segment, cell - self.starts[segment]
+        pack = max(i for i, start in enumerate(self.starts) if start <= cell)
+        return pack, cell - self.starts[pack]
 
-    def cell_at(self, segment: int, place: int) -> int | None:
+    def cell_at(self, pack: int, place: int) -> int | None:
         """Return the index of a cell by its pack and its place in it, both from 0; None where there is none."""
-        if not (0 <= segment < self.n_segments and 0 <= place < self.segments[segment]):
+        if not (0 <= pack < self.n_packs and 0 <= place < self.segments[pack]):
             return None
-        return self.starts[segment] + place
+        return self.starts[pack] + place
 
     def cell_temperatures(self, sensors_degc: FloatArray) -> FloatArray:
         """Return (..., n_cells) the highest reading of each cell's sensors; NaN where it has none.
@@ -124,7 +124,7 @@ def spread(n_sensors: int, cells: range) -> tuple[tuple[int, ...], ...]:
     )
 
 
-def spread_in_segments(n_sensors: int, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+def spread_in_packs(n_sensors: int, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
     """Return as many sensors for each pack, evenly over its cells; `n_sensors` is a multiple of the number of packs."""
     groups: list[tuple[int, ...]] = []
     at = 0

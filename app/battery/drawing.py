@@ -5,21 +5,21 @@ from app.battery.battery import Battery
 
 def drawn(battery: Battery) -> list[str]:
     """Return lines of text, one row of packs each; `>` and `<` tell in which direction cells count."""
-    order = battery.drawing.order or tuple(range(battery.n_segments))
-    a_row = -(-battery.n_segments // battery.drawing.rows)
-    width = max(len(_segment(battery, segment)) for segment in order)
+    order = battery.drawing.order or tuple(range(battery.n_packs))
+    a_row = -(-battery.n_packs // battery.drawing.rows)
+    width = max(len(_segment(battery, pack)) for pack in order)
     return [
-        "  " + "  ".join(_segment(battery, segment).ljust(width) for segment in order[at : at + a_row]).rstrip()
+        "  " + "  ".join(_segment(battery, pack).ljust(width) for pack in order[at : at + a_row]).rstrip()
         for at in range(0, len(order), a_row)
     ]
 
 
-def _segment(battery: Battery, segment: int) -> str:
-    first = battery.starts[segment] + 1
-    last = first + battery.segments[segment] - 1
-    is_turned = segment in battery.drawing.turned
+def _segment(battery: Battery, pack: int) -> str:
+    first = battery.starts[pack] + 1
+    last = first + battery.segments[pack] - 1
+    is_turned = pack in battery.drawing.turned
     cells = f"{last} < {first}" if is_turned else f"{first} > {last}"
-    return f"[{segment + 1}: {cells}]"
+    return f"[{pack + 1}: {cells}]"
 
 
 def sensors_in_words(battery: Battery) -> str:

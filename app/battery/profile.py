@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from app.battery.battery import LIMITS, Battery, Drawing, each_cell, spread, spread_in_segments
+from app.battery.battery import LIMITS, Battery, Drawing, each_cell, spread, spread_in_packs
 from app.battery.fields import MANY, MOST_CELLS, TABLES
 from app.battery.serial import SerialMapping
 from app.battery.serial_profile import SerialTables
@@ -153,16 +153,14 @@ def _battery(document: Document) -> Battery:
     )
 
 
-def _drawing(table: TableReader, n_segments: int) -> Drawing:
+def _drawing(table: TableReader, n_packs: int) -> Drawing:
     table.check_names()
     order, turned = table.counts("order") or (), table.counts("turned") or ()
-    if order and sorted(order) != list(range(1, n_segments + 1)):
-        raise table.error("order", list(order), Message("each-pack-once", n=n_segments))
-    if turned and max(turned) > n_segments:
-        raise table.error("turned", list(turned), Message("kind-counts", bounds=f"1..{n_segments}"))
-    return Drawing(
-        table.count("rows", 1), tuple(segment - 1 for segment in order), tuple(segment - 1 for segment in turned)
-    )
+    if order and sorted(order) != list(range(1, n_packs + 1)):
+        raise table.error("order", list(order), Message("each-pack-once", n=n_packs))
+    if turned and max(turned) > n_packs:
+        raise table.error("turned", list(turned), Message("kind-counts", bounds=f"1..{n_packs}"))
+    return Drawing(table.count("rows", 1), tuple(pack - 1 for pack in order), tuple(pack - 1 for pack in turned))
 
 
 def _sensors(table: TableReader, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
@@ -179,7 +177,7 @@ def _sensors(table: TableReader, segments: tuple[int, ...]) -> tuple[tuple[int, 
     if cells in ("pack", "segment"):
         if n_sensors % len(segments):
             raise table.error("sensors", n_sensors, Message("multiple-of-packs", n=len(segments)))
-        return spread_in_segments(n_sensors, segments)
+        return spread_in_packs(n_sensors, segments)
     if n_sensors == n_cells:
         return each_cell(n_cells)
     if cells == "each":

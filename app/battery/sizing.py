@@ -46,14 +46,14 @@ class CellLayout:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One number of a battery: of what the cell file describes, of a segment and of the whole, in the same unit.
+    """One number of a battery: of what the cell file describes, of a pack and of the whole, in the same unit.
 
     Attributes:
         name: with its unit at the end, as `capacity_ah`.
         title: in words.
         unit: as it is written.
         condition: under which it holds.
-        cell, segment, battery: None where the cell file does not say what is needed.
+        cell, pack, battery: None where the cell file does not say what is needed.
         missing: the fields of the cell file that would be needed.
     """
 

@@ -30,7 +30,7 @@ def part_of(name: str) -> str:
 class CellSignals:
     """One way in which values of many cells are spoken.
 
-    Index of a cell = first + start of its segment + (group - base) * group_cells + (cell - base); a part that is not
+    Index of a cell = first + start of its pack + (group - base) * group_cells + (cell - base); a part that is not
     seen counts as its base. Parts come from `{pack}`, `{group}`, `{cell}` in the names of signal and message, or
     from `numbers`, signals of the same frame.
     """

@@ -116,7 +116,7 @@ def _list(args: argparse.Namespace) -> int:
             load_part(name)
             listed.append({"profile": name, "name": None})
             continue
-        numbers = {"segments": battery.n_segments, "cells": battery.n_cells, "sensors": battery.n_sensors}
+        numbers = {"segments": battery.n_packs, "cells": battery.n_cells, "sensors": battery.n_sensors}
         listed.append({"profile": name, "name": battery.name, **numbers})
     if args.json:
         print(json.dumps(listed, indent=2))
@@ -155,7 +155,7 @@ def _show(args: argparse.Namespace) -> int:
 def _show_battery(battery: Battery) -> None:
     from app.battery.drawing import drawn, sensors_in_words
 
-    print(f"{battery.name}: {battery.n_cells} cells in {battery.n_segments} packs, {battery.parallel} in parallel")
+    print(f"{battery.name}: {battery.n_cells} cells in {battery.n_packs} packs, {battery.parallel} in parallel")
     print(f"cell: {battery.cell}")
     print("packs on the map, with their cells:")
     print("\n".join(drawn(battery)))

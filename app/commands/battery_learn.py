@@ -193,9 +193,7 @@ def _print_summary(inferred: InferredProfile, running: dict[str, CurrentValue]) 
     from app.sources.dbc.infer.lines import title
 
     battery = inferred.battery
-    print(
-        f"\nsuggested: {battery.n_cells} cells in {battery.n_segments} packs, {battery.n_sensors} temperature sensors"
-    )
+    print(f"\nsuggested: {battery.n_cells} cells in {battery.n_packs} packs, {battery.n_sensors} temperature sensors")
     for key, line in inferred.lines.items():
         reads = _reading_of(key, running.get(key))
         print(f"  {key}: {title(line.chosen)}{reads}{'' if line.is_taken else '  (to confirm)'}")

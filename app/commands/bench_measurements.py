@@ -37,7 +37,7 @@ from firmware_protocol.memory_map import FIELDS, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import Data, MessageType, Window
 from firmware_protocol.schedule import FAST_WINDOWS
 
-CHIP_US = 290.0  # the cell monitor's conversion of a segment
+CHIP_US = 290.0  # the cell monitor's conversion of a pack
 PASSES = 3000
 START_S = 30.0
 Passed = Callable[[float], None]  # gets how many seconds of the measurement are over

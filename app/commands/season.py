@@ -363,5 +363,5 @@ def cell_index(battery: Battery, text: str) -> int:
     is_place = all(part.isascii() and part.isdecimal() and len(part) <= MOST_DIGITS for part in (pack, cell))
     index = battery.cell_at(int(pack) - 1, int(cell) - 1) if is_place else None
     if index is None:
-        raise ConfigError("CELLS", text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")
+        raise ConfigError("CELLS", text, f"pack/cell, 1/1 to {battery.n_packs}/{battery.segments[-1]}")
     return index

@@ -79,7 +79,7 @@ def mean_of_all(values: FloatArray) -> float | None:
 
 
 def packs_of(battery: Battery, cells: Cells, slave_status: tuple[int | None, ...]) -> tuple[Pack, ...]:
-    """A pack for each segment: voltage and spread only where all its cells are there."""
+    """A row for each pack: voltage and spread only where all its cells are there."""
     starts, voltages_v, temperatures_degc = battery.starts, cells.voltage_v, cells.temperature_degc
     low_v, high_v = np.fmin.reduceat(voltages_v, starts), np.fmax.reduceat(voltages_v, starts)
     columns = (

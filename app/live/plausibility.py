@@ -10,7 +10,7 @@ from collections import deque
 import numpy as np
 
 from app.battery.battery import Battery
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 from app.telemetry import Cells, Check, FloatArray, Plausibility
 
 AT_ONCE_S = 0.5  # between the oldest and the newest voltage of a sum: later, the current is another
@@ -36,7 +36,7 @@ class PlausibilityChecks:
         self._squares_a2 = 0.0
         self._products_va = 0.0
         self._squares_v2 = 0.0
-        self._chips = _ChipComparison(Segments(battery.segments))
+        self._chips = _ChipComparison(Packs(battery.segments))
 
     def step(self, dt_s: float | None, current_a: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
         """Take a measurement.
@@ -86,7 +86,7 @@ class _ChipComparison:
     only what is outside at every look is a contradiction.
     """
 
-    def __init__(self, segments: Segments) -> None:
+    def __init__(self, segments: Packs) -> None:
         self._segments = segments
         self._since_s = 0.0
         self._low_v = self._high_v = np.full(segments.n_cells, np.nan)  # extremes of the current second

@@ -34,7 +34,7 @@ def battery_of_table(log: BatteryLog, source: str, like: LoadedBattery | None = 
         log: what the table holds.
         source: name of its file.
         like: a battery whose shape, cell and limits are the table's; None: the team's for as many cells as it has,
-            else one segment.
+            else one pack.
 
     Raises:
         ImportFailed: `like` has another number of cells.

@@ -20,8 +20,8 @@ from app.telemetry.measurement import STALE_S
 from app.telemetry.snapshot import Ages, Number, Snapshot
 from app.words import rendered
 
-Segments = Sequence[int]
-_Convert = Callable[[Any, Segments], Any]
+Packs = Sequence[int]
+_Convert = Callable[[Any, Packs], Any]
 
 
 def encode(body: object) -> bytes:
@@ -29,7 +29,7 @@ def encode(body: object) -> bytes:
     return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
-def plain(value: Any, segments: Segments = ()) -> Any:
+def plain(value: Any, segments: Packs = ()) -> Any:
     """Return a dataclass as what orjson can write: a dict with the names, decimals and units of JSON.
 
     `segments` are the cells of each pack of its battery: its messages name cells by them.
@@ -69,7 +69,7 @@ def _converter(owner: type) -> _Convert | None:
     left_out = [field.json_name for field in sent if field.may_be_left_out]
     arrays = [field.json_name for field in sent if any(is_array(member) for member in alternatives(field.type))]
 
-    def convert(value: Any, segments: Segments) -> dict[str, Any]:
+    def convert(value: Any, segments: Packs) -> dict[str, Any]:
         values = zip(plan, read(value), strict=True)
         body = {name: value if change is None else change(value, segments) for (name, change), value in values}
         for name in left_out:

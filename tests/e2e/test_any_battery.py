@@ -127,7 +127,7 @@ def test_pages_that_need_a_master_are_absent_and_the_others_hold_every_cell(batt
     expect(page.get_by_role("heading", name="pack 1, cell 1", exact=True)).to_be_visible()
 
 
-def wide_battery(folder, n_cells, in_segment):
+def wide_battery(folder, n_cells, in_pack):
     """A profile of CAN FD frames with 32 cells each, and its DBC; returns the profile's path."""
     messages = []
     for first in range(0, n_cells, 32):
@@ -138,18 +138,16 @@ def wide_battery(folder, n_cells, in_segment):
     (folder / "wide.dbc").write_text('VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: BMS\n\n' + "\n\n".join(messages) + "\n")
     profile = folder / "wide.toml"
     profile.write_text(
-        f'[battery]\nname = "wide"\nsegments = {[in_segment] * (n_cells // in_segment)}\n[battery.drawing]\nrows = 2\n'
+        f'[battery]\nname = "wide"\nsegments = {[in_pack] * (n_cells // in_pack)}\n[battery.drawing]\nrows = 2\n'
         '[battery.temperatures]\nsensors = 0\n[source]\ndbc = "wide.dbc"\n'
         '[[source.voltage]]\nsignal = "Cell_{cell}_V"\nbase = 1\n[source.current]\nsignal = "Pack_Current"\n'
     )
     return str(profile)
 
 
-@pytest.mark.parametrize(("n_cells", "in_segment"), [(240, 12), (600, 20)])
-def test_240_cells_fit_the_map_without_scrolling_and_600_are_read_when_it_zooms(
-    n_cells, in_segment, open_page, tmp_path
-):
-    service = Service(tmp_path / "data", ["--battery", wide_battery(tmp_path, n_cells, in_segment)]).start()
+@pytest.mark.parametrize(("n_cells", "in_pack"), [(240, 12), (600, 20)])
+def test_240_cells_fit_the_map_without_scrolling_and_600_are_read_when_it_zooms(n_cells, in_pack, open_page, tmp_path):
+    service = Service(tmp_path / "data", ["--battery", wide_battery(tmp_path, n_cells, in_pack)]).start()
     try:
         service.wait_for(lambda s: s["cells"]["voltage_v"][n_cells - 1] is not None)
         page = open_page(f"{service.base_url}/#/packs", quiet=False)  # a busy machine makes 600 cells late

@@ -7,7 +7,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.joint_watch import JointWatch
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 from app.estimation.prediction.constant_current import Limits
 from app.live.prediction import LearnedCells, Predictor
 from simulator.accumulator import Accumulator, AccumulatorParameters
@@ -26,7 +26,7 @@ def learned_from_charges(true_ah):
     for moved in (0.8, -0.8, 0.7, -0.7):
         drawn_ah = moved * CELL.capacity_ah * 0.8
         tracker.observe(drawn_ah / true_ah + 0.01 * rng.normal(size=96), 0.02, drawn_ah, 0.1)
-    return LearnedCells(tracker.state, JointWatch(Segments((12,) * 8)).baseline_ohm)
+    return LearnedCells(tracker.state, JointWatch(Packs((12,) * 8)).baseline_ohm)
 
 
 def raced(seconds, learned_for=None, applies_learning=True, **aged):

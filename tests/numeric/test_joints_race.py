@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.estimation.health.joint_watch import JUDGE_S, JointWatch
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.race import endurance
 from tests.campaign import of_size
@@ -18,7 +18,7 @@ def race(seed, seconds, loose=None, loosens_at_s=0.0):
     accumulator = Accumulator(AccumulatorParameters(start_soc=0.9), rng)
     event = endurance(rng, n_laps=10)
     bias_v = np.clip(4e-4 * rng.normal(size=96), -1.2e-3, 1.2e-3)
-    watch, seen_v, verdicts = JointWatch(Segments((12,) * 8)), None, []
+    watch, seen_v, verdicts = JointWatch(Packs((12,) * 8)), None, []
     for k in range(int(seconds / STEP_S)):
         if loose is not None and k * STEP_S >= loosens_at_s:
             accumulator.extra_joint_ohm[loose] = 3e-4

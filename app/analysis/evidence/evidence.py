@@ -248,7 +248,7 @@ def limit_rows(image: bytes, cell: CellModel) -> list[LimitRow]:
 
 
 def coverage(values: SampledValues | None) -> Coverage:
-    """Return how many cells have a voltage and a temperature, and the share in the segment with the fewest."""
+    """Return how many cells have a voltage and a temperature, and the share in the pack with the fewest."""
     if values is None:
         raise ValueError("no fast frame")
     known_v, known_t = values.voltage != V_MISSING, values.temperature != T_MISSING

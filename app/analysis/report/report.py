@@ -153,7 +153,7 @@ class Report:
 
     Attributes:
         session: whose report it is.
-        segments: cells of each segment of its battery.
+        segments: cells of each pack of its battery.
         findings: the same as codes.
         causes: of each trip, then of what is wrong without one; the first is the main one.
         margins: how near each limit came, the nearest first.

@@ -60,7 +60,7 @@ def read_stretch(session: SessionFile, from_s: float, to_s: float) -> SessionStr
         charger_state=_whole(column("charger.state")),
         charger_flags=_whole(column("charger.flags")),
         fan_duty=column("charger.fan_duty"),
-        boards=_boards(samples_of, battery.n_segments),
+        boards=_boards(samples_of, battery.n_packs),
         line=_line(session, from_s, to_s),
         bus=_bus(session, from_s, to_s, (image or default_image()) if is_team else None),
         events=read_events(session, from_s, to_s),

@@ -120,5 +120,5 @@ def pack_of_event(event: Trigger, segments: Sequence[int]) -> int | None:
 
 
 def pack_of(cell: int | None, segments: Sequence[int]) -> int | None:
-    """Return the pack of a cell, from 0, of a battery with these segments."""
+    """Return the pack of a cell, from 0, of a battery with packs of these sizes."""
     return None if cell is None else bisect_right([*accumulate(segments)], cell)

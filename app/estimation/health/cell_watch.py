@@ -18,7 +18,7 @@ from app.estimation.health.cell_finding import BAND_SIGMAS, SURE, CellFinding, F
 from app.estimation.health.charge_watch import ChargeDrift, ChargeMemory, ChargeWatch
 from app.estimation.health.joint_watch import ALARM_OHM, JUDGE_S, JointWatch, LooseJoints
 from app.estimation.health.joints import JointReport
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 from app.estimation.health.sensor_watch import ChannelWatch, DeadSensors, ThermistorWatch
 
 __all__ = ["JUDGE_S", "CellWatch", "CellWatchMemory"]
@@ -67,20 +67,20 @@ class CellWatchMemory:
 class CellWatch:
     """All that is watched of every cell."""
 
-    def __init__(self, cell: CellModel, segments: tuple[int, ...], memory: CellWatchMemory | None = None) -> None:
+    def __init__(self, cell: CellModel, pack_sizes: tuple[int, ...], memory: CellWatchMemory | None = None) -> None:
         """Start, or go on with what an earlier session left.
 
         Raises:
-            ShapeError: the memory belongs to another number of cells, or a segment has none.
+            ShapeError: the memory belongs to another number of cells, or a pack has none.
         """
         self._cell = cell
-        self._segments = Segments(segments)
-        n_cells = self._segments.n_cells
+        self._packs = Packs(pack_sizes)
+        n_cells = self._packs.n_cells
         before = memory or CellWatchMemory(np.full(n_cells, np.nan))
-        self._joint_watch = JointWatch(self._segments, before.joint_baseline_ohm, before.loose)
-        self._charge_watch = ChargeWatch(cell, self._segments, before.charge)
-        self._thermistors = ThermistorWatch(self._segments, (e for e in before.findings if e.code in _TEMPERATURE))
-        self._channels = ChannelWatch(self._segments, (e for e in before.findings if e.code in _VOLTAGE))
+        self._joint_watch = JointWatch(self._packs, before.joint_baseline_ohm, before.loose)
+        self._charge_watch = ChargeWatch(cell, self._packs, before.charge)
+        self._thermistors = ThermistorWatch(self._packs, (e for e in before.findings if e.code in _TEMPERATURE))
+        self._channels = ChannelWatch(self._packs, (e for e in before.findings if e.code in _VOLTAGE))
         self._unmeasured_s = np.full(n_cells, np.inf)  # since each cell had a voltage
         self._measured = np.zeros(n_cells, dtype=np.bool_)  # since the channels were looked at
         self._findings = {(finding.code, finding.cell): finding for finding in before.findings}
@@ -105,7 +105,7 @@ class CellWatch:
 
     def has(self, code: FindingCode) -> BoolArray:
         """Return (n_cells,) the cells of which this was found."""
-        has_finding: BoolArray = np.array([(code, cell) in self._findings for cell in range(self._segments.n_cells)])
+        has_finding: BoolArray = np.array([(code, cell) in self._findings for cell in range(self._packs.n_cells)])
         return has_finding
 
     @property
@@ -219,7 +219,7 @@ class CellWatch:
                 continue
             seen_s = self._time_s - watch.age_s
             value, evidence_s = float(report.resistance_ohm[cell]), watch.evidence_s
-            neighbours, confidence = self._segments.neighbours(cell), confidence_of(size, sigma, ALARM_OHM)
+            neighbours, confidence = self._packs.neighbours(cell), confidence_of(size, sigma, ALARM_OHM)
             findings.append(
                 CellFinding(
                     *(code, cell, size, sigma, "ohm", seen_s, seen_s, evidence_s, watch.excitation_a),
@@ -270,7 +270,7 @@ class CellWatch:
             value, usual, neighbours = (
                 float(dead_sensors.value[cell]),
                 float(dead_sensors.usual[cell]),
-                self._segments.neighbours(cell),
+                self._packs.neighbours(cell),
             )
             evidence_s, code = seen_s - since_s, codes[int(np.isnan(value))]
             dead.append(
@@ -293,7 +293,7 @@ class CellWatch:
     ) -> CellFinding:
         watch = self._charge_watch
         seen_s, evidence_s, current_a = watch.looked_s, watch.evidence_s, watch.mean_current_a
-        neighbours = self._segments.neighbours(cell)
+        neighbours = self._packs.neighbours(cell)
         return CellFinding(
             code, cell, size, sigma, unit, seen_s, seen_s, evidence_s, current_a, value, usual, neighbours, confidence
         )

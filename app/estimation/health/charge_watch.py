@@ -21,7 +21,7 @@ import numpy as np
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.errors import ShapeError, check_step
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 
 READING_S: Final = 30.0
 SAMPLES_MIN: Final = 10  # in a reading
@@ -105,13 +105,13 @@ class ChargeDrift:
 class ChargeWatch:
     """Call `step` with every sample; `drift` after it returned True."""
 
-    def __init__(self, cell: CellModel, segments: Segments, memory: ChargeMemory | None = None) -> None:
+    def __init__(self, cell: CellModel, packs: Packs, memory: ChargeMemory | None = None) -> None:
         """Start, or go on with what an earlier session left.
 
         Raises:
             ShapeError: the memory belongs to another number of cells.
         """
-        n_cells = segments.n_cells
+        n_cells = packs.n_cells
         if memory is not None and (
             memory.mean.shape != (STATES, n_cells) or memory.cov.shape != (STATES, STATES, n_cells)
         ):
@@ -119,7 +119,7 @@ class ChargeWatch:
         self._ocv = cell.ocv
         self._drop_ohm = float(cell.lasting_ohm(25.0))
         self._capacity_as = cell.capacity_ah * SECONDS_PER_HOUR
-        self._segments = segments
+        self._packs = packs
         self._mean = np.zeros((STATES, 2, n_cells))
         self._cov = np.zeros((STATES, STATES, 2, n_cells))
         self._cov[X, X] = START_SIGMA**2
@@ -283,7 +283,7 @@ class ChargeWatch:
         soc = self._ocv.soc_at(ocv_v)
         self.soc = np.where(np.isfinite(soc), soc, self.soc)
         soc = np.where((soc >= SOC_MIN) & (soc <= SOC_MAX), soc, np.nan)
-        middle = self._segments.median(soc)
+        middle = self._packs.median(soc)
         apart = soc - middle
         slope = np.maximum(self._ocv.slope(np.nan_to_num(soc, nan=0.5)), 1e-3)
         finite = soc[np.isfinite(soc)]
@@ -301,7 +301,7 @@ class ChargeWatch:
         passed_s, self._passed_s = self._passed_s, 0.0
         flowed_as, self._flowed_as = self._flowed_as, 0.0
         is_gap, self._is_gap = self._is_gap, False
-        bleeds = self._segments.has_more_than(0.0, self._bleeds)
+        bleeds = self._packs.has_more_than(0.0, self._bleeds)
         self._bleeds[:] = False
         if not np.isfinite(before_s):
             return

@@ -17,8 +17,8 @@ import numpy as np
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.errors import ShapeError
 from app.estimation.health.joints import JointReport, judge_joints
+from app.estimation.health.packs import Packs
 from app.estimation.health.resistance_tracker import ResistanceTracker
-from app.estimation.health.segments import Segments
 
 LAG_S: Final = 0.4
 LAG_MAX_S: Final = 0.8
@@ -113,28 +113,28 @@ class JointWatch:
 
     def __init__(
         self,
-        segments: Segments,
+        packs: Packs,
         baseline_ohm: FloatArray | None = None,
         loose: LooseJoints | None = None,
     ) -> None:
         """Start, or go on with what an earlier session of the same car knew.
 
         Args:
-            segments: which cells share a pack.
+            packs: which cells share a pack.
             baseline_ohm: (n_cells,) `baseline_ohm` of then [ohm].
             loose: `loose_joints` of the session before.
 
         Raises:
             ShapeError: it belongs to another number of cells.
         """
-        n_cells = segments.n_cells
+        n_cells = packs.n_cells
         nan = np.full(n_cells, np.nan)
         before = LooseJoints(nan, nan) if loose is None else loose
         baseline = nan if baseline_ohm is None else baseline_ohm
         for name, array in (("baseline_ohm", baseline), ("found", before.excess_ohm), ("found", before.sigma_ohm)):
             if array.shape != (n_cells,):
                 raise ShapeError(name, (n_cells,), array.shape)
-        self._segments = segments
+        self._packs = packs
         self._tracker = ResistanceTracker(n_cells, memory_s=MEMORY_S)
         self._quick = ResistanceTracker(n_cells, memory_s=QUICK_MEMORY_S)
         self._steps = StepResistance(n_cells)
@@ -240,7 +240,7 @@ class JointWatch:
         return judge_joints(
             self._tracker.resistance_ohm(),
             self._tracker.sigma_ohm(),
-            self._segments,
+            self._packs,
             alarm_ohm=ALARM_OHM,
             baseline_ohm=np.where(has_past, self._baseline_ohm, np.nan),
         )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from app.estimation.arrays import BoolArray, FloatArray, median, robust_sigma
 from app.estimation.errors import ShapeError
-from app.estimation.health.segments import Segments, medians
+from app.estimation.health.packs import Packs, medians
 
 POLISH_ROUNDS: Final = 6
 LESS_SIGMAS: Final = 3.0  # multiple of sound cells' scatter by which a cell may resist less than its peers
@@ -45,7 +45,7 @@ class JointReport:
 def judge_joints(
     resistance_ohm: FloatArray,
     sigma_ohm: FloatArray,
-    segments: Segments,
+    packs: Packs,
     temperature_factor: ArrayLike = 1.0,
     alarm_ohm: float = 1.75e-4,
     alarm_sigmas: float = 4.0,
@@ -65,24 +65,24 @@ def judge_joints(
     Args:
         resistance_ohm: (2, n_cells) of `ResistanceTracker.resistance_ohm`.
         sigma_ohm: (2, n_cells) of `ResistanceTracker.sigma_ohm`.
-        segments: which cells share a pack.
+        packs: which cells share a pack.
         temperature_factor: (n_cells,) or scalar, resistance of the cell at its temperature over that at the mean.
         alarm_ohm: excess above which a joint is loose [ohm].
         alarm_sigmas: and this many standard deviations.
         baseline_ohm: (n_cells,) `ohmic_excess_ohm` of the same car when it was sound [ohm]; NaN where not known.
 
     Raises:
-        ShapeError: an array is not (2, n_cells), or the segments have another number of cells.
+        ShapeError: an array is not (2, n_cells), or the packs have another number of cells.
     """
     if resistance_ohm.shape != sigma_ohm.shape or resistance_ohm.ndim != 2 or resistance_ohm.shape[0] != 2:
         raise ShapeError("sigma_ohm", resistance_ohm.shape, sigma_ohm.shape)
     n = resistance_ohm.shape[1]
-    if n != segments.n_cells:
-        raise ShapeError("resistance_ohm", (2, segments.n_cells), resistance_ohm.shape)
+    if n != packs.n_cells:
+        raise ShapeError("resistance_ohm", (2, packs.n_cells), resistance_ohm.shape)
     factor = np.broadcast_to(np.asarray(temperature_factor, dtype=np.float64), (n,))
     typical = np.array([median(row) for row in resistance_ohm])
     excess = resistance_ohm - typical[:, None] * factor
-    ohmic, pair = (segments.flat(_polished(segments.table(row))) for row in excess)
+    ohmic, pair = (packs.flat(_polished(packs.table(row))) for row in excess)
     full_slope = float(typical[0] / max(typical[1], abs(typical[0]) / SLOPE_MAX)) if typical[0] > 0.0 else 0.0
     shown_slope = float(np.clip(_slope_of_sound(pair, ohmic), 0.0, full_slope))
     scatter = max(robust_sigma(pair), 1e-12)

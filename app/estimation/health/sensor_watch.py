@@ -14,7 +14,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.health.cell_finding import CellFinding
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 
 JUMP_K: Final = 8.0  # against the pack within JUMP_S; 50 W warm a cell by 1 K in that time
 JUMP_S: Final = 10.0
@@ -103,10 +103,10 @@ class _Verdicts:
 class ThermistorWatch:
     """Call `step` every second or so."""
 
-    def __init__(self, segments: Segments, findings: Iterable[CellFinding] = ()) -> None:
+    def __init__(self, packs: Packs, findings: Iterable[CellFinding] = ()) -> None:
         """Start, or go on with what an earlier session found of thermistors."""
-        n_cells = segments.n_cells
-        self._segments = segments
+        n_cells = packs.n_cells
+        self._packs = packs
         self._verdicts = _Verdicts(n_cells)
         self._verdicts.remember(findings)
         self._apart_k = np.full(n_cells, np.nan)  # slow mean of the distance from the pack
@@ -127,7 +127,7 @@ class ThermistorWatch:
                 its pack a missing temperature says nothing of its sensor.
         """
         t = temperatures_degc
-        pack, is_there = self._segments.median(t), self._segments.has_more_than(PACK_SHARE, np.isfinite(t))
+        pack, is_there = self._packs.median(t), self._packs.has_more_than(PACK_SHARE, np.isfinite(t))
         apart = t - pack
         if dt_s > RELEASE_S:
             self._apart_k[:] = np.nan
@@ -145,7 +145,7 @@ class ThermistorWatch:
         is_frozen = np.nan_to_num(np.abs(moved_k)) >= FROZEN_K
         is_missing = np.isnan(t) & is_there
         if has_voltage is not None and not has_voltage.all():
-            is_missing &= ~self._segments.has_more_than(0.0, ~has_voltage)
+            is_missing &= ~self._packs.has_more_than(0.0, ~has_voltage)
         suspect = (has_jumped | is_cold | is_frozen | is_missing) & is_there
         is_back = np.abs(apart) < BACK_K
         size = np.where(is_missing, np.nan, np.abs(np.where(is_frozen & ~has_jumped & ~is_cold, moved_k, apart)))
@@ -161,10 +161,10 @@ class ThermistorWatch:
 class ChannelWatch:
     """Call `step` some times a second."""
 
-    def __init__(self, segments: Segments, findings: Iterable[CellFinding] = ()) -> None:
+    def __init__(self, packs: Packs, findings: Iterable[CellFinding] = ()) -> None:
         """Start, or go on with what an earlier session found of voltage channels."""
-        n_cells = segments.n_cells
-        self._segments = segments
+        n_cells = packs.n_cells
+        self._packs = packs
         self._verdicts = _Verdicts(n_cells)
         self._verdicts.remember(findings)
         self._still_v = np.full(n_cells, np.nan)  # where each cell last moved to
@@ -215,7 +215,7 @@ class ChannelWatch:
         suspect = is_still | self._hopped
         is_missing = np.isnan(v) if measured is None else ~measured
         if is_missing.any():
-            suspect |= is_missing & self._segments.has_more_than(PACK_SHARE, ~is_missing)
+            suspect |= is_missing & self._packs.has_more_than(PACK_SHARE, ~is_missing)
         size = np.where(is_missing, np.nan, np.where(is_still, moved_v, np.abs(v - median_v)))
         delay_s = np.where(is_missing, MISSING_S, np.where(is_still, CONFIRM_S, 0.0))
         usual = np.full(len(v), median_v)

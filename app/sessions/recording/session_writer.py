@@ -50,7 +50,7 @@ _ROWS_AT_ONCE = 100  # in one statement
 
 
 def event_row(t_mono_ns: int, event: Event, segments: Sequence[int] = ()) -> TableRow:
-    """Return an event as a row of a session of a battery with these segments.
+    """Return an event as a row of a session of a battery with packs of these sizes.
 
     Its English text is there for other programs and older versions.
     """

@@ -85,7 +85,7 @@ def import_file(
         profile: which columns, or signals of `dbc`, are what.
         folder: of the sessions.
         new_pipeline: makes a fresh chain with the filter and the cell to use.
-        battery: who sent the frames of a CAN log, or whose shape a table has; None: the team's own, or one segment.
+        battery: who sent the frames of a CAN log, or whose shape a table has; None: the team's own, or one pack.
         dbc: of the CAN log's bus; then its signals are taken as a table by `profile`.
         table: what is in the file, where that is known; else it is read.
         name: of the session; the file's where empty.

@@ -125,14 +125,14 @@ class SignalBindings:
     messages: dict[int, MessageDefinition]
     troubles: tuple[BindingIssue, ...]
     sizes: dict[str, int]  # channels of each kind
-    segments: dict[str, tuple[int, ...]]  # channels of each segment, by kind
+    segments: dict[str, tuple[int, ...]]  # channels of each pack, by kind
 
 
 def segments_of(battery: Battery, kind: str) -> tuple[int, ...]:
-    """Return how many channels of a kind each segment has; a sensor is of the segment of its first cell."""
+    """Return how many channels of a kind each pack has; a sensor is of the pack of its first cell."""
     if kind != "temperature":
         return battery.segments
-    counts = [0] * battery.n_segments
+    counts = [0] * battery.n_packs
     for cells in battery.sensors:
         counts[battery.place(cells[0])[0] if cells else 0] += 1
     return tuple(counts)
@@ -143,7 +143,7 @@ def channel(entry: CellSignals, segments: tuple[int, ...], parts: dict[str, IntA
 
     Args:
         entry: base, group_cells and order.
-        segments: channels of each segment.
+        segments: channels of each pack.
         parts: (n,) numbers by part, as they are spoken.
     """
     at = np.full(len(next(iter(parts.values()))) if parts else 1, entry.first, np.intp)
@@ -153,12 +153,12 @@ def channel(entry: CellSignals, segments: tuple[int, ...], parts: dict[str, IntA
         at = at + (parts["cell"] - entry.base.get("cell", 0))
     total = sum(segments)
     if "pack" in parts:
-        segment = parts["pack"] - entry.base.get("pack", 0)
-        is_one = (segment >= 0) & (segment < len(segments))
-        segment = np.where(is_one, segment, 0)
+        pack = parts["pack"] - entry.base.get("pack", 0)
+        is_one = (pack >= 0) & (pack < len(segments))
+        pack = np.where(is_one, pack, 0)
         starts = np.concatenate([[0], np.cumsum(segments)])[:-1]
-        is_one &= (at >= 0) & (at < np.array(segments)[segment])
-        at = np.where(is_one, starts[segment] + at, -1)
+        is_one &= (at >= 0) & (at < np.array(segments)[pack])
+        at = np.where(is_one, starts[pack] + at, -1)
     at = np.where((at >= 0) & (at < total), at, -1)
     if entry.order:
         order = np.array((*entry.order, *range(len(entry.order), total))[:total], np.intp)
@@ -191,7 +191,7 @@ def bind_signals(battery: Battery, source: DbcMapping, definitions: Definitions)
     for lane in merged:
         by_id[lane.can_id].append(lane)
     messages = {can_id: m for can_id, m in definitions.by_id().items() if can_id in by_id}
-    sizes = {kind: sum(segment) for kind, segment in segments.items()}
+    sizes = {kind: sum(pack) for kind, pack in segments.items()}
     return SignalBindings(
         {can_id: tuple(of_id) for can_id, of_id in by_id.items()}, messages, tuple(troubles), sizes, segments
     )

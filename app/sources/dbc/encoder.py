@@ -35,7 +35,7 @@ def turns_of(
     Args:
         message: its definition.
         lanes: those of the message.
-        segments: channels of each segment, by kind.
+        segments: channels of each pack, by kind.
     """
     groups = [_Group(entries) for entries in _grouped(message, lanes, segments)]
     turns: list[Turn] = []

@@ -221,7 +221,7 @@ def measurement_of(
         chip_voltage_v=unknown,
         balancing=None if np.isnan(measured.balancing).all() else measured.balancing == 1.0,
         relays_open=measured.states.get("closed") is False,
-        slave_status=(None,) * battery.n_segments,
+        slave_status=(None,) * battery.n_packs,
         reported=Reported(
             _number(measured.pack_voltage_v), *(_NO_EXTREME,) * 4, None, voltage_error=PACK_VOLTAGE_ERROR
         ),

@@ -130,13 +130,13 @@ def roles_of(columns: list[NameColumn]) -> list[str]:
     """Return what each column counts, from the outermost to the cell."""
     if len(columns) == 1:
         return ["cell"]
-    outer = "pack" if _is_segment(columns[0]) else "group"
+    outer = "pack" if _is_pack(columns[0]) else "group"
     if len(columns) == 2:
         return [outer, "cell"]
     return ["pack", "group", "cell"]
 
 
-def _is_segment(column: NameColumn) -> bool:
+def _is_pack(column: NameColumn) -> bool:
     if column.word in SEGMENT:
         return True
     return column.word not in GROUP and column.where == "signal"
@@ -303,7 +303,7 @@ def _order(members: Sequence[Member], columns: list[NameColumn]):  # type: ignor
 
 
 def _segments(chosen: list[NameColumn], roles: list[str], columns: list[NameColumn]) -> tuple[int, ...] | None:
-    """Cells of each segment, where a column tells segments."""
+    """Cells of each pack, where a column tells packs."""
     if "pack" in roles:
         column = chosen[roles.index("pack")]
         low = 0 if column.is_letter else min(column.values)

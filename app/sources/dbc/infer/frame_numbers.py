@@ -31,8 +31,8 @@ from app.words import Message, Text
 
 _MOST_BITS = 16
 MOST_NUMBERS = 1000
-_LEAST_LONE = 8  # numbers of a segment signal that are rather those of cells
-UNKNOWN_COUNT = 12  # cells of a segment, where neither frames nor the DBC tell how many there are
+_LEAST_LONE = 8  # numbers of a pack signal that are rather those of cells
+UNKNOWN_COUNT = 12  # cells of a pack, where neither frames nor the DBC tell how many there are
 _NUMBER_WORDS = name_set("id ids idx index indices num number nr no nbr")
 _OF_A_NUMBER = {"", "#", "id", "num", "number", "nr", "no", "count", "index", "-", "none"}  # what stands for a unit
 _CELL_WORDS = name_set("cell zelle celle sensor therm thermistor ntc temp channel ch")
@@ -43,7 +43,7 @@ class _Number:
     """A signal that may number what its frame tells."""
 
     signal: SignalDefinition
-    part: str  # segment, group, cell
+    part: str  # pack, group, cell
     seen: tuple[int, ...]  # sorted; empty where nothing was received
 
 
@@ -125,7 +125,7 @@ def _part_of(signal: SignalDefinition, own: frozenset[str]) -> str:
 def _proposal(
     survey: BusSurvey, kind: str, message: MessageDefinition, values: list[SignalDefinition], counted: list[_Number]
 ) -> CellProposal | None:
-    segment = _best([number for number in counted if number.part == "pack"])
+    pack = _best([number for number in counted if number.part == "pack"])
     cells = [number for number in counted if number.part == "cell"]
     group = _best([number for number in counted if number.part == "group"])
     members: tuple[Member, ...] = tuple((message, signal) for signal in values)
@@ -134,45 +134,45 @@ def _proposal(
             CellSignals(
                 signal=signal.name,
                 message=message.name,
-                numbers=_segment_names(segment) | {"cell": cell.signal.name},
-                base=_bases(segment, cells),
+                numbers=_segment_names(pack) | {"cell": cell.signal.name},
+                base=_bases(pack, cells),
             )
             for signal, cell in zip(values, _paired(values, cells), strict=True)
         )
-        n, segments = _size(survey, message, segment, cells, 1, 1)
+        n, segments = _size(survey, message, pack, cells, 1, 1)
         reason = Message("infer-own-numbers", message=message.name, k=len(values))
         return _built(survey, kind, entries, n, segments, members, [reason, *_unknown(cells)])
     cell = _best(cells)
     if len(values) == 1:
-        if len(cells) > 1 and segment is not None:  # several cells have a number, the one value is of all of them
-            cell, segment = segment, None
+        if len(cells) > 1 and pack is not None:  # several cells have a number, the one value is of all of them
+            cell, pack = pack, None
         number = cell or group
-        if number is None and segment is not None and len(segment.seen) >= _LEAST_LONE:
-            segment, number = None, segment
+        if number is None and pack is not None and len(pack.seen) >= _LEAST_LONE:
+            pack, number = None, pack
         if number is None:
             return None
         entry = CellSignals(
             values[0].name,
             message.name,
-            numbers=_segment_names(segment) | {"cell": number.signal.name},
-            base=_bases(segment, [number]),
+            numbers=_segment_names(pack) | {"cell": number.signal.name},
+            base=_bases(pack, [number]),
         )
-        n, segments = _size(survey, message, segment, [number], 1, 1)
+        n, segments = _size(survey, message, pack, [number], 1, 1)
         return _built(
-            survey, kind, (entry,), n, segments, members, [_reason(message, segment, number), *_unknown([number])]
+            survey, kind, (entry,), n, segments, members, [_reason(message, pack, number), *_unknown([number])]
         )
-    number = group or cell or segment
+    number = group or cell or pack
     if number is None:
         return None
-    segment = None if number is segment else segment
+    pack = None if number is pack else pack
     step = 1 if _counts_cells(number, len(values)) else len(values)
     pattern, lowest = _cell_pattern(values)
     if not pattern:
         return None
-    base = _bases(segment, []) | {"group": _lowest(number), "cell": lowest}
-    named = _segment_names(segment) | {"group": number.signal.name}
+    base = _bases(pack, []) | {"group": _lowest(number), "cell": lowest}
+    named = _segment_names(pack) | {"group": number.signal.name}
     entries = (CellSignals(pattern, message.name, named, {k: v for k, v in base.items() if v}, group_cells=step),)
-    n, segments = _size(survey, message, segment, [number], step, len(values))
+    n, segments = _size(survey, message, pack, [number], step, len(values))
     reason = Message("infer-base-number", message=message.name, number=number.signal.name, k=len(values), step=step)
     return _built(survey, kind, entries, n, segments, members, [reason, *_unknown([number])])
 
@@ -224,8 +224,8 @@ def _best(numbers: list[_Number]) -> _Number | None:
     return max(numbers, key=lambda number: (len(number.seen), number.signal.layout.length), default=None)
 
 
-def _segment_names(segment: _Number | None) -> dict[str, str]:
-    return {} if segment is None else {"pack": segment.signal.name}
+def _segment_names(pack: _Number | None) -> dict[str, str]:
+    return {} if pack is None else {"pack": pack.signal.name}
 
 
 def _run(seen: tuple[int, ...]) -> tuple[int, ...]:
@@ -243,8 +243,8 @@ def _lowest(number: _Number) -> int:
     return 1 if low == 1 else 0
 
 
-def _bases(segment: _Number | None, cells: list[_Number]) -> dict[str, int]:
-    bases = {} if segment is None else {"pack": _lowest(segment)}
+def _bases(pack: _Number | None, cells: list[_Number]) -> dict[str, int]:
+    bases = {} if pack is None else {"pack": _lowest(pack)}
     if cells:
         bases["cell"] = min(_lowest(cell) for cell in cells)
     return {part: low for part, low in bases.items() if low}
@@ -259,11 +259,11 @@ def _counts_cells(number: _Number, k: int) -> bool:
 
 
 def _size(
-    survey: BusSurvey, message: MessageDefinition, segment: _Number | None, cells: list[_Number], step: int, k: int
+    survey: BusSurvey, message: MessageDefinition, pack: _Number | None, cells: list[_Number], step: int, k: int
 ) -> tuple[int, tuple[int, ...] | None]:
-    """Number of cells, and of each segment where the frame tells one."""
+    """Number of cells, and of each pack where the frame tells one."""
     low = min(_lowest(cell) for cell in cells)
-    if segment is None:
+    if pack is None:
         if any(cell.seen for cell in cells):
             last = max(_run(cell.seen)[-1] for cell in cells if cell.seen)
         else:
@@ -271,22 +271,22 @@ def _size(
         return (last - low) * step + k, None
     received = survey.of(message)
     if received is None:
-        n_segments, n_cells = (
-            int(_declared_last(segment)) + 1,
+        n_packs, n_cells = (
+            int(_declared_last(pack)) + 1,
             int(max(_declared_last(cell) for cell in cells)) - low + 1,
         )
-        n_segments -= _lowest(segment)
-        return n_segments * ((n_cells - 1) * step + k), (((n_cells - 1) * step + k),) * max(n_segments, 1)
-    of_segment = received.group.raw(segment.signal.name).astype(np.int64) + round(segment.signal.layout.offset)
+        n_packs -= _lowest(pack)
+        return n_packs * ((n_cells - 1) * step + k), (((n_cells - 1) * step + k),) * max(n_packs, 1)
+    of_pack = received.group.raw(pack.signal.name).astype(np.int64) + round(pack.signal.layout.offset)
     sizes: dict[int, int] = {}
     for cell in cells:
         run = _run(cell.seen)
         of_cell = received.group.raw(cell.signal.name).astype(np.int64) + round(cell.signal.layout.offset)
-        for one in _run(segment.seen):
-            here = of_cell[(of_segment == one) & (of_cell <= run[-1])]
+        for one in _run(pack.seen):
+            here = of_cell[(of_pack == one) & (of_cell <= run[-1])]
             last = (int(here.max()) - low) * step + k if len(here) else 0
             sizes[one] = max(sizes.get(one, 0), last)
-    counts = tuple(sizes.get(i, 0) for i in range(_lowest(segment), max(sizes, default=-1) + 1))
+    counts = tuple(sizes.get(i, 0) for i in range(_lowest(pack), max(sizes, default=-1) + 1))
     filled = tuple(count or max(counts, default=0) for count in counts)
     return sum(filled), filled
 
@@ -335,7 +335,7 @@ def _same_start(names: list[str]) -> str:
     return names[0][:length]
 
 
-def _reason(message: MessageDefinition, segment: _Number | None, number: _Number) -> Text:
-    if segment is None:
+def _reason(message: MessageDefinition, pack: _Number | None, number: _Number) -> Text:
+    if pack is None:
         return Message("infer-cell-number", message=message.name, number=number.signal.name)
-    return Message("infer-two-numbers", message=message.name, segment=segment.signal.name, number=number.signal.name)
+    return Message("infer-two-numbers", message=message.name, pack=pack.signal.name, number=number.signal.name)

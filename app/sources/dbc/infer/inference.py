@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from app.battery.battery import Battery, Limit, each_cell, spread, spread_in_segments
+from app.battery.battery import Battery, Limit, each_cell, spread, spread_in_packs
 from app.battery.source import STATES, CellSignals, DbcMapping, StateSignal
 from app.sources.dbc.assembly import PERIODS_BRIDGED
 from app.sources.dbc.battery_decoder import BatteryDecoder, ChannelValues
@@ -34,7 +34,7 @@ READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_curren
 LIMITS_OF_CURRENT = ("discharge_current_max_a", "charge_current_max_a")
 _MOST_CANDIDATES = 5  # candidates of a line
 _LEAST_SCORE = {"voltage": 6.0, "temperature": 5.0}
-_USUAL_SEGMENTS = (12, 18, 14, 16, 15, 20, 24, 10, 28, 9, 8, 11, 13, 17, 21, 22, 23, 7, 6)
+_USUAL_PACKS = (12, 18, 14, 16, 15, 20, 24, 10, 28, 9, 8, 11, 13, 17, 21, 22, 23, 7, 6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +218,7 @@ def _signals(proposal: CellProposal) -> set[tuple[int, str]]:
 def _segments(voltage: CellProposal, questions: list[Text]) -> tuple[int, ...]:
     segments = voltage.segments or _of_senders(voltage)
     if segments is None or sum(segments) != voltage.n or 0 in segments:
-        segments = _guessed_segments(voltage.n)
+        segments = _guessed_packs(voltage.n)
         questions.append(Message("infer-segments-guessed", n=voltage.n, segments=len(segments)))
     return segments
 
@@ -246,9 +246,9 @@ def _ranked(survey: BusSurvey, kind: str) -> list[CellProposal]:
     return sorted(proposals, key=lambda proposal: -proposal.score)
 
 
-def _guessed_segments(n: int) -> tuple[int, ...]:
-    """Equal segments of a usual size."""
-    for size in _USUAL_SEGMENTS:
+def _guessed_packs(n: int) -> tuple[int, ...]:
+    """Equal packs of a usual size."""
+    for size in _USUAL_PACKS:
         if n % size == 0 and n > size:
             return (size,) * (n // size)
     return (n,)
@@ -259,7 +259,7 @@ def _sensors(temperature: CellProposal, segments: tuple[int, ...]) -> tuple[tupl
     if temperature.n == n_cells:
         return each_cell(n_cells)
     if temperature.n % len(segments) == 0:
-        return spread_in_segments(temperature.n, segments)
+        return spread_in_packs(temperature.n, segments)
     return spread(temperature.n, range(n_cells))
 
 

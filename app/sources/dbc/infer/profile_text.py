@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator
 
-from app.battery.battery import Battery, each_cell, spread, spread_in_segments
+from app.battery.battery import Battery, each_cell, spread, spread_in_packs
 from app.battery.source import CellSignals, ScalarSignal
 from app.sources.dbc.infer.inference import InferredProfile
 from app.sources.dbc.infer.lines import SIGNED, ProfileLine, title
@@ -106,8 +106,8 @@ def _sensors(battery: Battery) -> Iterator[str]:
     if not battery.n_sensors or battery.sensors == each_cell(battery.n_cells):
         return
     if (
-        battery.n_sensors % battery.n_segments == 0
-        and spread_in_segments(battery.n_sensors, battery.segments) == battery.sensors
+        battery.n_sensors % battery.n_packs == 0
+        and spread_in_packs(battery.n_sensors, battery.segments) == battery.sensors
     ):
         yield 'cells = "pack"  # a guess: which cells each stands for is not on the bus'
     elif spread(battery.n_sensors, range(battery.n_cells)) == battery.sensors:

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.battery.battery import Battery, each_cell, spread, spread_in_segments
+from app.battery.battery import Battery, each_cell, spread, spread_in_packs
 
 
 @given(st.integers(1, 300), st.integers(1, 300))
@@ -15,7 +15,7 @@ def test_spread_sensors_stand_for_every_cell(n_sensors, n_cells):
 
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=8), st.integers(1, 25))
 def test_no_sensor_stands_for_cells_of_two_segments(segments, each):
-    battery = Battery("x", tuple(segments), sensors=spread_in_segments(each * len(segments), tuple(segments)))
+    battery = Battery("x", tuple(segments), sensors=spread_in_packs(each * len(segments), tuple(segments)))
     for cells in battery.sensors:
         assert len({battery.place(cell)[0] for cell in cells}) == 1
 

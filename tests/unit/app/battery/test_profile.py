@@ -19,7 +19,7 @@ def profile(text):
 
 def test_the_teams_profile_is_the_teams_shape():
     team = load_profile("team").profile
-    assert team.battery.segments == (TEAM.cells_per_segment,) * TEAM.n_segments
+    assert team.battery.segments == (TEAM.cells_per_pack,) * TEAM.n_packs
     assert team.battery.n_sensors == TEAM.n_cells
     assert isinstance(team.source, MemoryMap)
 

@@ -264,7 +264,7 @@ def test_a_step_of_no_length_is_refused_and_leaves_every_watch_awake(cell, dt_s)
 
 @pytest.mark.parametrize("segments", [(), (12, 0), (-1,)])
 def test_a_segment_without_a_cell_is_refused(cell, segments):
-    with pytest.raises(ShapeError, match="segments"):
+    with pytest.raises(ShapeError, match="packs"):
         CellWatch(cell, segments)
 
 

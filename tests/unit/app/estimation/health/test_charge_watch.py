@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.health.charge_watch import ChargeMemory, ChargeWatch
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 from tests.campaign import of_size
 
 N, PER_PACK = 24, 12
-SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
+SEGMENTS = Packs((PER_PACK,) * (N // PER_PACK))
 DT_S = 1.0
 OHM = 3.5e-3
 DAY_S = 86_400.0
@@ -22,7 +22,7 @@ class Pack:
     def __init__(self, watch=None, seed=1, n_cells=N, per_pack=PER_PACK):
         self.cell, self.n = load_cell(), n_cells
         self.rng = np.random.default_rng(seed)
-        self.watch = watch or ChargeWatch(self.cell, Segments((per_pack,) * (n_cells // per_pack)))
+        self.watch = watch or ChargeWatch(self.cell, Packs((per_pack,) * (n_cells // per_pack)))
         self.soc = 0.8 + 0.004 * self.rng.normal(size=n_cells)
         self.capacity_ah = self.cell.capacity_ah * (1 + 0.01 * self.rng.normal(size=n_cells))
         self.leak_a = np.zeros(n_cells)

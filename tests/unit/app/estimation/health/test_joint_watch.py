@@ -3,10 +3,10 @@ import pytest
 
 from app.estimation.errors import ShapeError
 from app.estimation.health.joint_watch import JointWatch, LooseJoints
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 
 N, PER_PACK = 96, 12
-SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
+SEGMENTS = Packs((PER_PACK,) * (N // PER_PACK))
 PAIR_OHM = 1e-3  # resistance of the RC pair, 10 s
 
 
@@ -67,7 +67,7 @@ def test_a_past_of_other_cells_is_refused():
 def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grown_ohm, seed):
     (n, per_pack), rng = shape, np.random.default_rng(seed)
     cell, resistance_ohm = int(place * n), 2e-3 + rng.normal(0, 2e-5, n)
-    watch = JointWatch(Segments((per_pack,) * (n // per_pack)))
+    watch = JointWatch(Packs((per_pack,) * (n // per_pack)))
     assert drive(watch, resistance_ohm, 90, rng) == set()
     resistance_ohm[cell] += grown_ohm
     assert drive(watch, resistance_ohm, 60, rng) == {cell}

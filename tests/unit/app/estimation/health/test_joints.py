@@ -3,11 +3,11 @@ import pytest
 
 from app.estimation.errors import ShapeError
 from app.estimation.health.joints import judge_joints
+from app.estimation.health.packs import Packs
 from app.estimation.health.resistance_tracker import ResistanceTracker
-from app.estimation.health.segments import Segments
 
 R0, R1, TAU = 1.7e-3, 1.2e-3, 9.0
-SEGMENTS = Segments((12,) * 8)
+SEGMENTS = Packs((12,) * 8)
 
 
 def lap(rng, seconds=80.0, dt=0.1):

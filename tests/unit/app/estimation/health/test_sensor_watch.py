@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.estimation.health.segments import Segments
+from app.estimation.health.packs import Packs
 from app.estimation.health.sensor_watch import ChannelWatch, ThermistorWatch
 from tests.campaign import examples
 
 N, PER_PACK = 24, 12
-SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
+SEGMENTS = Packs((PER_PACK,) * (N // PER_PACK))
 NAN = float("nan")
 
 
@@ -97,7 +97,7 @@ shapes_and_cells = st.sampled_from(SHAPES).flatmap(
 @given(shapes_and_cells, st.sampled_from([-40.0, 85.0, 125.0, NAN]))
 def test_a_thermistor_that_came_off_is_named_in_any_pack_and_no_other(placed, shown_degc):
     (n, per_pack), cell = placed
-    watch = ThermistorWatch(Segments((per_pack,) * (n // per_pack)))
+    watch = ThermistorWatch(Packs((per_pack,) * (n // per_pack)))
     for k in range(60):
         degc = np.round(30.0 + 0.02 * k + np.linspace(-2.0, 2.0, n))
         if k >= 20:
@@ -112,7 +112,7 @@ def test_a_thermistor_that_came_off_is_named_in_any_pack_and_no_other(placed, sh
 @given(shapes_and_cells, st.integers(0, 10**6))
 def test_a_channel_that_stands_still_is_named_in_any_pack_and_no_other(placed, seed):
     (n, per_pack), cell = placed
-    watch, rng, stuck_v = ChannelWatch(Segments((per_pack,) * (n // per_pack))), np.random.default_rng(seed), NAN
+    watch, rng, stuck_v = ChannelWatch(Packs((per_pack,) * (n // per_pack))), np.random.default_rng(seed), NAN
     for k in range(150):
         current_a = 60.0 + 50.0 * np.sin(k / 9.0)
         v = 3.9 - 2e-3 * current_a + rng.normal(0, 2e-4, n)

@@ -38,12 +38,12 @@ UNITS = (("V", 1.0, 0.0001), ("mV", 1000.0, 1.0), ("", 1000.0, 1.0), ("", 1e4, 1
 @st.composite
 def peers(draw, with_segments):
     """A battery of four voltages a frame, and on the same bus what could be taken for cells."""
-    n_segments, size = draw(st.integers(2, 5)), draw(st.integers(6, 14))
+    n_packs, size = draw(st.integers(2, 5)), draw(st.integers(6, 14))
     pattern = draw(st.sampled_from(OF_SEGMENTS if with_segments else RUNNING))
     unit, per_volt, factor = draw(st.sampled_from(UNITS))
     base_s, base_c, order = draw(st.integers(0, 1)), draw(st.integers(0, 1)), draw(st.integers(0, 1))
-    n = n_segments * size
-    peer = Peer(pattern, n, 0, segments=(size,) * n_segments if with_segments else None, resolution_v=factor / per_volt)
+    n = n_packs * size
+    peer = Peer(pattern, n, 0, segments=(size,) * n_packs if with_segments else None, resolution_v=factor / per_volt)
     peer.positive = draw(st.sampled_from(["discharge", "charge"]))
 
     def name(i):

@@ -49,15 +49,15 @@ def with_a_cell_number(draw):
 
 
 @st.composite
-def with_segment_and_cell(draw):
+def with_pack_and_cell(draw):
     segments = tuple(draw(st.lists(st.integers(6, 18), min_size=2, max_size=8)))
     peer, unit, order = new_peer(draw, sum(segments), segments)
     base_s, base_c = draw(st.integers(0, 1)), draw(st.integers(0, 1))
-    (name, volts), segment = draw(st.sampled_from(CELL_NAMES)), draw(st.sampled_from(SEGMENT_NAMES))
+    (name, volts), pack = draw(st.sampled_from(CELL_NAMES)), draw(st.sampled_from(SEGMENT_NAMES))
     places = [(s, c) for s, size in enumerate(segments) for c in range(size)]
     turns = [
         [
-            number(segment, s + base_s, 0, order),
+            number(pack, s + base_s, 0, order),
             number(name, c + base_c, 8, order),
             value(volts, peer, i, unit, 16, order),
         ]
@@ -90,7 +90,7 @@ def test_cells_that_a_frame_numbers_are_all_found(peer):
 
 
 @settings(max_examples=examples(20))
-@given(with_segment_and_cell())
+@given(with_pack_and_cell())
 def test_segments_of_any_size_are_found_with_their_cells(peer):
     assert_learned_rightly(peer, 13)
 

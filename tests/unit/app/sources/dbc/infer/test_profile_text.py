@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.battery.battery import Battery, SignalName, each_cell, spread, spread_in_segments
+from app.battery.battery import Battery, SignalName, each_cell, spread, spread_in_packs
 from app.battery.profile import read_document, understand
 from app.battery.source import PARTS, CellSignals, DbcMapping, ScalarSignal
 from app.sources.dbc.infer.inference import InferredProfile
@@ -70,8 +70,8 @@ def test_a_way_to_speak_is_read_again_as_it_was_learned(entry):
     [
         ((), (12, 12)),
         (each_cell(24), (12, 12)),
-        (spread_in_segments(6, (12, 12)), (12, 12)),
-        (spread_in_segments(6, (10, 14)), (10, 14)),
+        (spread_in_packs(6, (12, 12)), (12, 12)),
+        (spread_in_packs(6, (10, 14)), (10, 14)),
         (spread(5, range(24)), (12, 12)),
         (((0, 1), (), (23,)), (12, 12)),
     ],

@@ -1,4 +1,4 @@
-"""Segments of a battery, which may differ in size, as one table: cells of a segment share air and board."""
+"""Packs of a battery, which may differ in size, as one table: cells of a pack share air and board."""
 
 from __future__ import annotations
 
@@ -8,48 +8,48 @@ from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.errors import ShapeError
 
 
-class Segments:
-    """A row a segment, as long as the longest; NaN where a segment has fewer cells."""
+class Packs:
+    """A row for each pack, as long as the longest; NaN where a pack has fewer cells."""
 
     def __init__(self, sizes: tuple[int, ...]) -> None:
-        """Take the number of cells of each segment.
+        """Take the number of cells of each pack.
 
         Raises:
-            ShapeError: there is no segment, or one without a cell.
+            ShapeError: there is no pack, or one without a cell.
         """
         if not sizes or min(sizes) < 1:
-            raise ShapeError("segments", (1,), sizes)
+            raise ShapeError("packs", (1,), sizes)
         self.n_cells = sum(sizes)
         self.count = np.array(sizes)
         self._is_cell = np.arange(max(sizes)) < self.count[:, None]
 
     def table(self, values: FloatArray) -> FloatArray:
-        """Return (n_segments, longest) of (n_cells,)."""
+        """Return (n_packs, longest) of (n_cells,)."""
         table = np.full(self._is_cell.shape, np.nan)
         table[self._is_cell] = values
         return table
 
     def flat(self, table: FloatArray) -> FloatArray:
-        """Return (n_cells,) of (n_segments, longest)."""
+        """Return (n_cells,) of (n_packs, longest)."""
         return np.asarray(table[self._is_cell])
 
-    def each_cell(self, of_segments: FloatArray) -> FloatArray:
-        """Return (n_cells,): what (n_segments,) says of its segment."""
-        return np.repeat(of_segments, self.count)
+    def each_cell(self, of_packs: FloatArray) -> FloatArray:
+        """Return (n_cells,): what (n_packs,) says of its pack."""
+        return np.repeat(of_packs, self.count)
 
     def median(self, values: FloatArray) -> FloatArray:
-        """Return (n_cells,) the median of what is known in each cell's segment; NaN where nothing is."""
+        """Return (n_cells,) the median of what is known in each cell's pack; NaN where nothing is."""
         return self.each_cell(medians(self.table(values), axis=1)[:, 0])
 
     def has_more_than(self, share: float, is_known: BoolArray) -> BoolArray:
-        """Return (n_cells,) whether more than this share of each cell's segment is true in (n_cells,)."""
+        """Return (n_cells,) whether more than this share of each cell's pack is true in (n_cells,)."""
         starts = np.cumsum(self.count) - self.count
         return np.repeat(np.add.reduceat(is_known.astype(np.intp), starts) > share * self.count, self.count)
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """Return the other cells of a cell's segment."""
-        segment = np.repeat(np.arange(len(self.count)), self.count)
-        return tuple(int(other) for other in np.flatnonzero(segment == segment[cell]) if other != cell)
+        """Return the other cells of a cell's pack."""
+        pack = np.repeat(np.arange(len(self.count)), self.count)
+        return tuple(int(other) for other in np.flatnonzero(pack == pack[cell]) if other != cell)
 
 
 def medians(table: FloatArray, axis: int) -> FloatArray:
