@@ -56,11 +56,10 @@ export function cellName(index: number | null | undefined, shape = shapes.here):
   if (index === null || index === undefined) return DASH;
   const place = shape.place(index);
   if (!place) return t('common.cell_lower', { n: index + 1 });
-  return t('common.pack_cell', { pack: place.segment + 1, cell: place.position + 1 });
+  return t('common.pack_cell', { pack: place.pack + 1, cell: place.position + 1 });
 }
 
-export const packNumber = (index: number, shape = shapes.here): number =>
-  (shape.place(index)?.segment ?? 0) + 1;
+export const packNumber = (index: number, shape = shapes.here): number => (shape.place(index)?.pack ?? 0) + 1;
 export const cellNumber = (index: number, shape = shapes.here): number =>
   (shape.place(index)?.position ?? index) + 1;
 /** Index of a cell by pack and cell as people count them, null where there is none. */

@@ -7,7 +7,7 @@ const TEAM: Outline = {
   drawing: { rows: 2, order: [0, 1, 2, 3, 7, 6, 5, 4], turned: [] },
 };
 const SHAPES: [string, Outline][] = [
-  ['one segment', { segments: [14] }],
+  ['one pack', { segments: [14] }],
   ['six of twelve', { segments: equal(6, 12) }],
   ['the team’s', TEAM],
   ['ten of fourteen', { segments: equal(10, 14) }],
@@ -64,15 +64,15 @@ describe.each(SHAPES)('a battery: %s', (_, outline) => {
     for (const screen of ['wide', 'middle', 'phone'] as const)
       for (const big of [true, false]) {
         const drawn = new Shape(outline, viewOf(shape, screen, big));
-        const found = drawn.rows.flat().flatMap((segment) => drawn.cellRows(segment).flat());
+        const found = drawn.rows.flat().flatMap((pack) => drawn.cellRows(pack).flat());
         expect(found.filter((cell) => cell !== null).sort((a, b) => a - b)).toEqual(cells);
       }
   });
 
   it('finds back the cell of every place', () => {
     for (const cell of cells) {
-      const { segment, position } = shape.place(cell)!;
-      expect(shape.cells(segment)[position]).toBe(cell);
+      const { pack, position } = shape.place(cell)!;
+      expect(shape.cells(pack)[position]).toBe(cell);
     }
     expect(shape.place(shape.nCells)).toBeNull();
     expect(shape.place(-1)).toBeNull();
@@ -98,7 +98,7 @@ describe.each(SHAPES)('a battery: %s', (_, outline) => {
       const found = lines(shape, most);
       expect(found.flatMap((line) => line.cells)).toEqual(cells);
       expect(Math.max(...found.map((line) => line.cells.length))).toBeLessThanOrEqual(most);
-      for (const { segment, first, cells } of found) expect(shape.cells(segment)[first]).toBe(cells[0]);
+      for (const { pack, first, cells } of found) expect(shape.cells(pack)[first]).toBe(cells[0]);
     }
   });
 });
@@ -117,7 +117,7 @@ describe('where no drawing tells', () => {
     expect(shape.columns * shape.across * 42).toBeLessThanOrEqual(1180);
   });
 
-  it('counts a turned segment from right to left', () => {
+  it('counts a turned pack from right to left', () => {
     const shape = new Shape({ segments: [3, 3], drawing: { rows: 1, order: [1, 0], turned: [1] } });
     expect(shape.rows).toEqual([[1, 0]]);
     expect(shape.cellRows(1)).toEqual([[5, 4, 3]]);

@@ -70,7 +70,7 @@ const SHOWN = 4;
 export function placeOf(cell: number): string {
   const shape = shapes.here;
   const { packRow, packColumn, cellRow, cellColumn } = shape.seat(cell);
-  const rows = Math.max(shape.rows.length, shape.cellRows(shape.place(cell)?.segment ?? 0).length);
+  const rows = Math.max(shape.rows.length, shape.cellRows(shape.place(cell)?.pack ?? 0).length);
   if (rows > 2)
     return t('packs.pack_row_column_cell_row_lower', {
       packRow,

@@ -83,11 +83,10 @@ export function placesIn(
     isPack: begins(names.pack, word),
   }));
 
-  const ofPack = (pack: number): Found[] =>
-    pack >= 1 && pack <= shape.nSegments ? [{ pack, cell: null }] : [];
+  const ofPack = (pack: number): Found[] => (pack >= 1 && pack <= shape.nPacks ? [{ pack, cell: null }] : []);
   const ofString = (n: number): Found[] => {
     const place = shape.place(n - 1);
-    return place ? [{ pack: place.segment + 1, cell: place.position + 1 }] : [];
+    return place ? [{ pack: place.pack + 1, cell: place.position + 1 }] : [];
   };
   const inPack = (pack: number, cell: number): Found[] =>
     cell >= 1 && cell <= shape.size(pack - 1) ? [{ pack, cell }] : [];

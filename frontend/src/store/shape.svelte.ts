@@ -1,4 +1,4 @@
-// The shape of a battery, and where its cells sit on the map: segments by the profile's drawing, in each of them the
+// The shape of a battery, and where its cells sit on the map: packs by the profile's drawing, in each of them the
 // cells in rows, out and back. What is drawn does not depend on the window: the map is the battery.
 
 /* eslint-disable svelte/prefer-svelte-reactivity -- a shape does not change */
@@ -10,7 +10,7 @@ export type Outline = Pick<Battery, 'segments'> & Partial<Pick<Battery, 'drawing
 export interface View {
   width: number; // px of the whole map, and
   cell: number; // of the narrowest cell that is worth drawing
-  across: number; // segments side by side at most, so that each has room for its name
+  across: number; // packs side by side at most, so that each has room for its name
 }
 
 const ACROSS = 6;
@@ -22,7 +22,7 @@ const PHONE_MANY: View = { width: 358, cell: 12, across: 3 };
 /** Cells up to which a map fits a screen with all its numbers. */
 export const MANY = 240;
 
-/** The view for a screen; on a small one segments that stand side by side wrap. */
+/** The view for a screen; on a small one packs that stand side by side wrap. */
 export function viewOf(shape: Shape, screen: 'wide' | 'middle' | 'phone', big: boolean): View {
   if (screen === 'wide') return WIDE;
   if (screen === 'middle') return { ...MIDDLE, across: Math.max(1, Math.ceil(shape.across / 2)) };
@@ -30,16 +30,16 @@ export function viewOf(shape: Shape, screen: 'wide' | 'middle' | 'phone', big: b
   return big ? PHONE : PHONE_SMALL;
 }
 
-const GAP = 16; // px between segments
+const GAP = 16; // px between packs
 const ROW = 28; // px of a row of cells, and
-const HEAD = 32; // of the line above a segment: what is weighed where no drawing is given
+const HEAD = 32; // of the line above a pack: what is weighed where no drawing is given
 
 export class Shape {
   readonly starts: readonly number[];
   readonly nCells: number;
-  /** Segments from 0, row by row as they are drawn. */
+  /** Packs from 0, row by row as they are drawn. */
   readonly rows: readonly (readonly number[])[];
-  /** Cells side by side in a segment. */
+  /** Cells side by side in a pack. */
   readonly columns: number;
   private readonly places = new Map<number, [x: number, y: number]>();
   private readonly at = new Map<string, number>();
@@ -65,12 +65,12 @@ export class Shape {
     this.columns = columnsOf(segments, this.across, view);
     let top = 0;
     for (const row of this.rows) {
-      row.forEach((segment, column) =>
-        this.cellRows(segment).forEach((line, y) =>
+      row.forEach((pack, column) =>
+        this.cellRows(pack).forEach((line, y) =>
           line.forEach((cell, x) => this.put(cell, column * this.columns + x, top + y)),
         ),
       );
-      top += Math.max(...row.map((segment) => this.cellRows(segment).length));
+      top += Math.max(...row.map((pack) => this.cellRows(pack).length));
     }
     const own: number[][] = Array.from({ length: cells }, () => []);
     sensors?.forEach((stands, sensor) => stands.forEach((cell) => own[cell]?.push(sensor)));
@@ -83,42 +83,39 @@ export class Shape {
     this.at.set(`${x} ${y}`, cell);
   }
 
-  get nSegments(): number {
+  get nPacks(): number {
     return this.outline.segments.length;
   }
 
-  /** Segments across the widest row of the map. */
+  /** Packs across the widest row of the map. */
   get across(): number {
     return Math.max(1, ...this.rows.map((row) => row.length));
   }
 
   /** Rows of cells from the top of the map to its end. */
   get cellRowsInAll(): number {
-    return this.rows.reduce(
-      (n, row) => n + Math.max(...row.map((segment) => this.cellRows(segment).length)),
-      0,
-    );
+    return this.rows.reduce((n, row) => n + Math.max(...row.map((pack) => this.cellRows(pack).length)), 0);
   }
 
-  size(segment: number): number {
-    return this.outline.segments[segment] ?? 0;
+  size(pack: number): number {
+    return this.outline.segments[pack] ?? 0;
   }
 
-  /** Segment of a cell and its place in it, both from 0; null where there is no such cell. */
-  place(cell: number): { segment: number; position: number } | null {
+  /** Pack of a cell and its place in it, both from 0; null where there is no such cell. */
+  place(cell: number): { pack: number; position: number } | null {
     if (!Number.isInteger(cell) || cell < 0 || cell >= this.nCells) return null;
-    const segment = this.starts.findLastIndex((start) => start <= cell);
-    return { segment, position: cell - this.starts[segment]! };
+    const pack = this.starts.findLastIndex((start) => start <= cell);
+    return { pack, position: cell - this.starts[pack]! };
   }
 
-  cells(segment: number): number[] {
-    return Array.from({ length: this.size(segment) }, (_, k) => this.starts[segment]! + k);
+  cells(pack: number): number[] {
+    return Array.from({ length: this.size(pack) }, (_, k) => this.starts[pack]! + k);
   }
 
-  /** Cells of a segment as they are drawn, row by row; null is an empty place. */
-  cellRows(segment: number): (number | null)[][] {
-    const isTurned = this.outline.drawing?.turned.includes(segment) ?? false;
-    return chunks(this.cells(segment), this.columns).map((row, r) => {
+  /** Cells of a pack as they are drawn, row by row; null is an empty place. */
+  cellRows(pack: number): (number | null)[][] {
+    const isTurned = this.outline.drawing?.turned.includes(pack) ?? false;
+    return chunks(this.cells(pack), this.columns).map((row, r) => {
       const filled = [...row, ...Array<null>(this.columns - row.length).fill(null)];
       return (r % 2 === 1) === isTurned ? filled : filled.reverse();
     });
@@ -130,16 +127,16 @@ export class Shape {
     return place ? (this.at.get(`${place[0] + dx} ${place[1] + dy}`) ?? null) : null;
   }
 
-  /** Row and column of a cell's segment on the map, and of the cell in its segment, all from 1. */
+  /** Row and column of a cell's pack on the map, and of the cell in its pack, all from 1. */
   seat(cell: number): { packRow: number; packColumn: number; cellRow: number; cellColumn: number } {
-    const segment = this.place(cell)?.segment ?? 0;
-    const row = this.rows.findIndex((each) => each.includes(segment));
-    const cellRow = this.cellRows(segment).findIndex((each) => each.includes(cell));
+    const pack = this.place(cell)?.pack ?? 0;
+    const row = this.rows.findIndex((each) => each.includes(pack));
+    const cellRow = this.cellRows(pack).findIndex((each) => each.includes(cell));
     return {
       packRow: row + 1,
-      packColumn: this.rows[row]!.indexOf(segment) + 1,
+      packColumn: this.rows[row]!.indexOf(pack) + 1,
       cellRow: cellRow + 1,
-      cellColumn: this.cellRows(segment)[cellRow]!.indexOf(cell) + 1,
+      cellColumn: this.cellRows(pack)[cellRow]!.indexOf(cell) + 1,
     };
   }
 
@@ -167,9 +164,9 @@ export class Shape {
   }
 }
 
-/** A line of a table of cells: `part` names its cells where a segment takes more than one line. */
+/** A line of a table of cells: `part` names its cells where a pack takes more than one line. */
 export interface Line {
-  segment: number;
+  pack: number;
   first: number;
   cells: number[];
   part: string;
@@ -177,10 +174,10 @@ export interface Line {
 
 /** A table of all cells with at most `most` columns: what stands before each line, and its cells. */
 export function lines(shape: Shape, most: number): Line[] {
-  return shape.outline.segments.flatMap((size, segment) => {
+  return shape.outline.segments.flatMap((size, pack) => {
     const wide = Math.ceil(size / Math.ceil(size / most));
-    return chunks(shape.cells(segment), wide).map((cells, i) => ({
-      segment,
+    return chunks(shape.cells(pack), wide).map((cells, i) => ({
+      pack,
       first: i * wide,
       cells,
       part: size > wide ? `${i * wide + 1}–${i * wide + cells.length}` : '',
@@ -194,7 +191,7 @@ function columnsOf(segments: readonly number[], across: number, { width, cell }:
   return Math.ceil(largest / Math.ceil(largest / most));
 }
 
-/** Segments side by side where no drawing is given: the lowest map with the fewest empty places. */
+/** Packs side by side where no drawing is given: the lowest map with the fewest empty places. */
 function bestAcross(segments: readonly number[], view: View): number {
   const cells = segments.reduce((a, b) => a + b, 0);
   const cost = (across: number): number => {
