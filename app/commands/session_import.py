@@ -84,11 +84,11 @@ def import_recording(args: argparse.Namespace) -> int:
     has_table = args.dbc is None and not is_log
     with Progress(path.name) as progress:
         table = read_table(path, between(progress, 0.0, READING_TABLE)) if has_table else None
-        profile = ImportMapping() if is_log else _profile(args, table, store)
-        profile = replace(profile, bus=args.bus) if args.bus else profile
+        mapping = ImportMapping() if is_log else _mapping(args, table, store)
+        mapping = replace(mapping, bus=args.bus) if args.bus else mapping
         done = import_file(
             path,
-            profile,
+            mapping,
             data / "sessions",
             lambda of: PipelineFactory(args.filter, args.cell, of).pipeline(
                 "replay", "imported", "imported", predicts=False
@@ -103,7 +103,7 @@ def import_recording(args: argparse.Namespace) -> int:
     for note in done.notes:
         print(render(note), file=sys.stderr)
     if args.save_profile:
-        store.save(args.save_profile, profile)
+        store.save(args.save_profile, mapping)
     rows = f"{done.rows} {'frames' if is_log else 'rows'}"
     of = f" of {done.cells} cells" if done.cells else ""
     print(f"{done.info.id}: {rows}{of}, {done.info.duration_s / 60:.1f} min")
@@ -114,7 +114,7 @@ def show_columns(args: argparse.Namespace) -> int:
     """Print what is in a recording."""
     from app.sources.recordings.can_log import read_signals
     from app.sources.recordings.guess import guess
-    from app.sources.recordings.import_mapping import profile_text
+    from app.sources.recordings.import_mapping import mapping_text
     from app.sources.recordings.table import read_table
 
     path = existing("file", args.file)
@@ -133,7 +133,7 @@ def show_columns(args: argparse.Namespace) -> int:
         print(printable(f"{i:>4}  {column['name']}: {span}"))
     for note in table.notes:
         print(f"# {render(note)}")
-    print("# guessed profile\n" + profile_text(guess(table)), end="")
+    print("# guessed profile\n" + mapping_text(guess(table)), end="")
     return 0
 
 
@@ -143,23 +143,23 @@ def _span(name: str, values: FloatArray) -> dict[str, Any]:
     return {"name": name, "lowest": lowest, "highest": highest}
 
 
-def _profile(args: argparse.Namespace, table: Table | None, store: ImportMappingStore) -> ImportMapping:
+def _mapping(args: argparse.Namespace, table: Table | None, store: ImportMappingStore) -> ImportMapping:
     from app.sources.recordings.guess import guess
-    from app.sources.recordings.import_mapping import ImportMapping, parse_profile, profile_of
+    from app.sources.recordings.import_mapping import ImportMapping, mapping_of, parse_mapping
 
     if args.profile is None:
-        profile = ImportMapping() if table is None else guess(table)
+        mapping = ImportMapping() if table is None else guess(table)
     elif Path(args.profile).is_file():
-        profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
+        mapping = parse_mapping(Path(args.profile).read_text(encoding="utf-8"), args.profile)
     else:
-        profile = store.load(args.profile)
+        mapping = store.load(args.profile)
     given: dict[str, object] = {} if args.current_means is None else {"current_means": args.current_means}
     for text in args.set:
         name, sign, value = text.partition("=")
         if not sign:
             raise ConfigError("set", text, "FIELD=VALUE")
         given[name] = _value(name, value)
-    return replace(profile, **given) if profile_of(given) else profile  # type: ignore[arg-type]
+    return replace(mapping, **given) if mapping_of(given) else mapping  # type: ignore[arg-type]
 
 
 def _value(name: str, text: str) -> object:

@@ -23,7 +23,7 @@ from app.sources.loaded_battery import battery_from_files
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.guess import guess
-from app.sources.recordings.import_mapping import parse_profile
+from app.sources.recordings.import_mapping import parse_mapping
 from app.sources.recordings.kind import ENDINGS
 from app.sources.recordings.table import load_table
 from firmware_protocol.config_image import default_image
@@ -89,7 +89,7 @@ def profile(data: bytes) -> None:
     with contextlib.suppress(ConfigError):
         assert len(parse_config_profile(text).image) == CONFIG_SIZE
     with contextlib.suppress(ImportFailed):
-        parse_profile(text.decode("utf-8", "replace"))
+        parse_mapping(text.decode("utf-8", "replace"))
 
 
 def can_log(data: bytes) -> None:

@@ -11,7 +11,7 @@ from app.api.schemas.sessions import ImportsOut, ImportStateOut, PreviewOut, Upl
 from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
 from app.sessions.transfer.import_jobs import ImportState
-from app.sources.recordings.import_mapping import ImportMapping, profile_of
+from app.sources.recordings.import_mapping import ImportMapping, mapping_of
 from app.words import Message, rendered, rendered_or_none
 
 BINARY = {"type": "string", "format": "binary"}
@@ -65,7 +65,7 @@ def _state_json(state: ImportState) -> dict[str, Any]:
 @router.get("/imports", response_model=ImportsOut)
 def imports(imports: ImportsPart) -> dict[str, Any]:
     """Return the progress of the last import, and the profiles that are kept."""
-    store = imports.profiles
+    store = imports.mappings
     return {"last": _state(imports), "profiles": store.names()}
 
 
@@ -100,15 +100,15 @@ async def upload(
     }
 
 
-def _profile(body: ReadingIn, imports: ImportsPart) -> ImportMapping:
-    profile = imports.profiles.load(body.profile_name) if body.profile_name else ImportMapping()
-    return profile_of({**asdict(profile), **body.profile}) if body.profile else profile
+def _mapping(body: ReadingIn, imports: ImportsPart) -> ImportMapping:
+    mapping = imports.mappings.load(body.profile_name) if body.profile_name else ImportMapping()
+    return mapping_of({**asdict(mapping), **body.profile}) if body.profile else mapping
 
 
 @router.post("/imports/{upload_id}/preview", response_model=PreviewOut)
 def preview(upload_id: int, body: PreviewIn, imports: ImportsPart, user: UserDep) -> dict[str, Any]:
     """Say what is in an upload, and what its first rows become; nothing is imported."""
-    table = imports.preview(upload_id, _profile(body, imports), body.pick_units, dbc=body.dbc)
+    table = imports.preview(upload_id, _mapping(body, imports), body.pick_units, dbc=body.dbc)
     rows = table.understood
     understood = None if rows is None else asdict(rows) | {"notes": [*map(rendered, rows.notes)]}
     return asdict(table) | {"understood": understood, "error": rendered_or_none(table.error)}
@@ -117,10 +117,10 @@ def preview(upload_id: int, body: PreviewIn, imports: ImportsPart, user: UserDep
 @router.post("/imports/{upload_id}", status_code=202, response_model=ImportStateOut)
 def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPart, user: UserDep) -> dict[str, Any]:
     """Make a session of an upload, estimated by the service's filter and cell."""
-    profile = _profile(body, imports)
+    mapping = _mapping(body, imports)
     state = imports.start(
         upload_id,
-        profile,
+        mapping,
         dbc=body.dbc,
         name=body.name,
         started_unix_s=body.started_unix_s,
@@ -128,6 +128,6 @@ def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPa
         battery_uploads=body.battery_uploads,
     )
     if body.save_as:
-        imports.profiles.save(body.save_as, profile)
+        imports.mappings.save(body.save_as, mapping)
     events.note("info", "import", Message("being-imported", filename=state.filename), user.name)
     return _state_json(state)

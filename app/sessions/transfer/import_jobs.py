@@ -95,7 +95,7 @@ class ImportJobs:
         self._lock = threading.Lock()
         self._ids = itertools.count(1)
         self._uploads: dict[int, Upload] = {}
-        self.profiles = ImportMappingStore(data / "profiles")
+        self.mappings = ImportMappingStore(data / "profiles")
         self.state: ImportState | None = None
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -145,12 +145,12 @@ class ImportJobs:
             raise ImportFailed(str(number), Message("no-such-upload"))
         return upload.path
 
-    def preview(self, number: int, profile: ImportMapping, pick: Sequence[str], *, dbc: int | None) -> Preview:
+    def preview(self, number: int, mapping: ImportMapping, pick: Sequence[str], *, dbc: int | None) -> Preview:
         """Return the beginning of an upload as it would be understood.
 
         Args:
             number: of the upload.
-            profile: which columns, or signals of the DBC, are what.
+            mapping: which columns, or signals of the DBC, are what.
             pick: quantities whose unit is to be taken from the names and values.
             dbc: the upload of it.
 
@@ -158,12 +158,12 @@ class ImportJobs:
             ImportFailed: there is no such upload, or it cannot be read.
         """
         path, bus = self.path_of(number), None if dbc is None else self.path_of(dbc)
-        return self._workers.run(INSPECTION, preview, path, profile, tuple(pick), bus)
+        return self._workers.run(INSPECTION, preview, path, mapping, tuple(pick), bus)
 
     def start(
         self,
         number: int,
-        profile: ImportMapping,
+        mapping: ImportMapping,
         *,
         dbc: int | None,
         name: str,
@@ -175,7 +175,7 @@ class ImportJobs:
 
         Args:
             number: of the upload.
-            profile: which columns, or signals of the DBC, are what.
+            mapping: which columns, or signals of the DBC, are what.
             dbc: the upload of it.
             name: of the session.
             started_unix_s: when it began; None: by the file.
@@ -206,7 +206,7 @@ class ImportJobs:
             limits,
             import_file,
             upload.path,
-            profile,
+            mapping,
             self._sessions,
             self._new_pipeline,
             battery=loaded or (self._battery if is_log else None),

@@ -67,7 +67,7 @@ class _Recording:
 
 def import_file(
     path: Path,
-    profile: ImportMapping,
+    mapping: ImportMapping,
     folder: Path,
     new_pipeline: NewPipeline,
     *,
@@ -82,7 +82,7 @@ def import_file(
 
     Args:
         path: a table or a CAN log, known by its content (`app.sources.recordings.kind`).
-        profile: which columns, or signals of `dbc`, are what.
+        mapping: which columns, or signals of `dbc`, are what.
         folder: of the sessions.
         new_pipeline: makes a fresh chain with the filter and the cell to use.
         battery: who sent the frames of a CAN log, or whose shape a table has; None: the team's own, or one pack.
@@ -97,7 +97,7 @@ def import_file(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with closing(FrameSpool(folder)) as spool:
-        recording = _read(path, profile, battery, dbc, table, spool, on_progress)
+        recording = _read(path, mapping, battery, dbc, table, spool, on_progress)
         length_s = recording.length_ns / 1e9
         start_s = started_unix_s if started_unix_s is not None else recording.started_unix_s
         metadata: dict[str, object] = {"imported_from": path.name}
@@ -135,7 +135,7 @@ def between(on_progress: Progress, start: float, end: float) -> Progress:
 
 def _read(
     path: Path,
-    profile: ImportMapping,
+    mapping: ImportMapping,
     battery: LoadedBattery | None,
     dbc: Path | None,
     table: Table | None,
@@ -145,20 +145,20 @@ def _read(
     """Read the file, once; its frames go into the spool."""
     if not is_can_log(path):
         table = table or read_table(path, between(on_progress, 0.0, READING_TABLE))
-        log, is_simulated = battery_log(table, profile), is_simulated_table(table)
+        log, is_simulated = battery_log(table, mapping), is_simulated_table(table)
         of_table, length_ns = battery_of_table(log, path.name, battery), round(log.time_s[-1] * 1e9)
         return _Recording(of_table, log.started_unix_s, length_ns, is_simulated, log, 0, log.notes, READING_TABLE)
     size, is_simulated = max(path.stat().st_size, 1), is_simulated_log(path)
     reading, clock = between(on_progress, 0.0, READING if dbc is None else DECODING), LogClock()
     if dbc is None:
-        bad, buses = BadRows(), Buses(profile.bus)
+        bad, buses = BadRows(), Buses(mapping.bus)
         for frame in can_log.read_frames(path, bad, lambda at: reading(at, size), clock, buses):
             spool.add(frame)
         buses.check(path.name, () if battery is None else battery.definitions.by_id())
         notes = (*bad.notes(spool.n), *clock.notes)
     else:
         signals = can_log.read_signals(
-            path, dbc, on_read=lambda at: reading(at, size), on_frame=spool.add, clock=clock, bus=profile.bus
+            path, dbc, on_read=lambda at: reading(at, size), on_frame=spool.add, clock=clock, bus=mapping.bus
         )
     if not spool.n:
         raise ImportFailed(path.name, Message("no-data-frame"))
@@ -166,8 +166,8 @@ def _read(
     length_ns = round((spool.last_s - spool.first_s) * 1e9)
     if dbc is None:
         return _Recording(battery or team_battery(), started_s, length_ns, is_simulated, notes=notes)
-    profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]
-    log = battery_log(signals.table(profile), profile)
+    mapping = replace(mapping, **can_log.column_mapping(mapping))  # type: ignore[arg-type]
+    log = battery_log(signals.table(mapping), mapping)
     later_ns = round((log.first_s - spool.first_s) * 1e9)
     length_ns = max(length_ns, round(log.time_s[-1] * 1e9) + later_ns)
     of_table = battery_of_table(log, path.name, battery)

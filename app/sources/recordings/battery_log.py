@@ -36,68 +36,68 @@ class BatteryLog:
     means_s: float = 0.0  # over which each current is a mean; 0: instants
 
 
-def battery_log(table: Table, profile: ImportMapping) -> BatteryLog:
+def battery_log(table: Table, mapping: ImportMapping) -> BatteryLog:
     """Return the recording that a table holds.
 
     Raises:
         ImportFailed: a column is missing, there are more cells than a battery may have, or no row can be used.
     """
-    profile.check_complete(table.source, table.columns)
+    mapping.check_complete(table.source, table.columns)
     notes = list(table.notes)
-    current_a = in_our_unit(table.column("current", profile.current), "current", profile.current_unit)
+    current_a = in_our_unit(table.column("current", mapping.current), "current", mapping.current_unit)
     current_a, direction = signed(measured_currents(current_a, notes), table.columns)
-    voltages_v = in_our_unit(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
-    if profile.cells_in_series > 1.0:
-        voltages_v = voltages_v / profile.cells_in_series
-        notes.append(Message("cells-in-series", column=profile.voltages, cells=profile.cells_in_series))
+    voltages_v = in_our_unit(table.matrix("voltages", mapping.voltages), "voltage", mapping.voltage_unit)
+    if mapping.cells_in_series > 1.0:
+        voltages_v = voltages_v / mapping.cells_in_series
+        notes.append(Message("cells-in-series", column=mapping.voltages, cells=mapping.cells_in_series))
     voltages_v = cell_voltages(voltages_v, notes)
-    chosen = _chosen(table.source, profile.cells, voltages_v.shape[1])
+    chosen = _chosen(table.source, mapping.cells, voltages_v.shape[1])
     n_cells = len(chosen)
     if n_cells > MOST_CELLS:
         raise ImportFailed(
-            table.source, Message("too-many-cells", pattern=repr(profile.voltages), cells=n_cells, most=MOST_CELLS)
+            table.source, Message("too-many-cells", pattern=repr(mapping.voltages), cells=n_cells, most=MOST_CELLS)
         )
     temperatures = np.full((len(current_a), n_cells), np.nan)
-    turns = profile.charge_positive and direction is None
+    turns = mapping.charge_positive and direction is None
     if direction is not None:
-        notes.append(Message("current-no-sign", column=profile.current, direction=direction))
+        notes.append(Message("current-no-sign", column=mapping.current, direction=direction))
     mean_v = np.mean(voltages_v, axis=1)
     is_finite = np.isfinite(current_a) & np.isfinite(mean_v)
     if direction is None and flows_both_ways_unsigned(current_a[is_finite], mean_v[is_finite]):
-        notes.append(Message("current-unsigned", column=profile.current))
+        notes.append(Message("current-unsigned", column=mapping.current))
     if turns:
-        notes.append(Message("sign-turned", column=profile.current))
+        notes.append(Message("sign-turned", column=mapping.current))
     if n_cells < voltages_v.shape[1]:
-        notes.append(Message("cells-taken", taken=n_cells, cells=voltages_v.shape[1], chosen=profile.cells))
-    if n_cells == 1 and profile.cells_in_series == 1.0:
+        notes.append(Message("cells-taken", taken=n_cells, cells=voltages_v.shape[1], chosen=mapping.cells))
+    if n_cells == 1 and mapping.cells_in_series == 1.0:
         notes.append(Message("test-of-one-cell"))
-    if profile.temperatures:
-        sensors = table.matrix("temperatures", profile.temperatures)
-        sensors = measured_temperatures(in_our_unit(sensors, "temperature", profile.temperature_unit), notes)
+    if mapping.temperatures:
+        sensors = table.matrix("temperatures", mapping.temperatures)
+        sensors = measured_temperatures(in_our_unit(sensors, "temperature", mapping.temperature_unit), notes)
         temperatures = _spread(sensors, voltages_v.shape[1], notes)
         temperatures = temperatures[:, chosen]
-    soc = in_our_unit(table.column("soc", profile.soc), "soc", profile.soc_unit) if profile.soc else None
-    if profile.time and not profile.time_unit:
-        raise ImportFailed(table.source, Message("time-unit-unclear", column=profile.time))
+    soc = in_our_unit(table.column("soc", mapping.soc), "soc", mapping.soc_unit) if mapping.soc else None
+    if mapping.time and not mapping.time_unit:
+        raise ImportFailed(table.source, Message("time-unit-unclear", column=mapping.time))
     time_s: FloatArray = (
-        in_our_unit(table.column("time", profile.time), "time", profile.time_unit)
-        if profile.time
+        in_our_unit(table.column("time", mapping.time), "time", mapping.time_unit)
+        if mapping.time
         else np.arange(len(current_a), dtype=np.float64) * DEFAULT_PERIOD_S
     )
-    if not profile.time:
+    if not mapping.time:
         notes.append(Message("no-time-column", period=Quantity(DEFAULT_PERIOD_S, "s")))
     rows, time_s, started_unix_s = rows_in_time(table.source, time_s, notes)
     time_s = own_times(time_s, notes)
-    keep = _kept(time_s, profile.max_rate_hz, notes)
+    keep = _kept(time_s, mapping.max_rate_hz, notes)
     rows, time_s = rows[keep], time_s[keep]
     taken_v = voltages_v[rows][:, chosen]
     full_v = np.where((taken_v > CELL_V[0]) & (taken_v < CELL_V[1]), taken_v, np.nan)
     if np.isnan(full_v).all():
-        raise ImportFailed(table.source, Message("no-cell-voltage", unit=profile.voltage_unit))
+        raise ImportFailed(table.source, Message("no-cell-voltage", unit=mapping.voltage_unit))
     current_a = -current_a[rows] if turns else current_a[rows]
-    means_s = _means_s(profile.current_means, time_s, current_a, full_v)
+    means_s = _means_s(mapping.current_means, time_s, current_a, full_v)
     if means_s:
-        notes.append(Message("current-means", column=profile.current))
+        notes.append(Message("current-means", column=mapping.current))
     return BatteryLog(
         time_s - time_s[0],
         started_unix_s if started_unix_s is not None else table.started_unix_s(int(rows[0])),

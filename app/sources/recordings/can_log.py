@@ -248,25 +248,25 @@ class LogSignals(NamedTuple):
     by_name: Signals  # times [s] and values by name
     notes: tuple[Message, ...]  # what could not be read
 
-    def table(self, profile: ImportMapping) -> Table:
+    def table(self, mapping: ImportMapping) -> Table:
         """Return the profile's signals at every frame that carries the current; others as last received.
 
         Raises:
             ImportFailed: too little is named, or a signal is in none of the frames.
         """
-        profile.check_complete(self.source, sorted(self.by_name))
-        times_s, current = _signal(self.source, "current", profile.current, self.by_name)
-        columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
-        indexed = {name.partition("[")[0] for name in (profile.voltages, profile.temperatures) if "[" in name}
+        mapping.check_complete(self.source, sorted(self.by_name))
+        times_s, current = _signal(self.source, "current", mapping.current, self.by_name)
+        columns: dict[str, FloatArray] = {"time": times_s, mapping.current: current}
+        indexed = {name.partition("[")[0] for name in (mapping.voltages, mapping.temperatures) if "[" in name}
         for name, (at_s, values) in self.by_name.items():
             is_wanted = (
-                name == profile.soc
-                or matching(profile.voltages, [name])
-                or matching(profile.temperatures, [name])
+                name == mapping.soc
+                or matching(mapping.voltages, [name])
+                or matching(mapping.temperatures, [name])
                 or name.partition("[")[0] in indexed
             )
             if is_wanted and name not in columns:
-                columns[name] = _held(times_s, *_in_order(at_s, values), profile.hold_s)
+                columns[name] = _held(times_s, *_in_order(at_s, values), mapping.hold_s)
         return Table(self.source, columns, notes=self.notes)
 
 
@@ -299,11 +299,11 @@ def read_signals(
     return LogSignals(path.name, signals, (*unread.notes(decoded), *undecoded.notes(decoded), *clock.notes))
 
 
-def column_profile(profile: ImportMapping) -> dict[str, object]:
+def column_mapping(mapping: ImportMapping) -> dict[str, object]:
     """Return the changes to the profile of a table of `LogSignals`: a time column, patterns for indexed signals."""
     changed: dict[str, object] = {"time": "time", "time_unit": "s"}
     for field in ("voltages", "temperatures"):
-        name, bracket, _ = getattr(profile, field).partition("[")
+        name, bracket, _ = getattr(mapping, field).partition("[")
         if bracket:
             changed[field] = name + "[{n}]"
     return changed

@@ -34,7 +34,7 @@ def guess(table: Table) -> ImportMapping:
     for name in names:
         if re.search(r"\d", name):
             groups[re.sub(r"\d+", "#", name)].append(name)
-    profile = ImportMapping()
+    mapping = ImportMapping()
     many = sorted((group for group in groups.values() if len(group) > 1), key=lambda group: -len(group))
     for members in many:
         pattern = _pattern(members)
@@ -43,11 +43,11 @@ def guess(table: Table) -> ImportMapping:
         values = np.concatenate([table.columns[name] for name in members])
         middle = median(values[values != 0.0])
         size = median(np.abs(values[values != 0.0]))  # a sign may mark a cell
-        if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < middle < 400:
-            profile = replace(profile, temperatures=pattern)
-        elif not profile.voltages and sounds_like(members[0], "voltage") and _voltage_unit(size):
-            profile = replace(profile, voltages=pattern)
-    grouped = {name for pattern in (profile.voltages, profile.temperatures) for name in matching(pattern, names)}
+        if not mapping.temperatures and sounds_like(members[0], "temperature") and -60 < middle < 400:
+            mapping = replace(mapping, temperatures=pattern)
+        elif not mapping.voltages and sounds_like(members[0], "voltage") and _voltage_unit(size):
+            mapping = replace(mapping, voltages=pattern)
+    grouped = {name for pattern in (mapping.voltages, mapping.temperatures) for name in matching(pattern, names)}
     columns = {name: values for name, values in table.columns.items() if name not in grouped}
     best: dict[str, str] = {}
     for quantity in UNITS:
@@ -57,32 +57,32 @@ def guess(table: Table) -> ImportMapping:
         )
         best[quantity] = options[0].name if options and is_clear else ""
         columns.pop(best[quantity], None)
-    profile = replace(profile, time=best["time"], current=best["current"], soc=best["soc"])
-    if not profile.voltages and best["voltage"]:
-        profile = replace(profile, voltages=best["voltage"], temperatures=profile.temperatures or best["temperature"])
-    profile = with_units(profile, table, UNITS)
-    if profile.voltages == best["voltage"] != "":
-        volts = median(table.columns[profile.voltages]) * UNITS["voltage"][profile.voltage_unit][0]
+    mapping = replace(mapping, time=best["time"], current=best["current"], soc=best["soc"])
+    if not mapping.voltages and best["voltage"]:
+        mapping = replace(mapping, voltages=best["voltage"], temperatures=mapping.temperatures or best["temperature"])
+    mapping = with_units(mapping, table, UNITS)
+    if mapping.voltages == best["voltage"] != "":
+        volts = median(table.columns[mapping.voltages]) * UNITS["voltage"][mapping.voltage_unit][0]
         in_series = 1.0 if volts < ONE_CELL_BELOW_V else float(max(1, round(volts / USUAL_CELL_V)))
-        profile = replace(profile, cells_in_series=in_series)
-    return replace(profile, charge_positive=_charges_positive(table, profile))
+        mapping = replace(mapping, cells_in_series=in_series)
+    return replace(mapping, charge_positive=_charges_positive(table, mapping))
 
 
-def with_units(profile: ImportMapping, table: Table, quantities: Iterable[str]) -> ImportMapping:
+def with_units(mapping: ImportMapping, table: Table, quantities: Iterable[str]) -> ImportMapping:
     """Return the profile with the units of some quantities as the names of their columns, or else the values, tell."""
     for quantity in quantities:
-        names = _named(profile, quantity, table)
+        names = _named(mapping, quantity, table)
         if names and quantity == "time":
-            profile = replace(profile, time_unit=time_unit_of(names[0], table.columns) or "")
+            mapping = replace(mapping, time_unit=time_unit_of(names[0], table.columns) or "")
         elif names:
             values = np.concatenate([table.columns[name] for name in names])
-            profile = replace(profile, **{f"{quantity}_unit": _unit(quantity, names, values)})  # type: ignore[arg-type]
-    return profile
+            mapping = replace(mapping, **{f"{quantity}_unit": _unit(quantity, names, values)})  # type: ignore[arg-type]
+    return mapping
 
 
-def _named(profile: ImportMapping, quantity: str, table: Table) -> list[str]:
+def _named(mapping: ImportMapping, quantity: str, table: Table) -> list[str]:
     """The columns that a profile names for a quantity."""
-    name: str = getattr(profile, FIELD_OF_QUANTITY[quantity])
+    name: str = getattr(mapping, FIELD_OF_QUANTITY[quantity])
     names = list(table.columns)
     if name in names:
         return [name]
@@ -107,11 +107,11 @@ def _unit(quantity: str, names: Sequence[str], values: FloatArray) -> str:
             return named or ("mA" if np.any(np.abs(measured_currents(values, [])) > MILLIAMPS_FROM) else "A")
 
 
-def _charges_positive(table: Table, profile: ImportMapping) -> bool:
-    if not profile.current or not profile.voltages:
+def _charges_positive(table: Table, mapping: ImportMapping) -> bool:
+    if not mapping.current or not mapping.voltages:
         return False
-    voltages = table.matrix("voltages", profile.voltages)
-    current = measured_currents(table.column("current", profile.current), [])
+    voltages = table.matrix("voltages", mapping.voltages)
+    current = measured_currents(table.column("current", mapping.current), [])
     return charges_positive(current, np.abs(voltages).sum(axis=1))
 
 

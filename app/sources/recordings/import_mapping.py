@@ -101,19 +101,19 @@ def parse_cells(text: str) -> list[tuple[int, int]]:
     return spans
 
 
-def parse_profile(text: str, source: str = "profile") -> ImportMapping:
+def parse_mapping(text: str, source: str = "profile") -> ImportMapping:
     """Return the profile in a TOML text.
 
     Raises:
         ImportFailed: it is no TOML, or a field is unknown or of the wrong kind.
     """
     try:
-        return profile_of(read_toml(text), source)
+        return mapping_of(read_toml(text), source)
     except TomlError as error:
         raise ImportFailed(source, Message("no-toml", error=str(error))) from error
 
 
-def profile_of(given: dict[str, object], source: str = "profile") -> ImportMapping:
+def mapping_of(given: dict[str, object], source: str = "profile") -> ImportMapping:
     """Return the profile of named values.
 
     Raises:
@@ -129,9 +129,9 @@ def profile_of(given: dict[str, object], source: str = "profile") -> ImportMappi
     return ImportMapping(**given)  # type: ignore[arg-type]
 
 
-def profile_text(profile: ImportMapping) -> str:
+def mapping_text(mapping: ImportMapping) -> str:
     """Return the profile as TOML."""
-    text = "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in asdict(profile).items())
+    text = "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in asdict(mapping).items())
     return text.replace("\x7f", "\\u007f")  # TOML has no bare DEL
 
 
@@ -154,9 +154,9 @@ class ImportMappingStore:
         path = self._path(name)
         if not path.is_file():
             raise ImportFailed(name, unknown_name(name, self.names()) if self.names() else Message("no-profile-yet"))
-        return parse_profile(path.read_text(encoding="utf-8"), str(path))
+        return parse_mapping(path.read_text(encoding="utf-8"), str(path))
 
-    def save(self, name: str, profile: ImportMapping) -> None:
+    def save(self, name: str, mapping: ImportMapping) -> None:
         """Keep a profile under a name, in place of an older one.
 
         Raises:
@@ -164,7 +164,7 @@ class ImportMappingStore:
         """
         path = self._path(name)
         self._folder.mkdir(parents=True, exist_ok=True)
-        replace_file(path, profile_text(profile).encode())
+        replace_file(path, mapping_text(mapping).encode())
 
     def _path(self, name: str) -> Path:
         if not _NAME.fullmatch(name):

@@ -9,7 +9,7 @@ import numpy as np
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.battery_log import BatteryLog, battery_log
-from app.sources.recordings.can_log import column_profile, read_signals
+from app.sources.recordings.can_log import column_mapping, read_signals
 from app.sources.recordings.guess import with_units
 from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.quantities import in_our_unit
@@ -64,12 +64,12 @@ class Preview:
     error: Text | None  # why it is not
 
 
-def preview(path: Path, profile: ImportMapping, pick: Iterable[str], dbc: Path | None = None) -> Preview:
+def preview(path: Path, mapping: ImportMapping, pick: Iterable[str], dbc: Path | None = None) -> Preview:
     """Return what a profile makes of a recording.
 
     Args:
         path: a table, or with `dbc` a CAN log, of which the first `MOST_FRAMES` frames are looked at.
-        profile: which columns, or signals, are what.
+        mapping: which columns, or signals, are what.
         pick: quantities, of `quantities.UNITS`, whose unit is taken from the names and values instead.
         dbc: what the frames mean.
 
@@ -79,16 +79,16 @@ def preview(path: Path, profile: ImportMapping, pick: Iterable[str], dbc: Path |
     if dbc is None:
         table = read_table(path)
         columns = _columns({name: values[:SAMPLES] for name, values in table.columns.items()})
-        return _of_table(table, with_units(profile, table, pick), columns)
-    signals = read_signals(path, dbc, MOST_FRAMES, bus=profile.bus)
+        return _of_table(table, with_units(mapping, table, pick), columns)
+    signals = read_signals(path, dbc, MOST_FRAMES, bus=mapping.bus)
     columns = _columns({name: values[:SAMPLES] for name, (_, values) in sorted(signals.by_name.items())})
     try:
-        table = signals.table(profile)
+        table = signals.table(mapping)
     except ImportFailed as error:
-        return Preview(profile, columns, (), None, error.reason)
-    inside = replace(profile, **column_profile(profile))  # type: ignore[arg-type]
+        return Preview(mapping, columns, (), None, error.reason)
+    inside = replace(mapping, **column_mapping(mapping))  # type: ignore[arg-type]
     picked = with_units(inside, table, [quantity for quantity in pick if quantity != "time"])
-    own_names = {name: getattr(profile, name) for name in ("time", "time_unit", "voltages", "temperatures")}
+    own_names = {name: getattr(mapping, name) for name in ("time", "time_unit", "voltages", "temperatures")}
     return replace(_of_table(table, picked, columns), profile=replace(picked, **own_names))
 
 
@@ -96,20 +96,20 @@ def _columns(samples: Mapping[str, Sequence[float] | FloatArray]) -> tuple[Previ
     return tuple(PreviewColumn(name, _numbers(values)) for name, values in samples.items())
 
 
-def _of_table(table: Table, profile: ImportMapping, columns: tuple[PreviewColumn, ...]) -> Preview:
+def _of_table(table: Table, mapping: ImportMapping, columns: tuple[PreviewColumn, ...]) -> Preview:
     try:
-        understood = _understood(battery_log(table, profile))
+        understood = _understood(battery_log(table, mapping))
     except ImportFailed as error:
-        return Preview(profile, columns, _cells(table, profile), None, error.reason)
-    return Preview(profile, columns, _cells(table, profile), understood, None)
+        return Preview(mapping, columns, _cells(table, mapping), None, error.reason)
+    return Preview(mapping, columns, _cells(table, mapping), understood, None)
 
 
-def _cells(table: Table, profile: ImportMapping) -> tuple[CellColumn, ...]:
-    names = [profile.voltages] if profile.voltages in table.columns else matching(profile.voltages, list(table.columns))
+def _cells(table: Table, mapping: ImportMapping) -> tuple[CellColumn, ...]:
+    names = [mapping.voltages] if mapping.voltages in table.columns else matching(mapping.voltages, list(table.columns))
     cells = []
     for name in names:
         finite = table.columns[name][np.isfinite(table.columns[name])]
-        volts = in_our_unit(finite, "voltage", profile.voltage_unit) / profile.cells_in_series
+        volts = in_our_unit(finite, "voltage", mapping.voltage_unit) / mapping.cells_in_series
         cells.append(CellColumn(name, float(np.median(volts)) if len(volts) else None))
     return tuple(cells)
 

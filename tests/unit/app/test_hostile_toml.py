@@ -10,7 +10,7 @@ from app.estimation.cell_model.cell_document import MOST_POINTS
 from app.estimation.cell_model.cell_file import format_cell, load_cell, parse_cell
 from app.estimation.errors import CellFileError
 from app.sources.loaded_battery import battery_from_files, load_battery, team_battery
-from app.sources.recordings.import_mapping import parse_profile
+from app.sources.recordings.import_mapping import parse_mapping
 
 HOSTILE = {
     "levels": "a = " + "[" * 100_000,
@@ -22,7 +22,7 @@ BATTERY = '[battery]\nname = "a"\nsegments = [{segments}]\n{more}\n[source]\nkin
 READERS = {
     "battery": (lambda text: battery_from_files({"a.toml": text.encode()}), ProfileError),
     "cell": (parse_cell, CellFileError),
-    "import profile": (parse_profile, ImportFailed),
+    "import profile": (parse_mapping, ImportFailed),
     "expectations": (lambda text: Expectations(text, team_battery().battery), ConfigError),
 }
 

@@ -74,6 +74,6 @@ def test_a_profile_that_is_wrong_and_a_battery_that_is_none_are_refused(client, 
     bad = uploaded(client, tmp_path / "bad.toml")
     refused = client.post(f"{API}/imports/{log}", json={"battery_uploads": [bad]})
     assert refused.status_code == 422
-    assert "bad.toml:1: battery.segments" in refused.text
+    assert "bad.toml:1: battery.packs" in refused.text
     assert client.post(f"{API}/imports/{log}", json={"battery": "none such"}).status_code == 422
     assert client.post(f"{API}/imports/{log}", json={"battery_uploads": [99]}).status_code == 422

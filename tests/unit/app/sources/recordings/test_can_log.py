@@ -16,7 +16,7 @@ from app.sources.dbc import frames as columns
 from app.sources.dbc.frames import load_log
 from app.sources.recordings import can_log, mf4_log
 from app.sources.recordings.bad_rows import BadRows
-from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
+from app.sources.recordings.can_log import column_mapping, one_signal, read_frames, read_signals
 from app.sources.recordings.import_mapping import ImportMapping
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -129,7 +129,7 @@ def test_a_row_is_a_frame_with_the_current_and_others_are_held(log, dbc):
     for number, volts in ((0, 3.6), (1, 3.7)):  # older than 1 s: missing
         found = table.columns[f"Voltage[{number}]"]
         assert found == pytest.approx([np.nan, volts, volts, np.nan, np.nan], nan_ok=True)
-    assert column_profile(PROFILE) == {"time": "time", "time_unit": "s", "voltages": "Voltage[{n}]"}
+    assert column_mapping(PROFILE) == {"time": "time", "time_unit": "s", "voltages": "Voltage[{n}]"}
 
 
 @pytest.mark.parametrize(("gap_s", "is_held"), [(0.99, True), (1.01, False)])

@@ -6,10 +6,10 @@ from app.errors import ImportFailed
 from app.sources.recordings.import_mapping import (
     ImportMapping,
     ImportMappingStore,
+    mapping_of,
+    mapping_text,
     parse_cells,
-    parse_profile,
-    profile_of,
-    profile_text,
+    parse_mapping,
 )
 from tests.campaign import examples
 
@@ -30,7 +30,7 @@ def test_profiles_are_kept_by_name(tmp_path):
     assert store.names() == []
     store.save("orion", ORION)
     assert store.names() == ["orion"]
-    assert store.load("orion") == ORION == parse_profile(profile_text(ORION))
+    assert store.load("orion") == ORION == parse_mapping(mapping_text(ORION))
     for name in ("../up", "", "a/b"):
         with pytest.raises(ImportFailed, match="cannot be called"):
             store.save(name, ORION)
@@ -57,7 +57,7 @@ def test_profiles_are_kept_by_name(tmp_path):
 )
 def test_a_profile_that_is_wrong_names_the_field(text, reason):
     with pytest.raises(ImportFailed, match=reason):
-        parse_profile(text)
+        parse_mapping(text)
 
 
 @pytest.mark.parametrize(
@@ -71,10 +71,10 @@ def test_a_profile_that_is_wrong_names_the_field(text, reason):
 def test_a_number_is_within_its_limits_and_no_other_kind_and_else_its_field_is_named(
     field: str, limits: tuple[float, ...], beyond: tuple[object, ...]
 ) -> None:
-    assert [getattr(profile_of({field: value}), field) for value in limits] == list(limits)
+    assert [getattr(mapping_of({field: value}), field) for value in limits] == list(limits)
     for value in beyond:
         with pytest.raises(ImportFailed, match=f"{field} = "):
-            profile_of({field: value})
+            mapping_of({field: value})
 
 
 @pytest.mark.parametrize(
@@ -98,4 +98,4 @@ def test_cells_are_named_by_numbers_and_spans(text: str, spans: list[tuple[int, 
 @given(st.text(st.characters(exclude_categories=["Cs"]), max_size=12))
 def test_any_name_of_a_column_is_read_back(name: str) -> None:
     profile = ImportMapping(current=name)
-    assert parse_profile(profile_text(profile)) == profile
+    assert parse_mapping(mapping_text(profile)) == profile
