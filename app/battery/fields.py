@@ -171,7 +171,7 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("separator", "text", "separator of the columns; a space matches any number of spaces", "`,`"),
         Field("pattern", "text", "expression with named groups (RE2), instead of columns", "none"),
         Field("begin", "text", "text before the first column", "none"),
-        Field("end", "text", "text behind the last column", "the line's end"),
+        Field("end", "text", "text after the last column", "the line's end"),
         Field("hex", "flag", "bytes in hex without a separator: `fields` as in a frame, bytes counted after `begin`", "false"),  # noqa: E501
         Field("poll", "bytes", "request for the line, sent every `poll_s`; text, or `{hex = \"DD A5\"}`", "none"),
         _POLLS,
@@ -181,13 +181,13 @@ _SERIAL_TABLES: dict[str, tuple[Field, ...]] = {
         Field("column", "count", "column, from 0", "`columns`, `group`", low=0, high=LONGEST_FRAME),
         Field("columns", "counts", "first and last column, from 0", "`column`, `group`", low=0, high=LONGEST_FRAME),
         Field("group", "text", "group of `pattern`", "none"),
-        Field("begin", "text", "text before the number in its column: `C1=3.70`", "none"),
-        Field("end", "text", "text behind the number: `3.70V`", "none"),
+        Field("begin", "text", "text before the number, such as `C1=3.70`", "none"),
+        Field("end", "text", "text after the number, such as `3.70V`", "none"),
         Field("base", "count", "10, or 16 for hex", "10", low=10, high=16),
-        Field("signed", "flag", "hex: two's complement of as many bits as there are digits", "false"),
+        Field("signed", "flag", "in hex, a two's complement number of all its digits", "false"),
     ),
     "serial.line.fields.index": (
-        Field("column", "count", "column with the line's number among those of one sample, the last digits in it", "`group`", low=0, high=LONGEST_FRAME),  # noqa: E501
+        Field("column", "count", "column with the number of the line within a sample, taken from its last digits", "`group`", low=0, high=LONGEST_FRAME),  # noqa: E501
         Field("group", "text", "group of `pattern`", "none"),
         Field("base", "count", "lowest number", "0", low=0, high=65535),
     ),

@@ -203,7 +203,7 @@ def _print_summary(inferred: InferredProfile, running: dict[str, CurrentValue]) 
         if others:
             print(f"    or: {', '.join(others)}")
     for question in inferred.questions:
-        print(f"  to decide: {render(question)}")
+        print(f"  needs your input: {render(question)}")
 
 
 def definitions_of(files: Iterable[Path]) -> Definitions:
