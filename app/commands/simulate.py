@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"bit rate of the battery's CAN bus, with --battery: {', '.join(map(str, BIT_RATES))} (default: 500000)",
     )
     parser.add_argument(
-        "--alone", action="store_true", help="with --battery: no other unit of the car is on the bus to acknowledge"
+        "--alone", action="store_true", help="with --battery: no other node on the bus acknowledges frames"
     )
 
 

@@ -103,7 +103,7 @@ def test_a_battery_on_a_serial_line_is_live_after_three_actions(crew, tmp_path, 
     expect(row).to_contain_text("FT232R USB UART · 0403")
     row.get_by_test_id("test-serial").click()
     expect(row).to_contain_text("Looks like JBD, 15 cells")
-    expect(row.get_by_test_id("link-trials")).to_contain_text("115200 8E1: none")
+    expect(row.get_by_test_id("link-trials")).to_contain_text("115200 8E1: no frames")
     expect(row.get_by_test_id("link-trials")).to_contain_text("9600 8N1")
     expect(page.get_by_label("JBD, 15 cells")).to_be_checked()
     expect(row.get_by_role("radio")).to_be_checked()
@@ -131,7 +131,7 @@ def test_a_battery_with_a_dbc_is_live_after_four_actions_with_all_of_its_cells(c
     page.get_by_test_id("connect-yours").click()
     expect(page.get_by_test_id("row-can")).to_contain_text(f"slcan:{adapter}")
     page.get_by_test_id("learn-files").set_input_files(BUNDLED / "orion-bms-2.dbc")  # the second action
-    expect(page.get_by_test_id("link-trials")).to_have_text(re.compile(r"500 kbit/s: none\s*250 kbit/s: \d+ frames"))
+    expect(page.get_by_test_id("link-trials")).to_have_text(re.compile(r"500 kbit/s: no frames\s*250 kbit/s: \d+ frames"))
     expect(page.get_by_test_id("learn-progress")).to_contain_text("cells so far")
     expect(page.get_by_test_id("learn-progress")).to_contain_text("complete", timeout=60_000)
     expect(page.get_by_test_id("now-voltage")).to_contain_text("72 of 72 received")

@@ -9,7 +9,7 @@ def test_a_choice_takes_effect_and_stays(tmp_path):
         with service.client() as client:  # its cell is in pack 6, which the next battery does not have
             first = client.get("/setup").json()
             assert first["needed"]
-            assert client.get("/battery").json()["name"] == "team's own, 96 cells"
+            assert client.get("/battery").json()["name"] == "built-in master, 96 cells"
             service.choose(battery="5x18")
             assert client.get("/setup").json()["instance"] != first["instance"]
             assert sum(client.get("/battery").json()["segments"]) == 90
