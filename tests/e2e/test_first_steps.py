@@ -58,7 +58,7 @@ def test_the_card_leads_to_the_choice_and_the_choice_takes_effect(fresh_service,
     expect(page.get_by_test_id("setup-start")).to_have_text("Keep this connection")
     page.get_by_test_id("setup-serial").fill("/dev/ttyUSB77")
     page.get_by_test_id("setup-serial").blur()
-    page.get_by_test_id("test-serial").click()
+    page.get_by_role("button", name="Test /dev/ttyUSB77").click()
     expect(page.get_by_test_id("link-result")).to_contain_text("port not found: /dev/ttyUSB77")
     expect(page.get_by_test_id("link-result")).to_contain_text("Windows: COM6")
     page.get_by_label("JBD, 15 cells").check()
