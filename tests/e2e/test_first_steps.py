@@ -131,7 +131,9 @@ def test_a_battery_with_a_dbc_is_live_after_four_actions_with_all_of_its_cells(c
     page.get_by_test_id("connect-yours").click()
     expect(page.get_by_test_id("row-can")).to_contain_text(f"slcan:{adapter}")
     page.get_by_test_id("learn-files").set_input_files(BUNDLED / "orion-bms-2.dbc")  # the second action
-    expect(page.get_by_test_id("link-trials")).to_have_text(re.compile(r"500 kbit/s: no frames\s*250 kbit/s: \d+ frames"))
+    expect(page.get_by_test_id("link-trials")).to_have_text(
+        re.compile(r"500 kbit/s: no frames\s*250 kbit/s: \d+ frames")
+    )
     expect(page.get_by_test_id("learn-progress")).to_contain_text("cells so far")
     expect(page.get_by_test_id("learn-progress")).to_contain_text("complete", timeout=60_000)
     expect(page.get_by_test_id("now-voltage")).to_contain_text("72 of 72 received")
