@@ -31,7 +31,9 @@ def foxbms(tmp_path_factory) -> tuple[Path, str]:
     log = folder / "foxbms.log"
     arguments = ["--battery", "foxbms-2", "--scenario", "clean-endurance", "--can", f"log:{log}", "--speed", "max"]
     assert main(["simulate", *arguments, "--duration", str(FOXBMS_S), "--seed", "1"]) == 0
-    return folder, imported(folder, str(log), "--battery", "foxbms-2", "--name", "their run")
+    return folder, imported(
+        folder, str(log), "--battery", "foxbms-2", "--name", "their run", "--start", "2026-07-14T10:00"
+    )
 
 
 def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_its_season(foxbms, capsys, tmp_path) -> None:

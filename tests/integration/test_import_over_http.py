@@ -73,7 +73,7 @@ def test_what_was_done_to_read_a_file_is_said_in_either_language(service):
             "1 temperaturer for 2 celler: hver brukes for de nærmeste cellene",
         ]
         assert [render(message_from_json(each), language="nb") for each in found["notes"]] == norwegian
-        client.post(f"/imports/{upload['id']}", json=asked)
+        client.post(f"/imports/{upload['id']}", json=asked | {"started_unix_s": 1.78e9})
         state = done(client)
         assert state["notes"] == found["notes"]
 

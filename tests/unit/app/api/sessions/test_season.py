@@ -26,8 +26,8 @@ def test_the_questions_are_told_with_their_sql(client, tmp_path):
     assert body["lake"] == str(tmp_path / "lake")
     by_name = {each["name"]: each for each in body["questions"]}
     assert by_name["hot_laps"]["parameters"] == [
-        {"name": "degc", "default": "35", "meaning": "degrees Celsius"},
-        {"name": "car", "default": "", "meaning": "name of the car; empty: of each"},
+        {"name": "degc", "default": "35", "meaning": "temperature limit in degrees Celsius"},
+        {"name": "car", "default": "", "meaning": "name of the car; empty for all cars"},
     ]
     assert "FROM cells" in by_name["ranking"]["sql"]
 
