@@ -15,6 +15,7 @@ from app.api import balancing, simulator
 from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
 from app.api.access.login_log import LoginLog
+from app.api.access.phones import PhoneAccess
 from app.api.can import bus as can_bus
 from app.api.can import tables as can
 from app.api.configuration import commands, slave_check
@@ -29,7 +30,7 @@ from app.api.sessions import analysis as debrief
 from app.api.sessions import imports, recorder, season, season_cells, transfer
 from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
-from app.api.web import openapi, people, problems
+from app.api.web import openapi, people, phones, problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
 from app.api.web.fan_out import FanOut
@@ -107,6 +108,9 @@ def create_app(
     )
     logins = LoginLog(service.configuration.write_log, service.events.note, clock)
     authentication = Authentication(settings, clock, accounts, logins)
+    phone_access = PhoneAccess(settings)
+    authentication.network_port = lambda: phone_access.port
+    phone_access.is_open_to_all = lambda: authentication.is_open
     setup = setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery))
     setup.load = lambda name, **named: service.workers.run(DEFINITIONS, load_battery, name, **named)
     encoder = SnapshotEncoder(service.state, service.clock)
@@ -119,6 +123,7 @@ def create_app(
         simulator=simulated_car,
         setup=setup,
         certificate=certificate,
+        phones=phone_access,
     )
     openapi.install(app)
 
@@ -191,6 +196,7 @@ def api_routes() -> APIRouter:
         recorder,
         session_login,
         people,
+        phones,
         sessions,
         simulator,
         balancing,

@@ -7,15 +7,16 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import uvicorn
 
 from app.api.access.certificate import Certificate
+from app.api.access.phones import EVERY, PhoneAccess
 from app.api.application import ServedReplay, create_app, create_fleet_app
-from app.api.web.connection import server_config
+from app.api.web.connection import MOST_HANDSHAKES, Connection, server_config
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, ClientConnections, most_connections
 from app.commands.tls import Renewal, certificate_of, certificate_text, context_of
 from app.errors import ConfigError
@@ -37,6 +38,8 @@ from app.telemetry import Source
 from app.words import Message
 
 AGAIN = -1  # instead of an exit code
+_LISTEN_S = 10.0
+T = TypeVar("T")
 _CLOSING_S = 2.0  # from the end of most connections of a crowd to that of the rest
 _ACCEPT_PAUSE_S = 1024  # connections that the system holds until the service takes them
 
@@ -86,6 +89,7 @@ def serve_once(settings: Settings, replay: ServedReplay | None = None, *, is_fix
             setup,
             service.health.stalls,
             partial(service.events.note, "warning", "certificate-renewed"),
+            None if replay is not None else app.state.parts.phones,
         )
 
 
@@ -97,6 +101,7 @@ def _run(
     setup: Setup | None = None,
     stalls: Callable[[], list[Message]] = list,
     tell: Callable[[Message], None] = lambda message: None,
+    phones: PhoneAccess | None = None,
 ) -> tuple[int, int]:
     """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port.
 
@@ -116,6 +121,8 @@ def _run(
         connections,
         stalls,
         renewal,
+        phones,
+        settings,
     )
     if setup is not None:
         setup.on_choice = server.start_again
@@ -167,13 +174,18 @@ class _Server(uvicorn.Server):
         connections: ClientConnections,
         stalls: Callable[[], list[Message]],
         renewal: Renewal | None,
+        phones: PhoneAccess | None,
+        settings: Settings,
     ) -> None:
         super().__init__(config)
         self._connections = connections
         self._renewal = renewal
+        self._settings = settings
         self._ready_line = ready
         self._stalls = stalls
         self._tasks: list[asyncio.Task[None]] = []
+        self._phones = phones
+        self._listener: asyncio.Server | None = None  # for phones
         self.is_again = False
 
     def start_again(self) -> None:
@@ -192,6 +204,36 @@ class _Server(uvicorn.Server):
             self._tasks.append(asyncio.create_task(keep_alive(self._stalls)))
             if self._renewal is not None:
                 self._tasks.append(asyncio.create_task(self._renewal.keep()))
+            if self._phones is not None:
+                loop = asyncio.get_running_loop()
+                self._phones.listen = lambda *wanted: _run_in(loop, self._listen(*wanted))
+                self._phones.close = lambda: _run_in(loop, self._close())
+                loop.run_in_executor(None, self._phones.resume)
+
+    async def _listen(self, certificate: Certificate, port: int) -> int:
+        """Open the listener for phones; they are limited and answered as all clients are."""
+        context = context_of(certificate)
+        listener = _bind(self._settings.model_copy(update={"host": EVERY, "port": port}))
+        make = partial(Connection, self._connections, ClientConnections(MOST_HANDSHAKES), context)
+        protocol = partial(make, config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
+        loop = asyncio.get_running_loop()
+        self._listener = await loop.create_server(protocol, sock=listener, backlog=ACCEPTED_AT_ONCE)
+        listener.listen(_ACCEPT_PAUSE_S)
+        self.servers.append(self._listener)
+        renewal = Renewal(self._settings, certificate, context, lambda message: None)
+        self._tasks.append(asyncio.create_task(renewal.keep()))
+        return int(listener.getsockname()[1])
+
+    async def _close(self) -> None:
+        if self._listener is None:
+            return
+        port = self._listener.sockets[0].getsockname()[1]
+        self._listener.close()
+        self.servers.remove(self._listener)
+        self._listener = None
+        for connection in list(self._connections):
+            if isinstance(connection, Connection) and connection.local_port == port:
+                connection.cut()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Notify systemd and end."""
@@ -202,6 +244,11 @@ class _Server(uvicorn.Server):
         for connection in self._connections:
             connection.shutdown()
         await super().shutdown(sockets)
+
+
+def _run_in(loop: asyncio.AbstractEventLoop, work: Coroutine[Any, Any, T]) -> T:
+    """Do it in the event loop, from another thread."""
+    return asyncio.run_coroutine_threadsafe(work, loop).result(_LISTEN_S)
 
 
 def _return_memory_soon() -> None:

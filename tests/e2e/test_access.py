@@ -1,5 +1,7 @@
 """With passwords set: nobody reads without one, a viewer reads and writes nothing, an engineer does both."""
 
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -130,3 +132,27 @@ def test_two_engineers_and_a_viewer_work_at_once(make_service, open_page):
     for who in ("ada", "bob"):
         expect(history).to_contain_text(who)
     expect(history.get_by_role("button", name="Roll back").first).to_be_disabled()
+
+
+def test_an_administrator_allows_phones_and_gets_the_address_with_its_code(make_service, open_page):
+    service = make_service("--seed", "7")
+    page = open_page(f"{service.base_url}/#/system", quiet=False)
+    expect(page.get_by_test_id("reach-needs")).to_contain_text("Password: missing")
+    expect(page.get_by_test_id("phones-on")).to_be_disabled()
+    people = page.get_by_test_id("people")
+    people.get_by_role("textbox", name="Name").fill("anna")
+    people.get_by_role("textbox", name="Password").fill("a long enough password")
+    people.get_by_role("button", name="Create the first administrator").click()
+    log_in(page, "anna", "a long enough password")
+    expect(page.get_by_test_id("reach-needs")).to_contain_text("Password: set")
+    page.get_by_test_id("phones-on").click()
+    expect(page.get_by_test_id("fingerprint")).to_have_text(re.compile(r"^([0-9A-F]{2}:){31}[0-9A-F]{2}$"))
+    expect(page.get_by_test_id("reach-url")).to_have_text(re.compile(r"^https://[\d.]+:\d+/$"))
+    expect(page.get_by_test_id("qr")).to_be_visible()
+    address = page.get_by_test_id("reach-url").inner_text()
+    phone = open_page(address, "phone", quiet=False)
+    log_in(phone, "anna", "a long enough password")
+    expect(phone.get_by_test_id("loaded-cells")).to_have_text(re.compile(r"of 96"))
+    page.get_by_test_id("phones-off").click()
+    expect(page.get_by_test_id("reach-needs")).to_be_visible()
+    expect(phone.get_by_test_id("service-lost")).to_be_visible()

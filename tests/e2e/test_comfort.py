@@ -95,7 +95,8 @@ def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):
     page = open_page(f"{service.base_url}/#/system")
     expect(page.get_by_test_id("readers")).to_contain_text("engineer, 127.0.0.1")
     expect(page.get_by_test_id("disk")).to_contain_text("of")
-    expect(page.get_by_test_id("reach-none")).to_contain_text("--host 0.0.0.0 --tls")
+    expect(page.get_by_test_id("reach-needs")).to_contain_text("Password: missing")
+    expect(page.get_by_test_id("phones-on")).to_be_disabled()
     source = page.get_by_test_id("links").get_by_role("row", name="Source").get_by_role("cell").first
     expect(source).to_contain_text(re.compile("[/:]"))
     assert source.evaluate(LINES_OF_WORDS) == 1  # the address breaks between its parts

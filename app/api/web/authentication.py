@@ -10,6 +10,7 @@ import hashlib
 import hmac
 import secrets
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import cast
@@ -74,6 +75,7 @@ class Authentication:
         self._proven: dict[bytes, tuple[User, str | None]] = {}  # by name and password; with the account's stamp
         self._proof_key = secrets.token_bytes(32)
         self._lock = threading.Lock()
+        self.network_port: Callable[[], int | None] = lambda: None  # that phones reach by HTTPS, where one is open
         self._one_by_one = threading.Semaphore(2)  # each check of a password takes 19 MiB
 
     @property
@@ -178,7 +180,8 @@ class Authentication:
         """
         port = headers.get("host", "").rpartition("]")[2].rpartition(":")[2]
         name = f"voltwall-{port}" if port.isdigit() else "voltwall"
-        return f"__Host-{name}" if self.settings.has_tls else name
+        is_network = port.isdigit() and int(port) == self.network_port()
+        return f"__Host-{name}" if self.settings.has_tls or is_network else name
 
     def token_of(self, headers: Headers) -> str | None:
         """The session cookie's value."""
@@ -303,7 +306,11 @@ class AuthenticationMiddleware:
     def _admit(self, scope: Scope) -> User | None:
         headers = Headers(scope=scope)
         authentication = self._authentication
-        if not is_own_host(headers.get("host", ""), loopback=authentication.settings.is_loopback):
+        is_network = (scope.get("server") or ("", None))[1] == (authentication.network_port() or -1)
+        if is_network and authentication.is_open:  # the accounts were removed: no stranger is the engineer
+            raise Problem(403, "login-required", Message("phones-need-password"))
+        is_loopback = authentication.settings.is_loopback and not is_network
+        if not is_own_host(headers.get("host", ""), loopback=is_loopback):
             raise Problem(403, "foreign-host", Message("foreign-host", host=headers.get("host")))
         path, method = scope["path"], scope.get("method", "GET")
         guarded = path.startswith("/api/") or path == "/metrics"

@@ -178,6 +178,11 @@ class Connection(asyncio.Protocol):
             self._protocol.connection_lost(exc)
             self._upper.set_protocol(None)  # it refers to the transport
 
+    @property
+    def local_port(self) -> int:
+        """Port of the service that the client connected to."""
+        return int(self._network.get_extra_info("sockname")[1])
+
     def cut(self) -> None:
         """End it at once; it does not count any more."""
         self._forget()

@@ -10,6 +10,7 @@ from starlette.requests import HTTPConnection
 from app.analysis.black_box.from_session import BlackBoxesOfSessions
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.api.access.certificate import Certificate
+from app.api.access.phones import PhoneAccess
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
 from app.api.web.fan_out import FanOut
@@ -58,6 +59,7 @@ class WebParts:
     encoder: SnapshotEncoder
     fan_out: FanOut
     clock_watch: ClockWatch
+    phones: PhoneAccess
     simulator: SimulatorProcess | None
     setup: Setup
     certificate: Certificate | None = None  # certificate of HTTPS
@@ -158,6 +160,7 @@ SlaveChecksPart = Annotated[SlaveCheckLog, _part(lambda web: web.service.configu
 
 AuthenticationPart = Annotated[Authentication, _part(lambda web: web.authentication)]
 CertificatePart = Annotated[Certificate | None, _part(lambda web: web.certificate)]
+PhonesPart = Annotated[PhoneAccess, _part(lambda web: web.phones)]
 ClockWatchPart = Annotated[ClockWatch, _part(lambda web: web.clock_watch)]
 EncoderPart = Annotated[SnapshotEncoder, _part(lambda web: web.encoder)]
 FanOutPart = Annotated[FanOut, _part(lambda web: web.fan_out)]

@@ -1470,6 +1470,15 @@ export interface Phase {
   phase: string;
 }
 
+/** Access for phones; `is_possible` is false where the service listens on the network itself, or cannot. */
+export interface Phones {
+  is_on: boolean;
+  is_possible: boolean;
+  urls: string[];
+  fingerprint: string | null;
+  missing: RenderedMessage[];
+}
+
 /** Sum of the cells against the total, resistance by current and voltage, chips against the master. */
 export interface Plausibility {
   sum: Check;

@@ -1577,7 +1577,12 @@ export interface Texts {
   'system.open_address_phone_same_network': null;
   'system.browser_asks_once_trust_certificate': null;
   'system.network': null;
-  'system.reachable_machine_only_allow_phones': null;
+  'system.reachable_machine_only': null;
+  'system.password_set': null;
+  'system.password_missing': null;
+  'system.tls_missing': null;
+  'system.allow_phones': null;
+  'system.stop_phones': null;
   'system.machine_no_network_address_moment': null;
   'system.on_this_machine': null;
   'system.machine': null;

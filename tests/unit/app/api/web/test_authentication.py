@@ -71,6 +71,7 @@ WRITES = [
     ("PUT", "/driver-can"),
     ("POST", "/driver-can/message"),
     ("PUT", "/copies/order"),
+    ("PUT", "/phones"),
     ("PUT", "/accounts/x"),
     ("DELETE", "/accounts/x"),
     ("POST", "/tokens"),
