@@ -143,6 +143,7 @@ def test_an_administrator_allows_phones_and_gets_the_address_with_its_code(make_
     people.get_by_role("textbox", name="Name").fill("anna")
     people.get_by_role("textbox", name="Password").fill("a long enough password")
     people.get_by_role("button", name="Create the first administrator").click()
+    expect(page.get_by_test_id("login")).to_be_visible()
     log_in(page, "anna", "a long enough password")
     expect(page.get_by_test_id("reach-needs")).to_contain_text("Password: set")
     page.get_by_test_id("phones-on").click()
