@@ -51,6 +51,7 @@ TESTS = (
     "tests/integration/test_connection_flood.py",
     "tests/integration/test_silent_handshakes.py",
     "tests/integration/test_stop_at_once.py",
+    "tests/packaging/test_engine_build.py",
     "tests/packaging/test_wheel.py",
 )
 ALONE = ("tests/integration/test_recorder_starved.py",)  # its share of a core is what nothing else takes

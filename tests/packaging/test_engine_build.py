@@ -36,10 +36,11 @@ def test_a_compiler_that_compiles_nothing_is_none(broken_gcc: Path, monkeypatch:
 
 def test_without_any_compiler_one_line_says_what_is_missing(broken_gcc: Path, tmp_path: Path) -> None:
     (tmp_path / "ziglang.py").write_text(BLOCKED)
-    engine = tmp_path / "checkout" / hatch_build.ENGINE
-    engine.mkdir(parents=True)
-    for source in hatch_build.engine_sources(ROOT):
-        (engine / source.name).write_bytes(source.read_bytes())
+    for library in hatch_build.LIBRARIES:
+        for source in hatch_build.library_sources(ROOT, library):
+            copy = tmp_path / "checkout" / source.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(source.read_bytes())
     (tmp_path / "checkout" / "hatch_build.py").write_bytes((ROOT / "hatch_build.py").read_bytes())
     environment = os.environ | {"PATH": str(broken_gcc), "PYTHONPATH": str(tmp_path)}
     command = [sys.executable, str(tmp_path / "checkout" / "hatch_build.py"), "engine"]

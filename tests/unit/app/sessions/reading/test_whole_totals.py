@@ -60,7 +60,7 @@ def test_report_and_comparison_give_no_energy_of_the_measured_cells_alone(sessio
     figures = key_figures(survey)
     assert (figures["energy_out_wh"], figures["energy_in_wh"]) == (None, None)
     assert figures["power_max_w"] == pytest.approx(35_520)
-    codes = [each.code for each in headline(survey, 0).args["found"]]
+    codes = [each.code for each in headline(survey, 0).args["figures"]]
     assert codes[0] == "report-energy-out-at-least"
 
 
