@@ -119,7 +119,7 @@ def test_export_writes_the_range_asked_for(data: Path, tmp_path: Path, capsys) -
 
 def test_export_for_motec_says_where_there_is_no_lap(data: Path, tmp_path: Path, capsys) -> None:
     assert main(["export", CLOSED, "--data", str(data), "--out", str(tmp_path / "out.ld"), "--signal", "v[95]"]) == 0
-    assert "out.ldx: not written: no lap" in capsys.readouterr().out
+    assert "out.ldx: not written: no saved, marked or detected lap" in capsys.readouterr().out
     assert not (tmp_path / "out.ldx").exists()
 
 
