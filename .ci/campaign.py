@@ -80,6 +80,7 @@ FULL_ONLY = (  # the short campaign would repeat `make test`
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",
     "tests/e2e/test_pages.py",
     "tests/e2e/test_debrief.py",
+    "tests/e2e/test_first_steps.py",
     "tests/e2e/test_pictures.py",
 )
 PAGES = "benchmarks/pages.py"
