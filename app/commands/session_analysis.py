@@ -176,7 +176,7 @@ def _source(text: str | None, session: SessionFile, dbc: Path | None) -> tuple[s
         return "signal", text.removeprefix("signal:")
     if text.startswith("dbc:"):
         from app.analysis.laps.from_session import CounterSamples
-        from app.sources.recordings.can_log import one_signal
+        from app.sources.recordings.log_signals import one_signal
 
         if dbc is None:
             raise ConfigError("--dbc", "(none)", "the DBC file that names the signal")

@@ -112,9 +112,9 @@ def import_recording(args: argparse.Namespace) -> int:
 
 def show_columns(args: argparse.Namespace) -> int:
     """Print what is in a recording."""
-    from app.sources.recordings.can_log import read_signals
     from app.sources.recordings.guess import guess
     from app.sources.recordings.import_mapping import mapping_text
+    from app.sources.recordings.log_signals import read_signals
     from app.sources.recordings.table import read_table
 
     path = existing("file", args.file)

@@ -17,13 +17,14 @@ from app.sessions.storage.files import new_file, remove
 from app.sessions.transfer.frame_spool import FrameSpool
 from app.sources.items import CanItem, TableItem
 from app.sources.loaded_battery import LoadedBattery, team_battery
-from app.sources.recordings import can_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.buses import Buses
+from app.sources.recordings.can_log import read_frames
 from app.sources.recordings.clock import LogClock
 from app.sources.recordings.import_mapping import ImportMapping
 from app.sources.recordings.kind import is_can_log
+from app.sources.recordings.log_signals import column_mapping, read_signals
 from app.sources.recordings.origin import is_simulated_log, is_simulated_table
 from app.sources.recordings.table import Table, read_table
 from app.sources.table_source import battery_of_table, numbers_of_rows
@@ -152,12 +153,12 @@ def _read(
     reading, clock = between(on_progress, 0.0, READING if dbc is None else DECODING), LogClock()
     if dbc is None:
         bad, buses = BadRows(), Buses(mapping.bus)
-        for frame in can_log.read_frames(path, bad, lambda at: reading(at, size), clock, buses):
+        for frame in read_frames(path, bad, lambda at: reading(at, size), clock, buses):
             spool.add(frame)
         buses.check(path.name, () if battery is None else battery.definitions.by_id())
         notes = (*bad.notes(spool.n), *clock.notes)
     else:
-        signals = can_log.read_signals(
+        signals = read_signals(
             path, dbc, on_read=lambda at: reading(at, size), on_frame=spool.add, clock=clock, bus=mapping.bus
         )
     if not spool.n:
@@ -166,7 +167,7 @@ def _read(
     length_ns = round((spool.last_s - spool.first_s) * 1e9)
     if dbc is None:
         return _Recording(battery or team_battery(), started_s, length_ns, is_simulated, notes=notes)
-    mapping = replace(mapping, **can_log.column_mapping(mapping))  # type: ignore[arg-type]
+    mapping = replace(mapping, **column_mapping(mapping))  # type: ignore[arg-type]
     log = battery_log(signals.table(mapping), mapping)
     later_ns = round((log.first_s - spool.first_s) * 1e9)
     length_ns = max(length_ns, round(log.time_s[-1] * 1e9) + later_ns)

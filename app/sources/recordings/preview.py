@@ -9,9 +9,9 @@ import numpy as np
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.battery_log import BatteryLog, battery_log
-from app.sources.recordings.can_log import column_mapping, read_signals
 from app.sources.recordings.guess import with_units
 from app.sources.recordings.import_mapping import ImportMapping
+from app.sources.recordings.log_signals import column_mapping, read_signals
 from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table, matching, read_table
 from app.words import Message, Text

@@ -14,10 +14,11 @@ import pytest
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.sources.dbc import frames as columns
 from app.sources.dbc.frames import load_log
-from app.sources.recordings import can_log, mf4_log
+from app.sources.recordings import log_signals, mf4_log
 from app.sources.recordings.bad_rows import BadRows
-from app.sources.recordings.can_log import column_mapping, one_signal, read_frames, read_signals
+from app.sources.recordings.can_log import read_frames
 from app.sources.recordings.import_mapping import ImportMapping
+from app.sources.recordings.log_signals import column_mapping, one_signal, read_signals
 from app.words import render
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from tests.recorded.mf4 import write_mf4
@@ -262,10 +263,10 @@ def test_a_bad_line_does_not_end_a_log_of_another_tool(log, ending):
 def test_a_log_with_more_values_than_memory_is_to_hold_is_refused(log, dbc, monkeypatch):
     path = log(*DRIVE)
     n_values = 5 * 2 + 2 * 3  # the current and the SOC, the number and voltage of a cell, also by its name
-    monkeypatch.setattr(can_log, "MOST_VALUES", n_values)
+    monkeypatch.setattr(log_signals, "MOST_VALUES", n_values)
     signals = read_signals(path, dbc).by_name
     assert signals["Current"] is signals["Pack.Current"]  # kept once
-    monkeypatch.setattr(can_log, "MOST_VALUES", n_values - 1)
+    monkeypatch.setattr(log_signals, "MOST_VALUES", n_values - 1)
     with pytest.raises(LimitExceeded, match=f"more than {n_values - 1} values.*--battery"):
         read_signals(path, dbc)
 
