@@ -10,6 +10,7 @@ from app.words import Message
 
 FULL_SCALE = (2.0**31, 2.0**31 - 1.0, 2.0**32 - 1.0, 2.0**15, 2.0**15 - 1.0, 2.0**16 - 1.0)
 SCALES = (1.0, 0.1, 0.01, 0.001)  # factors of an integer on its way into a table
+WRAP_SCALES = (1.0, 0.1, 0.01)  # at 0.001 a pulse of 60 A would be one
 WRAPS = 2.0**16  # a small negative number that was read without its sign is so much too large
 FAR = 5.0  # times the largest other current
 MOST_SHARE = 0.2  # share of the rows: more are no faults
@@ -28,7 +29,8 @@ def measured_currents(current_a: FloatArray, notes: list[Message]) -> FloatArray
         for full in FULL_SCALE:
             is_odd |= np.isclose(size_a, full * scale, rtol=1e-9, atol=1e-6 * scale)
     is_odd &= size_a > max(FAR * _largest(size_a[~is_odd]), LEAST_A)
-    for scale in SCALES:  # -5.0 A of 0.01 A each as 655.36 - 5
+    is_unsigned = not np.any(current_a[~is_odd] < 0.0)  # else a large current is a pulse
+    for scale in WRAP_SCALES if is_unsigned else ():  # -5.0 A of 0.01 A each as 655.36 - 5
         wrapped_a = current_a - WRAPS * scale
         rest_a = _largest(size_a[~is_odd & ~(np.abs(wrapped_a) < WRAPS * scale / FAR / 2.0)])
         is_odd |= (wrapped_a < 0.0) & (-wrapped_a <= 2.0 * rest_a) & (size_a > max(FAR * rest_a, LEAST_A))
@@ -49,7 +51,7 @@ def measured_temperatures(temperatures_degc: FloatArray, notes: list[Message]) -
 
 
 def cell_voltages(voltages_v: FloatArray, notes: list[Message]) -> FloatArray:
-    """Return (n, cells) voltages as magnitudes where a sign only marks a cell, as that its shunt is on."""
+    """Return (n, cells) voltages as magnitudes where a sign only marks a cell, such as one whose shunt is on."""
     low_v, high_v = CELL_V
     sizes_v = np.abs(voltages_v)
     is_marked = (voltages_v < 0.0) & (sizes_v > low_v) & (sizes_v < high_v)

@@ -16,18 +16,37 @@ DRIVE = np.linspace(-20.0, 60.0, 200)
 
 
 @pytest.mark.parametrize(
-    "odd", [-(2**31) / 1000, (2**31 - 1) / 1000, 2**31, 655.35, 6553.5, 327.67, 3276.7, 655.36 - 5.0, 6553.6 - 12.3]
+    ("odd", "drive"),
+    [
+        *((odd, DRIVE) for odd in (-(2**31) / 1000, (2**31 - 1) / 1000, 2**31, 655.35, 6553.5, 327.67, 3276.7)),
+        *((odd, np.abs(DRIVE)) for odd in (655.36 - 5.0, 6553.6 - 12.3)),  # read without a sign
+    ],
 )
-def test_the_overflow_of_an_integer_is_no_current(odd):
-    values = DRIVE.copy()
+def test_the_overflow_of_an_integer_is_no_current(odd, drive):
+    values = drive.copy()
     values[[17, 80]] = odd
     found, notes = taken(measured_currents, values)
     assert np.flatnonzero(np.isnan(found)).tolist() == [17, 80]
-    np.testing.assert_array_equal(np.delete(found, [17, 80]), np.delete(DRIVE, [17, 80]))
+    np.testing.assert_array_equal(np.delete(found, [17, 80]), np.delete(drive, [17, 80]))
     assert notes == ["2 currents are an integer's overflow: no measurement"]
 
 
-@pytest.mark.parametrize("values", [DRIVE, DRIVE * 6, np.zeros(50), np.full(50, 32.767), np.linspace(0, 655.35, 100)])
+PULSES = np.repeat([0.0, 62.0, 0.0, 4.0, 0.0], 20)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        PULSES,
+        PULSES - 1.0,
+        10.5 * (PULSES - 1.0),
+        DRIVE,
+        DRIVE * 6,
+        np.zeros(50),
+        np.full(50, 32.767),
+        np.linspace(0, 655.35, 100),
+    ],
+)
 def test_currents_that_are_measured_stay(values):
     found, notes = taken(measured_currents, values)
     np.testing.assert_array_equal(found, values)
