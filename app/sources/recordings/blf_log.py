@@ -52,8 +52,11 @@ def data_frame(message: Any) -> Iterator[Frame]:
 
 
 def first_container(file: BinaryIO) -> bytes:
-    """Return the objects of a file's first container; nothing of a file that has none."""
-    return next((data for data, _ in _containers(file)), b"")
+    """Return the objects of a file's first container; nothing of a file that has none, or is damaged before it."""
+    try:
+        return next((data for data, _ in _containers(file)), b"")
+    except ValueError:
+        return b""
 
 
 def _check_sizes(file: BinaryIO) -> None:

@@ -11,6 +11,7 @@ import can
 import numpy as np
 import pytest
 
+from app.cli import main
 from app.errors import ExtraMissing, ImportFailed, LimitExceeded
 from app.sources.dbc import frames as columns
 from app.sources.dbc.frames import load_log
@@ -356,3 +357,14 @@ def test_without_asammdf_the_line_to_install_it_is_told(tmp_path: Path, monkeypa
     (tmp_path / "run.mf4").write_bytes(b"MDF ")
     with pytest.raises(ExtraMissing, match=r"pip install .*mf4"):
         list(read_frames(tmp_path / "run.mf4"))
+
+
+def test_a_blf_whose_container_has_no_size_is_refused_in_one_line(tmp_path, capsys):
+    path = tmp_path / "damaged.blf"
+    with can.BLFWriter(path) as writer:
+        writer.on_message_received(can.Message(timestamp=1.78e9, arbitration_id=0x100, data=b"12"))
+    raw = bytearray(path.read_bytes())
+    raw[raw.index(b"LOBJ") + 8 : raw.index(b"LOBJ") + 12] = bytes(4)
+    path.write_bytes(raw)
+    assert main(["sessions", "import", str(path), "--data", str(tmp_path)]) != 0
+    assert capsys.readouterr().err.count("\n") == 1
