@@ -1,4 +1,4 @@
-"""Benches that make a fault: the simulator by itself, or a person at the plug."""
+"""Test benches that cause a fault: the simulator by itself, or a person who pulls the plug."""
 
 from collections.abc import Callable
 from dataclasses import asdict

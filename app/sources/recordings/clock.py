@@ -218,7 +218,7 @@ class LogClock:
             raise ImportFailed(source, Message("log-too-fast", frames=n, seconds=f"{last_s - first_s:.3g}"))
 
     def started_unix_s(self, first_s: float) -> float | None:
-        """Return when the first frame, at the time `first_s`, came; None: the log does not tell."""
+        """Return when the first frame, at the time `first_s`, came; None: the log gives no date."""
         return self._clock.started_unix_s(first_s)
 
     def _place_of(self, before: int) -> Message:

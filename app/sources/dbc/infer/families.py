@@ -303,7 +303,7 @@ def _order(members: Sequence[Member], columns: list[NameColumn]):  # type: ignor
 
 
 def _segments(chosen: list[NameColumn], roles: list[str], columns: list[NameColumn]) -> tuple[int, ...] | None:
-    """Cells of each pack, where a column tells packs."""
+    """Cells of each pack, if a column numbers the packs."""
     if "pack" in roles:
         column = chosen[roles.index("pack")]
         low = 0 if column.is_letter else min(column.values)

@@ -48,7 +48,7 @@ class _Number:
 
 
 def frame_number_proposals(survey: BusSurvey, kind: str) -> Iterator[CellProposal]:
-    """Yield each message that tells a quantity of the cell that it numbers, and messages alike as one."""
+    """Yield each message with a quantity of the cell that it numbers; messages alike count as one."""
     alike: dict[tuple[object, ...], list[CellProposal]] = defaultdict(list)
     for message in survey.definitions.by_id().values():
         for values in _value_signals(survey, kind, message):
@@ -261,7 +261,7 @@ def _counts_cells(number: _Number, k: int) -> bool:
 def _size(
     survey: BusSurvey, message: MessageDefinition, pack: _Number | None, cells: list[_Number], step: int, k: int
 ) -> tuple[int, tuple[int, ...] | None]:
-    """Number of cells, and of each pack where the frame tells one."""
+    """Number of cells, and of the cells of each pack if the frame numbers packs."""
     low = min(_lowest(cell) for cell in cells)
     if pack is None:
         if any(cell.seen for cell in cells):
