@@ -191,3 +191,10 @@ def test_what_cannot_be_read_is_refused_in_one_line(imported, name, reason):
     assert found.code != 0
     assert reason in found.notes
     assert found.notes.count("\n") == 1
+
+
+def test_the_date_of_an_export_is_not_that_of_the_measurement(tmp_path, capsys):
+    table = tmp_path / "exported.csv"
+    table.write_text("Export date: 2026-11-01 10:00:00\nTime (s),Current (A),Cell 1 (V)\n0,1,3.7\n1,1,3.7\n")
+    assert main(["sessions", "import", str(table), "--data", str(tmp_path)]) == 0
+    assert "the file has no date" in capsys.readouterr().err

@@ -33,6 +33,7 @@ HEADER_STAMP = re.compile(
 )
 STARTED = re.compile(r"\b(?:start|begin|began|beginn)", re.IGNORECASE)
 DATED = re.compile(r"\b(?:date|datum|dato|time|recorded|acquired|acquisition)", re.IGNORECASE)
+WRITTEN = re.compile(r"\b(?:export|print|creat|report)", re.IGNORECASE)  # dates of the file itself
 ALONE = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}")  # a date without its time of day
 DECIMAL_COMMA = re.compile(r"(?<![\d,])(-?\d+),(\d+(?:[eE][-+]?\d+)?)(?![\d,])")
 HEADER_LINES = re.compile(r"Nb header lines\s*:\s*(\d{1,9})\b", re.ASCII)  # BioLogic: the names are the last of them
@@ -120,7 +121,7 @@ def _started_s(above: list[str]) -> float | None:
              for line in above if (stamp := HEADER_STAMP.search(line)) is not None]  # fmt: skip
     for words in (STARTED, DATED):
         for name, seconds in stamps:
-            if seconds is not None and words.search(name):
+            if seconds is not None and words.search(name) and not WRITTEN.search(name):
                 return seconds
     return None
 
