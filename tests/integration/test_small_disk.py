@@ -123,3 +123,16 @@ def test_a_read_only_disk_is_told_once_and_its_sessions_are_read(tmp_path: Path)
     codes, info = on_small_disk(tmp_path, script)
     assert codes == "['recording-failed'] True"
     assert info == "from before 1"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs Linux namespaces")
+def test_an_import_that_fills_the_disk_ends_in_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    table = tmp_path / "long.csv"
+    rows = (f"{k / 10},{k % 7},{3.7 + k % 97 / 1000:.4f},{3.7 + k % 89 / 1000:.4f}\n" for k in range(4000))
+    table.write_text("Time (s),Current (A),Cell 1 (V),Cell 2 (V)\n" + "".join(rows))
+    script = (
+        f'head -c 2900000 /dev/zero > "$DISK/ballast"\n"$PYTHON" -m app.cli sessions import "{table}"'
+        ' --data "$DISK/data" 2>&1 || true\nls "$DISK/data/sessions"'
+    )
+    [line] = on_small_disk(tmp_path, script)
+    assert line.endswith("No space left on device")

@@ -1,5 +1,8 @@
 """Makes a session of another system's recording: estimated by our filter, read like any other session."""
 
+import errno
+import os
+import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -13,6 +16,7 @@ from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.live.pipeline import Output, Pipeline
 from app.sessions.info import UNDATED, SessionInfo
 from app.sessions.recording.session_writer import SessionWriter, TableRow, event_row
+from app.sessions.storage.database import code_of
 from app.sessions.storage.files import new_file, remove
 from app.sessions.transfer.frame_spool import FrameSpool
 from app.sources.items import CanItem, TableItem
@@ -95,6 +99,7 @@ def import_file(
 
     Raises:
         ImportFailed, ExtraMissing: the file, the profile and the DBC do not go together; nothing is left behind.
+        OSError: the disk is full, or refuses the session; nothing is left behind.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with closing(FrameSpool(folder)) as spool:
@@ -124,8 +129,10 @@ def import_file(
         )
         try:
             return _write(info, recording, spool, new_pipeline(recording.battery), on_progress)
-        except BaseException:
+        except BaseException as error:
             remove(target)
+            if isinstance(error, sqlite3.OperationalError) and code_of(error) == sqlite3.SQLITE_FULL:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target)) from error
             raise
 
 
